@@ -1,0 +1,147 @@
+"""The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
+
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera.
+
+    width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
+    rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t.
+    """
+
+    name: str
+    width: int
+    height: int
+    matrix: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+    distortion: FloatArray
+
+    @property
+    def position(self) -> FloatArray:
+        """The camera's centre in the world, (3,) m."""
+        centre: FloatArray = -self.rotation.T @ self.translation
+        return centre
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """World points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
+        seen: FloatArray = points @ self.rotation.T + self.translation
+        return seen
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels (..., 2) of world points (..., 3); the centre of the top left pixel is (0, 0).
+
+        Points at or behind the camera's plane give NaN.
+        """
+        seen = self.to_camera(points)
+        depth = np.where(seen[..., 2:] > 1e-6, seen[..., 2:], np.nan)
+        bent = self.distort(seen[..., :2] / depth)
+        return bent * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
+
+    def distort(self, normalised: FloatArray) -> FloatArray:
+        """Distorted coordinates (..., 2) of normalised ones, OpenCV's radial and tangential model."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = normalised[..., 0], normalised[..., 1]
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+    def scaled(self, factor: float) -> "Camera":
+        """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
+        matrix = self.matrix.copy()
+        matrix[:2, :2] *= factor
+        matrix[:2, 2] = (self.matrix[:2, 2] + 0.5) * factor - 0.5
+        width, height = round(self.width * factor), round(self.height * factor)
+        return replace(self, width=width, height=height, matrix=matrix)
+
+
+def plain_camera(
+    width: int,
+    height: int,
+    focal_px: float,
+    position: tuple[float, float, float],
+    look_at: tuple[float, float, float],
+    name: str = "camera",
+) -> Camera:
+    """An undistorted camera at `position` that looks at a point, both in the world (m), with the world's z up.
+
+    Raises InputError when the two points coincide or one lies straight above the other.
+    """
+    forward = np.subtract(look_at, position).astype(np.float64)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-9:
+        raise InputError(f"camera: cannot look from {tuple(position)} to {tuple(look_at)} with the world's z up")
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    translation = -rotation @ np.asarray(position, dtype=np.float64)
+    return Camera(name, width, height, matrix, rotation, translation, np.zeros(5))
+
+
+def load_cameras(path: str | Path) -> tuple[Camera, ...]:
+    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file.
+
+    Each table but [metadata] holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector)
+    and translation (m). Raises InputError when the file is missing, is not TOML or a camera is incomplete.
+    """
+    path = Path(path)
+    try:
+        tables = tomllib.loads(path.read_text())
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such camera file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected a camera file in TOML: {error}") from None
+    cameras = tuple(_camera(path, key, table) for key, table in tables.items() if key != "metadata")
+    if not cameras:
+        raise InputError(f"{path}: expected at least one camera table, found none")
+    return cameras
+
+
+def _camera(path: Path, key: str, table: object) -> Camera:
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: expected a table [{key}] for a camera, found {table!r}")
+
+    def numbers(name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        try:
+            values = np.array(table[name], dtype=np.float64)
+        except KeyError:
+            raise InputError(f"{path}: camera [{key}] lacks {name!r}") from None
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.shape not in shapes or not np.isfinite(values).all():
+            expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
+            raise InputError(f"{path}: camera [{key}]: {name!r} must hold {expected} numbers, found {table[name]!r}")
+        return values
+
+    if table.get("fisheye"):
+        raise InputError(f"{path}: camera [{key}] is a fisheye, expected a pinhole camera")
+    width, height = numbers("size", (2,))
+    rotation = cv2.Rodrigues(numbers("rotation", (3,)))[0].astype(np.float64)
+    distortion = np.zeros(5)
+    given = numbers("distortions", (4,), (5,))
+    distortion[: len(given)] = given
+    return Camera(
+        name=str(table.get("name", key)),
+        width=int(width),
+        height=int(height),
+        matrix=numbers("matrix", (3, 3)),
+        rotation=rotation,
+        translation=numbers("translation", (3,)),
+        distortion=distortion,
+    )

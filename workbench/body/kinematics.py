@@ -1,0 +1,150 @@
+"""Forward kinematics of batches of poses, and its derivative."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from workbench.arrays import BoolArray, FloatArray
+from workbench.body.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class JointFrames:
+    """World frames of J joints in N poses. rotations: (N, J, 3, 3); positions: (N, J, 3), m."""
+
+    rotations: FloatArray
+    positions: FloatArray
+
+
+def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
+    """World frames of every joint; poses: (N, P), rad and m. The numba kernel; see `forward_reference`."""
+    poses = _checked(skeleton, poses)
+    n, n_joints = len(poses), len(skeleton.names)
+    rotations, positions = np.empty((n, n_joints, 3, 3)), np.empty((n, n_joints, 3))
+    _forward(poses, skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes, rotations, positions)
+    return JointFrames(rotations, positions)
+
+
+def joints(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
+    """Joint positions in the world, (N, J, 3) m, of poses (N, P)."""
+    return forward(skeleton, poses).positions
+
+
+def forward_reference(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
+    """The same as `forward` in plain NumPy: T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
+    poses = _checked(skeleton, poses)
+    rotations = np.zeros((len(poses), len(skeleton.names), 3, 3))
+    positions = np.zeros((len(poses), len(skeleton.names), 3))
+    for j, parent in enumerate(skeleton.parents):
+        if parent < 0:
+            rotations[:, j], positions[:, j] = np.eye(3), poses[:, :3]
+        else:
+            rotations[:, j] = rotations[:, parent]
+            positions[:, j] = positions[:, parent] + rotations[:, parent] @ skeleton.offsets[j]
+        for p in range(3, poses.shape[1]):
+            if skeleton.dof_joints[p] == j:
+                rotations[:, j] = rotations[:, j] @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
+    return JointFrames(rotations, positions)
+
+
+def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
+    """Rotations (N, 3, 3) by angles (N,), rad, about one unit axis (3,): Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    rotations: FloatArray = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
+    return rotations
+
+
+def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
+    """Derivative of the joint positions with respect to the pose, (N, J, 3, P), m/rad (1 for the translations).
+
+    A turn about the world axis w through the point o moves a joint x below it by w × (x − o).
+    """
+    poses = _checked(skeleton, poses)
+    frames = forward(skeleton, poses)
+    axes = world_axes(skeleton, poses, frames)
+    jacobian = np.zeros((*frames.positions.shape, poses.shape[1]))
+    below = descendants(skeleton)
+    for p, moved in enumerate(skeleton.dof_joints):
+        if p < 3:
+            jacobian[..., p] = skeleton.dof_axes[p]
+            continue
+        arms = frames.positions - frames.positions[:, moved, None]
+        jacobian[..., p] = np.where(below[moved][:, None], np.cross(axes[:, p, None], arms), 0.0)
+    return jacobian
+
+
+def world_axes(skeleton: Skeleton, poses: FloatArray, frames: JointFrames) -> FloatArray:
+    """The world direction (N, P, 3) of every degree of freedom's axis in poses (N, P)."""
+    axes = np.empty((*poses.shape, 3))
+    axes[:, :3] = skeleton.dof_axes[:3]
+    for j, parent in enumerate(skeleton.parents):
+        turned = np.broadcast_to(np.eye(3), (len(poses), 3, 3)) if parent < 0 else frames.rotations[:, parent]
+        for p in range(3, poses.shape[1]):
+            if skeleton.dof_joints[p] == j:
+                axes[:, p] = turned @ skeleton.dof_axes[p]
+                turned = turned @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
+    return axes
+
+
+def descendants(skeleton: Skeleton) -> BoolArray:
+    """(J, J) bool: [a, b] is true when joint b hangs below joint a (a itself does not)."""
+    below = np.zeros((len(skeleton.names),) * 2, dtype=bool)
+    for j, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            below[:, j] = below[:, parent]
+            below[parent, j] = True
+    return below
+
+
+def _checked(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
+    poses = np.ascontiguousarray(poses, dtype=np.float64)
+    if poses.ndim != 2 or poses.shape[1] != len(skeleton.dof_names):
+        raise ValueError(f"poses must be (N, {len(skeleton.dof_names)}), found {poses.shape}")
+    return poses
+
+
+@numba.njit(cache=True, nogil=True)
+def _forward(
+    poses: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, rotations: Any, positions: Any
+) -> None:
+    n_poses, n_dofs = poses.shape
+    turn = np.empty((3, 3))
+    for n in range(n_poses):
+        p = 3
+        for j in range(parents.shape[0]):
+            parent = parents[j]
+            frame = rotations[n, j]
+            if parent < 0:
+                for a in range(3):
+                    positions[n, j, a] = poses[n, a]
+                    for b in range(3):
+                        frame[a, b] = 1.0 if a == b else 0.0
+            else:
+                above = rotations[n, parent]
+                for a in range(3):
+                    place = positions[n, parent, a]
+                    for b in range(3):
+                        place += above[a, b] * offsets[j, b]
+                        frame[a, b] = above[a, b]
+                    positions[n, j, a] = place
+            while p < n_dofs and dof_joints[p] == j:
+                _axis_rotation(dof_axes[p], poses[n, p], turn)
+                for a in range(3):
+                    r0, r1, r2 = frame[a, 0], frame[a, 1], frame[a, 2]
+                    for b in range(3):
+                        frame[a, b] = r0 * turn[0, b] + r1 * turn[1, b] + r2 * turn[2, b]
+                p += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _axis_rotation(axis: Any, angle: float, out: Any) -> None:
+    x, y, z = axis[0], axis[1], axis[2]
+    s, c = np.sin(angle), np.cos(angle)
+    t = 1.0 - c
+    out[0, 0], out[0, 1], out[0, 2] = c + t * x * x, t * x * y - s * z, t * x * z + s * y
+    out[1, 0], out[1, 1], out[1, 2] = t * x * y + s * z, c + t * y * y, t * y * z - s * x
+    out[2, 0], out[2, 1], out[2, 2] = t * x * z - s * y, t * y * z + s * x, c + t * z * z

@@ -1,0 +1,91 @@
+"""The shape of one person: where the joints sit, how long and how thick the limbs are."""
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from workbench.errors import InputError
+
+Triple = tuple[float, float, float]
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Lengths and radii of one person, all in metres.
+
+    neck, shoulder, hip: place of the neck, the left shoulder and the left hip in the torso's frame (forward, left,
+    up), measured from the pelvis, the midpoint of the hips; the right side is their mirror image.
+    head: centre of the head seen from the neck. upper_arm, forearm, thigh, calf: lengths from joint to joint.
+    *_radii of a limb: (at its near end, at its far end). torso_radii_low, torso_radii_high: (fore and aft, sideways)
+    semi-axes of the torso's elliptical section at the hips and at the shoulders.
+    """
+
+    neck: Triple
+    shoulder: Triple
+    hip: Triple
+    head: Triple
+    upper_arm: float
+    forearm: float
+    thigh: float
+    calf: float
+    head_radius: float
+    hand_radius: float
+    torso_radii_low: Pair
+    torso_radii_high: Pair
+    upper_arm_radii: Pair
+    forearm_radii: Pair
+    thigh_radii: Pair
+    calf_radii: Pair
+
+    def __post_init__(self) -> None:
+        for name in ("upper_arm", "forearm", "thigh", "calf", "head_radius", "hand_radius"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"shape: {name} must be a positive length in metres, found {getattr(self, name)}")
+
+    def scaled(self, factor: float) -> "Shape":
+        """The same proportions, every length multiplied by `factor`."""
+        lengths: dict[str, Any] = {
+            name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+            for name, value in self.as_dict().items()
+        }
+        return Shape(**lengths)
+
+    def as_dict(self) -> dict[str, float | tuple[float, ...]]:
+        """Plain numbers by name, for provenance and for HDF5 attributes."""
+        return asdict(self)
+
+
+def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
+    """The shape of an average person of the given height; keyword arguments replace single lengths (m).
+
+    Segment lengths as fractions of the height H: Drillis & Contini 1966, as tabulated by Winter, *Biomechanics and
+    Motor Control of Human Movement*, 4th ed. 2009, fig. 4.1 (heights of hip 0.530, knee 0.285, ankle 0.039, shoulder
+    0.818 H; upper arm 0.186, forearm 0.146 H; shoulder joints 0.129 H from the midline). The distance between the hip
+    joints, 0.10 H, is that of joint centres (Bell, Pedersen & Brand 1990), not Winter's breadth over the trochanters.
+    The neck (C7) and the centre of the head at 0.85 and 0.93 H, and the radii, are ours, read off adult silhouettes.
+
+    Raises InputError when the height is not between 0.5 and 2.5 m or a name is unknown.
+    """
+    if not 0.5 <= height_m <= 2.5:
+        raise InputError(f"shape: height must be given in metres, between 0.5 and 2.5, found {height_m}")
+    if unknown := set(given) - {field.name for field in fields(Shape)}:
+        raise InputError(f"shape: unknown length {sorted(unknown)[0]!r}")
+    average = Shape(
+        neck=(0.0, 0.0, 0.320),
+        shoulder=(0.0, 0.115, 0.288),
+        hip=(0.0, 0.050, 0.0),
+        head=(0.012, 0.0, 0.080),
+        upper_arm=0.186,
+        forearm=0.146,
+        thigh=0.245,
+        calf=0.246,
+        head_radius=0.060,
+        hand_radius=0.030,
+        torso_radii_low=(0.062, 0.095),
+        torso_radii_high=(0.058, 0.100),
+        upper_arm_radii=(0.030, 0.025),
+        forearm_radii=(0.026, 0.018),
+        thigh_radii=(0.050, 0.035),
+        calf_radii=(0.034, 0.023),
+    ).scaled(height_m)
+    return Shape(**{**average.as_dict(), **given})  # type: ignore[arg-type]

@@ -1,0 +1,139 @@
+"""The skeleton: joints, parents, axes, offsets and limits as arrays.
+
+Conventions, used everywhere: right-handed frames, metres, radians. In the neutral pose (all angles zero) the
+person stands upright with hanging arms and every joint's frame is parallel to the root's: x forward, y to the
+person's left, z up. A limb lies along its frame's z axis (paper A, section 3); arms and legs hang along -z.
+The world's z axis points up.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.shape import Shape
+
+JOINT_NAMES = (
+    "pelvis", "neck", "head_centre",
+    "left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist",
+    "left_hip", "left_knee", "left_ankle", "right_hip", "right_knee", "right_ankle",
+)  # fmt: skip
+ERROR_JOINTS = JOINT_NAMES[1:]
+"""The 14 joints whose mean distance is a run's error: all but the pelvis, which is the root itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """J joints moved by P degrees of freedom; P = 25 for the person of paper A.
+
+    names: J joint names, parents before children. parents: (J,), -1 for the root.
+    offsets: (J, 3), a joint's place in its parent's frame, m (the root's is zero).
+    dof_names: P names. dof_joints: (P,), the joint a degree of freedom moves, non-decreasing.
+    dof_axes: (P, 3) unit vectors. The first three translate the root along the world's axes; every other one turns
+    its joint's frame about its axis. A joint's turns are multiplied in the order of the columns, outermost first.
+    limits: (P, 2), lowest and highest value, rad (m for the translations).
+    """
+
+    names: tuple[str, ...]
+    parents: IntArray
+    offsets: FloatArray
+    dof_names: tuple[str, ...]
+    dof_joints: IntArray
+    dof_axes: FloatArray
+    limits: FloatArray
+
+    def joint(self, name: str) -> int:
+        """Index of the joint called `name`; raises ValueError when there is none."""
+        return self.names.index(name)
+
+    def dof(self, name: str) -> int:
+        """Index of the degree of freedom called `name`; raises ValueError when there is none."""
+        return self.dof_names.index(name)
+
+    @property
+    def bones(self) -> IntArray:
+        """(J - 1, 2) pairs of joints (parent, child)."""
+        children = np.flatnonzero(self.parents >= 0)
+        return np.stack([self.parents[children], children], axis=1)
+
+    def with_offsets(self, offsets: FloatArray) -> "Skeleton":
+        """The same skeleton with other bone lengths, (J, 3) m."""
+        return replace(self, offsets=offsets)
+
+
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_PARENTS = {
+    "pelvis": None, "neck": "pelvis", "head_centre": "neck",
+    "left_shoulder": "pelvis", "left_elbow": "left_shoulder", "left_wrist": "left_elbow",
+    "right_shoulder": "pelvis", "right_elbow": "right_shoulder", "right_wrist": "right_elbow",
+    "left_hip": "pelvis", "left_knee": "left_hip", "left_ankle": "left_knee",
+    "right_hip": "pelvis", "right_knee": "right_hip", "right_ankle": "right_knee",
+}  # fmt: skip
+
+# (name, joint, axis, lower, upper). Signs are anatomical: flexion and abduction are positive on both sides, so that
+# mirrored poses have equal numbers. The root turns as Rz Ry Rx (paper A, section 3). A shoulder abducts first so that
+# its singular direction is straight ahead, a hip flexes first so that its singular direction is straight to the side.
+_FREE = 1e6
+_ROOT_DOFS = (
+    ("root_x", "pelvis", X, -_FREE, _FREE),
+    ("root_y", "pelvis", Y, -_FREE, _FREE),
+    ("root_z", "pelvis", Z, -_FREE, _FREE),
+    ("root_heading", "pelvis", Z, -_FREE, _FREE),
+    ("root_pitch", "pelvis", Y, -_FREE, _FREE),
+    ("root_roll", "pelvis", X, -_FREE, _FREE),
+    ("neck_turn", "neck", Z, -1.4, 1.4),
+    ("neck_nod", "neck", Y, -1.2, 1.2),
+    ("neck_tilt", "neck", X, -0.8, 0.8),
+)
+
+
+def _arm_dofs(side: str, left: float) -> tuple[tuple[str, str, tuple[float, float, float], float, float], ...]:
+    return (
+        (f"{side}_shoulder_abduction", f"{side}_shoulder", (left, 0.0, 0.0), -0.8, 3.1),
+        (f"{side}_shoulder_flexion", f"{side}_shoulder", (0.0, -1.0, 0.0), -1.4, 3.1),
+        (f"{side}_shoulder_twist", f"{side}_shoulder", (0.0, 0.0, -left), -1.9, 1.9),
+        (f"{side}_elbow_flexion", f"{side}_elbow", (0.0, -1.0, 0.0), -0.1, 2.7),
+    )
+
+
+def _leg_dofs(side: str, left: float) -> tuple[tuple[str, str, tuple[float, float, float], float, float], ...]:
+    return (
+        (f"{side}_hip_flexion", f"{side}_hip", (0.0, -1.0, 0.0), -0.9, 2.2),
+        (f"{side}_hip_abduction", f"{side}_hip", (left, 0.0, 0.0), -0.7, 1.2),
+        (f"{side}_hip_twist", f"{side}_hip", (0.0, 0.0, -left), -0.9, 0.9),
+        (f"{side}_knee_flexion", f"{side}_knee", (0.0, 1.0, 0.0), -0.1, 2.6),
+    )
+
+
+_PERSON_DOFS = (
+    _ROOT_DOFS + _arm_dofs("left", 1.0) + _arm_dofs("right", -1.0) + _leg_dofs("left", 1.0) + _leg_dofs("right", -1.0)
+)
+POSE_NAMES = tuple(dof[0] for dof in _PERSON_DOFS)
+"""The 25 numbers of a pose, in order: root position, root rotation, 19 joint angles."""
+N_ROOT = 6
+
+
+def person_skeleton(shape: Shape) -> Skeleton:
+    """The 25-parameter person of paper A (reading in EQUATIONS A, "Body") with the limb lengths of `shape`."""
+    return Skeleton(
+        names=JOINT_NAMES,
+        parents=np.array([-1 if (p := _PARENTS[n]) is None else JOINT_NAMES.index(p) for n in JOINT_NAMES]),
+        offsets=_person_offsets(shape),
+        dof_names=POSE_NAMES,
+        dof_joints=np.array([JOINT_NAMES.index(dof[1]) for dof in _PERSON_DOFS]),
+        dof_axes=np.array([dof[2] for dof in _PERSON_DOFS]),
+        limits=np.array([dof[3:] for dof in _PERSON_DOFS]),
+    )
+
+
+def _person_offsets(shape: Shape) -> FloatArray:
+    offsets = {"pelvis": (0.0, 0.0, 0.0), "neck": shape.neck, "head_centre": shape.head}
+    for side, left in (("left", 1.0), ("right", -1.0)):
+        mirror = np.array([1.0, left, 1.0])
+        offsets[f"{side}_shoulder"] = tuple(mirror * shape.shoulder)
+        offsets[f"{side}_hip"] = tuple(mirror * shape.hip)
+        for joint, length in (
+            ("elbow", shape.upper_arm), ("wrist", shape.forearm), ("knee", shape.thigh), ("ankle", shape.calf),
+        ):  # fmt: skip
+            offsets[f"{side}_{joint}"] = (0.0, 0.0, -length)
+    return np.array([offsets[name] for name in JOINT_NAMES])

@@ -1,0 +1,67 @@
+"""What a dataset hands out: frames, the views in them, and the truth where it is known."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from workbench.arrays import BoolArray, ByteArray, FloatArray
+from workbench.body.camera import Camera
+from workbench.body.shape import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one camera saw. image: (height, width) grey or (height, width, 3) RGB, uint8."""
+
+    camera: Camera
+    image: ByteArray
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Ground truth of one frame, each part where it is known.
+
+    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints. marks: (J, 2) marked pixels in the first view,
+    NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a hidden joint.
+    """
+
+    pose: FloatArray | None = None
+    joints: FloatArray | None = None
+    marks: FloatArray | None = None
+    marks_visible: BoolArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One time step's observations. index: the frame's number in its source; time_s: its time, s."""
+
+    index: int
+    time_s: float
+    views: tuple[View, ...]
+    truth: Truth | None = None
+
+
+class Dataset(Protocol):
+    """A sequence of frames, and what is known about the person before it is looked at."""
+
+    @property
+    def name(self) -> str:
+        """A short name for plots and tables."""
+
+    @property
+    def shape(self) -> Shape | None:
+        """The person's own measurements, where the dataset knows them."""
+
+    @property
+    def start_pose(self) -> FloatArray | None:
+        """The true pose (P,) in the first frame, where the dataset knows it."""
+
+    @property
+    def start_marks(self) -> FloatArray | None:
+        """Marked joints (J, 3) of the first frame, [u px, v px, weight 0..1] (NaN: no mark), where there are any."""
+
+    def __len__(self) -> int:
+        """The number of frames."""
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order; may be called more than once."""

@@ -1,0 +1,1 @@
+"""From frames, prior and likelihood to a stream of steps."""

@@ -1,0 +1,35 @@
+"""One frame's result."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.datasets.frame import Frame
+from workbench.priors.state import StateSpace
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The posterior at one frame as N weighted particles, and its summaries.
+
+    particles: (N, D) states, columns named by `space`. poses: (N, P) the same particles decoded.
+    log_weights: (N,), normalised (their exponentials sum to one). ancestors: (N,) index of each particle's parent
+    among the previous step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of
+    the heaviest particle. ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far).
+    diagnostics: scalars worth a curve. warnings: sentences for the person who runs this.
+    timing_s: seconds spent per stage.
+    """
+
+    frame: Frame
+    space: StateSpace
+    particles: FloatArray
+    poses: FloatArray
+    log_weights: FloatArray
+    ancestors: IntArray
+    expected_pose: FloatArray
+    map_pose: FloatArray
+    ess: float
+    log_evidence: float
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    timing_s: Mapping[str, float] = field(default_factory=dict)

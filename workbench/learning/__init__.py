@@ -1,0 +1,1 @@
+"""From motion libraries to learned models."""

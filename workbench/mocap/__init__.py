@@ -1,0 +1,1 @@
+"""Motion files in, one motion library out."""

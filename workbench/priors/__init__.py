@@ -1,0 +1,1 @@
+"""Temporal priors p(state_t | state_t−1)."""

@@ -1,0 +1,53 @@
+"""The names of a state's columns, and what every prior offers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Names the D columns of a packed (N, D) particle array.
+
+    names, units: one per column. slices: named groups of columns, e.g. "coefficients", "phase", "root".
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    slices: Mapping[str, slice]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @staticmethod
+    def of(groups: Mapping[str, tuple[tuple[str, ...], str]]) -> "StateSpace":
+        """A state space from {group: (column names, unit)}, the groups side by side in the order given."""
+        names: list[str] = []
+        units: list[str] = []
+        slices: dict[str, slice] = {}
+        for group, (columns, unit) in groups.items():
+            slices[group] = slice(len(names), len(names) + len(columns))
+            names += columns
+            units += [unit] * len(columns)
+        return StateSpace(tuple(names), tuple(units), slices)
+
+
+class Prior(Protocol):
+    """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P."""
+
+    @property
+    def space(self) -> StateSpace:
+        """Names and units of the D columns."""
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) spread around a starting pose (P,)."""
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) that states (N, D) stand for."""

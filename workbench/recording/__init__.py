@@ -1,0 +1,1 @@
+"""Runs written as Rerun recordings; the only package that imports rerun."""
