@@ -60,6 +60,10 @@ class Dataset(Protocol):
     def start_marks(self) -> FloatArray | None:
         """Marked joints (J, 3) of the first frame, [u px, v px, weight 0..1] (NaN: no mark), where there are any."""
 
+    @property
+    def scale(self) -> float:
+        """The factor by which the source's images were resized."""
+
     def __len__(self) -> int:
         """The number of frames."""
 

@@ -1,0 +1,106 @@
+"""Errors and posterior summaries against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from workbench.arrays import FloatArray
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.datasets.frame import Frame, Truth, View
+from workbench.evaluation.errors import step_errors
+from workbench.evaluation.posterior import weighted_quantiles
+from workbench.inference.step import Step
+from workbench.priors.state import StateSpace
+
+SKELETON = person(from_height(1.8)).skeleton
+CAMERA = plain_camera(640, 480, 700.0, (0.0, -7.0, 1.0), (0.0, 0.0, 1.0))
+
+
+def step_of(poses: FloatArray, truth: Truth, weights: FloatArray | None = None) -> Step:
+    n = len(poses)
+    weights = np.full(n, 1 / n) if weights is None else weights
+    view = View(CAMERA, np.zeros((480, 640), np.uint8))
+    return Step(
+        frame=Frame(0, 0.0, (view,), truth),
+        space=StateSpace.of({"pose": (tuple(map(str, range(25))), "-")}),
+        particles=poses,
+        poses=poses,
+        log_weights=np.log(weights),
+        ancestors=np.arange(n),
+        expected_pose=weights @ poses,
+        map_pose=poses[np.argmax(weights)],
+        ess=1 / (weights**2).sum(),
+        log_evidence=0.0,
+    )
+
+
+def standing() -> FloatArray:
+    pose = np.zeros(25)
+    pose[2] = 0.95
+    return pose
+
+
+def test_a_shift_of_the_root_is_an_absolute_error_only():
+    pose = standing()
+    moved = pose + np.eye(25)[0] * 0.03
+    truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0])
+    errors = step_errors(step_of(moved[None], truth), SKELETON)
+    assert errors["error_abs_mm"] == pytest.approx(30)
+    assert errors["error_rel_mm"] == pytest.approx(0, abs=1e-9)
+    # 700 px focal length, 7 m away (limbs a little nearer or farther): 30 mm are about 3 px
+    assert errors["error_px"] == pytest.approx(3.0, abs=0.15)
+    assert step_errors(step_of(moved[None], truth), SKELETON, 0.5)["error_px"] == pytest.approx(2 * errors["error_px"])
+
+
+def test_a_bent_elbow_moves_one_joint_of_fourteen():
+    pose = standing()
+    bent = pose.copy()
+    bent[SKELETON.dof("left_elbow_flexion")] = np.pi / 3
+    truth = Truth(joints=joints(SKELETON, pose[None])[0])
+    errors = step_errors(step_of(bent[None], truth), SKELETON)
+    forearm = 0.146 * 1800
+    assert errors["error_rel_mm"] == pytest.approx(forearm / 14)  # 60° moves the wrist by one forearm
+    assert "coverage_90" not in errors
+
+
+def test_marks_count_where_visible():
+    pose = standing()
+    marks = CAMERA.project(joints(SKELETON, pose[None])[0])
+    visible = np.ones(15, dtype=bool)
+    marks[3] += [30.0, 40.0]
+    marks[4:] = np.nan
+    marks[0] = np.nan
+    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), SKELETON)
+    assert errors["error_px"] == pytest.approx(50 / 3)
+    visible[3] = False
+    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), SKELETON)
+    assert errors["error_px"] == pytest.approx(0, abs=1e-9)
+    assert "error_abs_mm" not in errors
+
+
+def test_coverage_counts_the_numbers_inside_the_band():
+    rng = np.random.default_rng(0)
+    poses = standing() + rng.normal(size=(4000, 25))
+    poses[:, 5] = 0.0  # held fixed: not counted
+    true = standing()
+    true[6:12] += 5.0
+    assert step_errors(step_of(poses, Truth(pose=true)), SKELETON)["coverage_90"] == pytest.approx(18 / 24)
+
+
+def test_no_truth_no_errors():
+    step = step_of(standing()[None], Truth())
+    assert step_errors(step, SKELETON) == {}
+
+
+def test_quantiles_of_even_weights_are_order_statistics():
+    values = np.random.default_rng(0).normal(size=(100, 3))
+    found = weighted_quantiles(values, np.full(100, 0.01), (0.05, 0.5, 0.95))
+    assert (found == np.sort(values, axis=0)[[4, 49, 94]]).all()
+
+
+def test_quantiles_follow_the_weights():
+    values = np.array([[3.0], [1.0], [2.0]])
+    assert weighted_quantiles(values, np.array([0.1, 0.2, 0.7]), (0.1, 0.5, 0.95)).ravel().tolist() == [1, 2, 3]
+    assert weighted_quantiles(values, np.array([0.0, 0.0, 1.0]), (0.05, 0.95)).ravel().tolist() == [2, 2]

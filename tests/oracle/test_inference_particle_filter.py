@@ -1,0 +1,215 @@
+"""The particle filter against the Kalman filter, and resampling against its expectations."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from workbench.datasets.frame import Frame
+from workbench.errors import InputError
+from workbench.inference.particle_filter import DegenerateWeights, ParticleFilter, effective_sample_size
+from workbench.inference.resampling import RESAMPLING
+from workbench.priors.state import StateSpace
+
+A, Q, R = np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([0.05, 0.2]), 0.3
+MEAN0, STD0 = np.array([0.5, -0.2]), np.array([0.4, 0.3])
+
+
+class LinearPrior:
+    """x_t = A x_{t-1} + N(0, Q²); the pose is the state."""
+
+    space = StateSpace.of({"position": (("x",), "m"), "velocity": (("v",), "m")})
+
+    def start(self, pose, n, rng):
+        return pose + STD0 * rng.standard_normal((n, 2))
+
+    def step(self, state, dt_s, rng):
+        return state @ A.T + Q * rng.standard_normal(state.shape)
+
+    def pose(self, state):
+        return state.copy()
+
+
+class Position:
+    """y_t = x_t + N(0, R²); the frame's index picks the measurement."""
+
+    def __init__(self, measured):
+        self.measured = measured
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        apart = (self.measured[frame.index] - pose[:, 0]) / R
+        return -0.5 * apart**2 - np.log(R * np.sqrt(2 * np.pi))
+
+    def warnings(self):
+        return ()
+
+
+class Constant(Position):
+    """Gives every particle the same log likelihood."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        return np.full(len(pose), self.value)
+
+
+def frames(n):
+    return [Frame(index=t, time_s=0.1 * t, views=()) for t in range(n)]
+
+
+def streams(seed):
+    children = np.random.SeedSequence(seed).spawn(3)
+    return dict(zip(("start", "resampling", "prior"), map(np.random.default_rng, children), strict=True))
+
+
+def kalman(measured):
+    """Means, variances and log evidence after each measurement; the first frame has none."""
+    mean, cov, evidence = MEAN0, np.diag(STD0**2), 0.0
+    rows = [(mean, cov, evidence)]
+    for y in measured[1:]:
+        mean, cov = A @ mean, A @ cov @ A.T + np.diag(Q**2)
+        spread = cov[0, 0] + R**2
+        evidence += -0.5 * ((y - mean[0]) ** 2 / spread + np.log(2 * np.pi * spread))
+        gain = cov[:, 0] / spread
+        mean, cov = mean + gain * (y - mean[0]), cov - np.outer(gain, cov[0])
+        rows.append((mean, cov, evidence))
+    return rows
+
+
+def simulate(n, seed):
+    rng = np.random.default_rng(seed)
+    x, measured = MEAN0 + STD0 * rng.standard_normal(2), [np.nan]
+    for _ in range(n - 1):
+        x = A @ x + Q * rng.standard_normal(2)
+        measured.append(x[0] + R * rng.standard_normal())
+    return np.array(measured)
+
+
+def run(n_particles, seed, measured, **options):
+    inference = ParticleFilter(LinearPrior(), Position(measured), n_particles=n_particles, **options)
+    return list(inference.run(frames(len(measured)), MEAN0, streams(seed)))
+
+
+@pytest.mark.parametrize("resampling", sorted(RESAMPLING))
+@pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
+def test_converges_to_the_kalman_filter(resampling, ess_threshold):
+    """State, variance and evidence: over 40 seeds the mean error is within 5 standard errors; these shrink as 1/√N."""
+    measured = simulate(15, seed=3)
+    mean, cov, evidence = kalman(measured)[-1]
+    spread = {}
+    for n in (200, 3200):
+        rows = []
+        for seed in range(40):
+            step = run(n, seed, measured, resampling=resampling, ess_threshold=ess_threshold)[-1]
+            weights = np.exp(step.log_weights)
+            variance = weights @ (step.particles - step.expected_pose) ** 2
+            rows.append([*(step.expected_pose - mean), *(variance - np.diag(cov)), step.log_evidence - evidence])
+        rows = np.array(rows)
+        spread[n] = rows.std(axis=0)
+        error = spread[n] / np.sqrt(40)
+        # both the variance and the log evidence are biased by O(1/N): half their own variance for the latter
+        bias = np.array([0, 0, *(np.diag(cov) * 10 / n), 0.5 * spread[n][4] ** 2 + 1 / n])
+        assert (np.abs(rows.mean(axis=0)) < 5 * error + bias).all()
+    # 1/4 is expected; each spread is itself known to 1/√(2·40) = 11 %, a ratio of two to 16 %, so five sigmas below 1/2
+    assert (spread[3200] < 0.5 * spread[200]).all()
+
+
+@pytest.mark.parametrize("name", sorted(RESAMPLING))
+def test_resampling_is_unbiased(name):
+    weights = np.array([0.5, 0.0, 0.25, 0.2, 0.05])
+    weights = np.concatenate([weights, weights]) / 2
+    rng = np.random.default_rng(1)
+    counts = np.array([np.bincount(RESAMPLING[name](weights, rng), minlength=10) for _ in range(4000)])
+    expected = 10 * weights
+    assert (counts.sum(axis=1) == 10).all()
+    assert (counts[:, weights == 0] == 0).all()
+    error = 5 * np.sqrt(expected / 4000)  # five standard errors of a multinomial count, the noisiest of the three
+    assert (np.abs(counts.mean(axis=0) - expected) <= error + 1e-12).all()
+    if name == "systematic":
+        assert (np.abs(counts - expected) < 1).all()
+    if name == "residual":
+        assert (counts >= np.floor(expected)).all()
+
+
+@pytest.mark.parametrize("name", sorted(RESAMPLING))
+@pytest.mark.parametrize("last", [True, False])
+def test_resampling_of_one_heavy_particle(name, last):
+    """Weights whose sum falls short of one by rounding, and a single survivor at either end."""
+    weights = np.zeros(1000)
+    weights[-1 if last else 0] = 1.0 - 1e-12
+    picked = RESAMPLING[name](weights, np.random.default_rng(0))
+    assert (picked == (999 if last else 0)).all()
+
+
+def test_effective_sample_size():
+    even = np.full(50, -np.log(50))
+    assert effective_sample_size(even) == pytest.approx(50)
+    one = np.full(50, -np.inf)
+    one[7] = 0.0
+    assert effective_sample_size(one) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("value", [-np.inf, np.nan, np.inf])
+def test_degenerate_weights_are_said_and_recovered(value):
+    inference = ParticleFilter(LinearPrior(), Constant(value), n_particles=30)
+    steps = list(inference.run(frames(3), MEAN0, streams(0)))
+    assert steps[0].warnings == ()
+    for step in steps[1:]:
+        assert any(f"frame {step.frame.index}" in sentence for sentence in step.warnings)
+        assert np.exp(step.log_weights).sum() == pytest.approx(1)
+        assert np.isfinite(step.expected_pose).all()
+    assert steps[-1].log_evidence == 0.0
+
+
+def test_degenerate_weights_end_the_run_when_told_to():
+    inference = ParticleFilter(LinearPrior(), Constant(-np.inf), n_particles=30, on_degenerate="stop")
+    with pytest.raises(DegenerateWeights, match="frame 1"):
+        list(inference.run(frames(3), MEAN0, streams(0)))
+
+
+def test_one_undefined_particle_is_dropped():
+    class OneNaN(Constant):
+        def log_prob(self, previous, frame, previous_pose, pose):
+            values = np.zeros(len(pose))
+            values[4] = np.nan
+            return values
+
+    steps = list(ParticleFilter(LinearPrior(), OneNaN(0.0), n_particles=10).run(frames(2), MEAN0, streams(0)))
+    assert steps[1].log_weights[4] == -np.inf
+    assert "1 particles" in steps[1].warnings[0]
+
+
+def test_a_step_is_consistent():
+    measured = simulate(5, seed=0)
+    steps = run(100, 0, measured)
+    for before, step in pairwise(steps):
+        weights = np.exp(step.log_weights)
+        assert weights.sum() == pytest.approx(1)
+        assert step.expected_pose == pytest.approx(weights @ step.poses)
+        assert (step.map_pose == step.poses[np.argmax(weights)]).all()
+        assert step.ess == pytest.approx(1 / (weights**2).sum())
+        heavy = np.exp(before.log_weights)[step.ancestors]
+        assert (heavy > 0).all()
+
+
+def test_the_same_seed_gives_the_same_steps():
+    measured = simulate(6, seed=0)
+    first, second, other = (run(64, seed, measured)[-1] for seed in (5, 5, 6))
+    assert (first.particles == second.particles).all()
+    assert (first.log_weights == second.log_weights).all()
+    assert not (first.particles == other.particles).all()
+
+
+def test_one_particle_runs():
+    steps = run(1, 0, simulate(4, seed=0))
+    assert [step.ess for step in steps] == pytest.approx([1.0] * 4)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"n_particles": 0}, {"resampling": "stratifed"}, {"ess_threshold": 1.5}, {"on_degenerate": "ignore"}],
+)
+def test_wrong_options_are_named(options):
+    with pytest.raises(InputError, match=next(iter(options))):
+        ParticleFilter(LinearPrior(), Constant(0.0), **options)

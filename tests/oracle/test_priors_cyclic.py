@@ -1,0 +1,148 @@
+"""The cyclic prior: kernels against NumPy, derivatives against differences, noise against its deviations."""
+
+import numpy as np
+import pytest
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.body.skeleton import JOINT_NAMES, N_ROOT
+from workbench.errors import InputError
+from workbench.inference.start import projection_jacobian, start_from_marks
+from workbench.learning.walking import WalkingModel
+from workbench.priors.cyclic import TABLE_PHASES, Cyclic, decode, decode_reference
+
+T, D = 32, 3
+
+
+def model(seed=0):
+    """Smooth random curves: a few harmonics over a plausible mean walk."""
+    rng = np.random.default_rng(seed)
+    phase = 2 * np.pi * np.arange(T) / T
+    waves = np.stack([np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)])
+    mean = 0.3 * np.einsum("ht,hc->tc", waves, rng.normal(size=(4, 20))) + 0.2
+    mean[:, 0] += 1.1
+    components = np.einsum("ht,dhc->dtc", waves, rng.normal(size=(D, 4, 20)))
+    components /= np.linalg.norm(components, axis=(1, 2), keepdims=True)
+    return WalkingModel(mean, components, np.array([1.5, 1.0, 0.5]), (0.95, 0.08), 0.9, 20)
+
+
+def states(prior, n, seed=1):
+    state = np.random.default_rng(seed).normal(size=(n, len(prior.space)))
+    state[:, prior.space.slices["phase"]] %= 1.0
+    return state
+
+
+def test_the_kernel_agrees_with_numpy():
+    rng = np.random.default_rng(0)
+    table, coefficients = rng.normal(size=(16, 1 + D, 20)), rng.normal(size=(200, D))
+    phase = np.concatenate([rng.uniform(-2, 3, 196), [0.0, 1.0, 1.0 - 1e-16, -1e-18]])
+    assert decode(table, coefficients, phase) == pytest.approx(decode_reference(table, coefficients, phase), abs=1e-12)
+
+
+def test_decoding_is_the_model_at_its_own_phases():
+    learned = model()
+    prior = Cyclic(learned)
+    state = np.zeros((T, len(prior.space)))
+    state[:, prior.space.slices["phase"]] = (np.arange(T) / T)[:, None]
+    state[:, prior.space.slices["coefficients"]] = (c := np.array([0.5, -1.0, 2.0]))
+    expected = learned.mean + np.einsum("d,dtc->tc", c * learned.scales, learned.components)
+    assert prior.pose(state)[:, N_ROOT:] == pytest.approx(expected[:, 1:], abs=1e-9)
+
+
+def test_the_pose_jacobian_agrees_with_differences():
+    prior = Cyclic(model())
+    state = states(prior, 6)
+    analytic = prior.pose_jacobian(state)
+    for d in range(len(prior.space)):
+        # the table is linear between its phases: difference over whole steps of it there, tiny ones elsewhere
+        step = 1.0 / TABLE_PHASES if d == prior.space.slices["phase"].start else 1e-6
+        shift = step * np.eye(len(prior.space))[d]
+        numeric = (prior.pose(state + shift) - prior.pose(state - shift)) / (2 * step)
+        assert analytic[:, :, d] == pytest.approx(numeric, abs=2e-6)
+
+
+def test_start_is_near_the_pose():
+    prior = Cyclic(model(), start_coefficients=0.0, start_phase=0.0, start_position=0.01, start_rotation=0.02)
+    true = states(prior, 1)
+    true[0, prior.space.slices["coefficients"]] = [0.4, -0.3, 0.2]
+    pose = prior.pose(true)[0]
+    start = prior.start(pose, 2000, np.random.default_rng(0))
+    poses = prior.pose(start)
+    assert poses[:, :3].std(axis=0) == pytest.approx(0.01, rel=0.1)
+    assert poses[:, 3:6].std(axis=0) == pytest.approx(0.02, rel=0.1)
+    # the ridge towards the mean biases the angles, by less than the 0.1 rad it assumes of them
+    assert np.abs(poses[:, N_ROOT:].mean(axis=0) - pose[N_ROOT:]).max() < 0.1
+    speed = start[:, prior.space.slices["phase_speed"]]
+    assert (speed.mean(), speed.std()) == (pytest.approx(0.95, abs=0.01), pytest.approx(0.08, rel=0.1))
+
+
+def test_fixed_rotation_stays_fixed():
+    prior = Cyclic(model(), sigma_rotation=(0.0, 0.0, 0.0))
+    pose = prior.pose(states(prior, 1))[0]
+    rng = np.random.default_rng(0)
+    state = prior.start(pose, 10, rng)
+    for _ in range(3):
+        state = prior.step(state, 1 / 30, rng)
+    assert (prior.pose(state)[:, 3:6] == pose[3:6]).all()
+
+
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 120])
+def test_one_step_has_the_stated_mean_and_deviation(dt_s):
+    prior = Cyclic(model(), sigma_position=(0.01, 0.02, 0.03), sigma_rotation=(0.02, 0.01, 0.03))
+    one = states(prior, 1)
+    one[0, prior.space.slices["phase"]] = 0.3
+    many = np.repeat(one, 40000, axis=0)
+    moved = prior.step(many, dt_s, np.random.default_rng(0)) - one
+    slices, share = prior.space.slices, dt_s * 30
+    deviations = np.array([0.05] * D + [0.009, 0.01, 0.01, 0.02, 0.03, 0.02, 0.01, 0.03]) * np.sqrt(share)
+    assert moved.std(axis=0) == pytest.approx(deviations, rel=0.03)
+    speed = decode(prior._table, one[:, slices["coefficients"]], one[0, slices["phase"]])[0, 0]
+    heading = one[0, slices["root_rotation"].start]
+    mean = np.zeros(len(prior.space))
+    mean[slices["coefficients"]] = -(1 - np.sqrt(1 - share * 0.05**2)) * one[0, slices["coefficients"]]
+    mean[slices["phase"]] = dt_s * one[0, slices["phase_speed"]]
+    mean[slices["root_position"]] = dt_s * speed * np.array([np.cos(heading), np.sin(heading), 0.0])
+    assert moved.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
+
+
+def test_wrong_number_of_sigmas_is_refused():
+    with pytest.raises(InputError, match="sigma_rotation"):
+        Cyclic(model(), sigma_rotation=(0.1, 0.1))
+
+
+CAMERA = plain_camera(640, 480, 700.0, (0.3, -4.5, 1.2), (0.0, 0.0, 1.0))
+
+
+def test_the_projection_jacobian_agrees_with_differences():
+    points = np.random.default_rng(0).normal([0, 0, 1], 0.4, (10, 3))
+    analytic = projection_jacobian(CAMERA, points)
+    for axis in range(3):
+        shift = 1e-6 * np.eye(3)[axis]
+        numeric = (CAMERA.project(points + shift) - CAMERA.project(points - shift)) / 2e-6
+        assert analytic[:, :, axis] == pytest.approx(numeric, rel=1e-6, abs=1e-5)
+
+
+def test_start_from_marks_finds_the_pose_that_made_them():
+    prior, body = Cyclic(model()), person(from_height(1.75))
+    state = np.zeros((1, len(prior.space)))
+    state[0, prior.space.slices["coefficients"]] = [0.3, -0.4, 0.2]
+    state[0, prior.space.slices["phase"]] = 0.37
+    state[0, prior.space.slices["root_position"]] = [0.2, 0.1, 0.95]
+    state[0, prior.space.slices["root_rotation"]] = [2.8, 0.02, -0.03]
+    pose = prior.pose(state)
+    seen = CAMERA.project(joints(body.skeleton, pose)[0])
+    marks = np.column_stack([seen, np.ones(len(seen))])
+    marks[JOINT_NAMES.index("pelvis")] = np.nan
+    fit = start_from_marks(prior, body.skeleton, CAMERA, marks)
+    assert fit.error_px < 1.0  # the prior's pull on coefficients and lean against 4 px marks
+    apart = joints(body.skeleton, fit.pose[None]) - joints(body.skeleton, pose)
+    assert np.linalg.norm(apart, axis=-1).mean() < 0.05  # mostly depth, which one camera hardly sees
+
+
+def test_too_few_marks_are_refused():
+    marks = np.full((len(JOINT_NAMES), 3), np.nan)
+    marks[1:4] = [300.0, 200.0, 1.0]
+    with pytest.raises(InputError, match="found 3"):
+        start_from_marks(Cyclic(model()), person(from_height(1.75)).skeleton, CAMERA, marks)

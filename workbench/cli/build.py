@@ -1,0 +1,50 @@
+"""From a configuration to live objects, for targets of the workbench only."""
+
+from importlib import import_module
+from typing import Any
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from workbench.errors import InputError
+
+PACKAGE = "workbench"
+
+
+def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
+    """Refuse a configuration in which any `_target_` is not a class or function defined in the workbench itself.
+
+    A configuration may come from a stranger's recording, so this runs over the whole of it before anything is built.
+    Raises InputError naming the place and the target.
+    """
+    plain = OmegaConf.to_container(config, resolve=True)
+    _check(plain, place)
+
+
+def build(node: DictConfig, **live: object) -> Any:
+    """Call the node's target with its keys and the live objects; what the target raises comes through unchanged."""
+    check_targets(node)
+    return instantiate(node, _partial_=True, _convert_="all")(**live)
+
+
+def _check(value: object, place: str) -> None:
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            _check(item, f"{place}[{index}]")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            here = f"{place}.{key}" if place else str(key)
+            if key == "_target_" and not _is_ours(item):
+                raise InputError(f"config: {here} must name a part of the {PACKAGE}, refused {item!r}")
+            _check(item, here)
+
+
+def _is_ours(target: object) -> bool:
+    if not isinstance(target, str) or not target.startswith(f"{PACKAGE}."):
+        return False
+    module, _, name = target.rpartition(".")
+    try:
+        found = getattr(import_module(module), name, None)
+    except ModuleNotFoundError:
+        return False
+    return callable(found) and str(getattr(found, "__module__", "")).startswith(f"{PACKAGE}.")

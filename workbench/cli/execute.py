@@ -1,0 +1,161 @@
+"""One run: build the parts, track frame by frame, record, sum up."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numba
+import numpy as np
+from omegaconf import DictConfig, OmegaConf
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from workbench.arrays import FloatArray
+from workbench.body.limbs import Body
+from workbench.cli.build import build, check_targets
+from workbench.cli.summary import Summary, versions
+from workbench.datasets.frame import Dataset
+from workbench.errors import InputError
+from workbench.evaluation.errors import step_errors
+from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.start import start_from_marks
+from workbench.inference.step import Step
+from workbench.priors.cyclic import Cyclic
+from workbench.recording.recorder import Recorder
+
+log = logging.getLogger(__name__)
+
+STREAMS = ("start", "resampling", "prior")
+"""Names of the run's random streams, spawned from its seed in this order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The live objects of one run."""
+
+    dataset: Dataset
+    body: Body
+    prior: Cyclic
+    inference: ParticleFilter
+    start: FloatArray
+
+
+def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = False) -> Summary:
+    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`.
+
+    quiet: no progress bar. Raises InputError for what a person can mend, DegenerateWeights where the configuration
+    asks to end there; summary.json then says so, and the recording up to there is kept as `run.rrd.part`.
+    """
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
+    try:
+        check_targets(config)
+        if config.threads is not None:
+            _set_threads(int(config.threads))
+        parts = assemble(config, summary)
+        with _recorder(config, experiment, parts, summary) as recorder:
+            _track(parts, recorder, config, summary, quiet)
+            recorder.set_result(summary.metrics)
+        summary.status = "complete"
+    except BaseException as error:
+        summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+        summary.error = f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        summary.write(folder / "summary.json")
+    return summary
+
+
+def assemble(config: DictConfig, summary: Summary) -> Parts:
+    """Build dataset, body, prior, likelihood and inference, and find the starting pose."""
+    with _timed(summary, "dataset"):
+        dataset: Dataset = build(config.dataset)
+    with _timed(summary, "prior_learning"):
+        prior: Cyclic = build(config.prior)
+    body: Body = build(config.body, dataset_shape=dataset.shape)
+    likelihood = build(config.likelihood, body=body)
+    inference: ParticleFilter = build(config.inference, prior=prior, likelihood=likelihood)
+    with _timed(summary, "start"):
+        start = _start(dataset, body, prior)
+    return Parts(dataset, body, prior, inference, start)
+
+
+def _start(dataset: Dataset, body: Body, prior: Cyclic) -> FloatArray:
+    if dataset.start_pose is not None:
+        return dataset.start_pose
+    if dataset.start_marks is None:
+        raise InputError("dataset: no starting pose: mark joints of the first frame, dataset.start_marks=FILE.csv")
+    camera = next(iter(dataset.frames())).views[0].camera
+    fit = start_from_marks(prior, body.skeleton, camera, dataset.start_marks)
+    log.info(
+        "start fitted to the marks: %.1f px left, phase %.2f, heading %.0f°",
+        fit.error_px / dataset.scale,
+        fit.phase,
+        np.degrees(fit.heading),
+    )
+    return fit.pose
+
+
+def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summary, quiet: bool) -> None:
+    streams = rng_streams(int(config.seed))
+    steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
+    disable = True if quiet else None
+    with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
+        for step in steps:
+            errors = step_errors(step, parts.body.skeleton, parts.dataset.scale)
+            with _timed(summary, "recording"):
+                recorder.log(step, errors)
+            summary.add(step, errors)
+            for sentence in step.warnings:
+                log.warning(sentence)
+            bar.set_postfix_str(_postfix(step, errors))
+            bar.update()
+
+
+def _postfix(step: Step, errors: dict[str, float]) -> str:
+    shown = [f"ESS {step.ess:.0f}"]
+    if "error_abs_mm" in errors:
+        shown.insert(0, f"error {errors['error_abs_mm']:.0f} mm")
+    elif "error_px" in errors:
+        shown.insert(0, f"error {errors['error_px']:.1f} px")
+    return ", ".join(shown)
+
+
+def _recorder(config: DictConfig, experiment: str, parts: Parts, summary: Summary) -> Recorder:
+    recorder: Recorder = build(
+        config.recorder,
+        path=summary.recording,
+        body=parts.body,
+        space=parts.prior.space,
+        run_id=f"{experiment}-{summary.started}-{config.seed}",
+        config_yaml=OmegaConf.to_yaml(config, resolve=True),
+        provenance={"experiment": experiment, "seed": int(config.seed), **versions()},
+        coefficient_scale=np.ones(len(parts.prior.model.scales)),
+    )
+    return recorder
+
+
+def rng_streams(seed: int) -> dict[str, np.random.Generator]:
+    """The run's named random streams; raises InputError for a negative seed."""
+    if seed < 0:
+        raise InputError(f"seed must be zero or a positive whole number, found {seed}")
+    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
+    return {name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)}
+
+
+def _set_threads(threads: int) -> None:
+    most = numba.config.NUMBA_NUM_THREADS
+    if not 1 <= threads <= most:
+        raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
+    numba.set_num_threads(threads)
+
+
+@contextmanager
+def _timed(summary: Summary, stage: str) -> Iterator[None]:
+    began = perf_counter()
+    try:
+        yield
+    finally:
+        summary.timing[stage] = summary.timing.get(stage, 0.0) + perf_counter() - began

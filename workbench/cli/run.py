@@ -1,0 +1,79 @@
+"""The main command: compose a configuration, run it, say what came out."""
+
+import logging
+import os
+import sys
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from workbench.cli.execute import execute
+from workbench.cli.schema import register_schemas
+from workbench.cli.summary import Summary
+from workbench.errors import InputError
+from workbench.inference.particle_filter import DegenerateWeights
+
+log = logging.getLogger(__name__)
+
+
+def main() -> int:
+    """`workbench [overrides]`: exit code 0 when all runs are complete, 2 for bad input, 1 for any other failure."""
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
+    register_schemas()
+    OmegaConf.register_new_resolver("unless_builtin", _unless_builtin, replace=True)
+    try:
+        _job()
+    except (InputError, HydraException, OmegaConfBaseException) as error:
+        print(f"workbench: {_sentence(error)}", file=sys.stderr)
+        return 2
+    except DegenerateWeights as error:
+        print(f"workbench: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
+        return 130
+    return 0
+
+
+@hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
+def _job(config: DictConfig) -> float | None:
+    """One job; returns the error a sweep minimises: error_abs_mm, or error_px where there is no truth in 3-D."""
+    settings = HydraConfig.get()
+    experiment = str(settings.runtime.choices.get("experiment") or "custom")
+    folder = Path(settings.runtime.output_dir)
+    summary = execute(config, experiment, folder, quiet=settings.mode == RunMode.MULTIRUN)
+    _report(summary)
+    metrics = summary.metrics
+    return metrics.get("error_abs_mm", metrics.get("error_px"))
+
+
+def _report(summary: Summary) -> None:
+    for name, value in summary.metrics.items():
+        log.info("%-18s %10.2f", name, value)
+    log.info("look at it: rerun %s", os.path.relpath(summary.recording))
+
+
+def _sentence(error: BaseException) -> str:
+    """The error and, for Hydra's wrappers, its cause, in one line without Hydra's hints on debugging."""
+    parts: list[str] = []
+    cause: BaseException | None = error
+    while cause is not None:
+        text = " ".join(str(cause).split())
+        if text and not any(text in part for part in parts):
+            parts.append(text)
+        cause = cause.__cause__
+    return ": ".join(parts)
+
+
+def _unless_builtin(motion: str, value: object, otherwise: object) -> object:
+    """`value` where the motion is a recorded clip, `otherwise` for the built-in walker."""
+    return otherwise if motion == "builtin" else value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""The schema of every configuration group, read off the signatures of what the groups build.
+
+A constructor's keyword-only or defaulted parameters are the group's keys, with their types and defaults, so that
+neither is written twice and a typo or a wrong type in an override is an error that names the key.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, make_dataclass
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING
+
+from workbench.body import person
+from workbench.datasets.synthetic import Synthetic
+from workbench.datasets.video import Video
+from workbench.inference.particle_filter import ParticleFilter
+from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.uniform import Uniform
+from workbench.mocap.person import of_file
+from workbench.priors.walking import walking
+from workbench.recording.recorder import Recorder
+
+COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
+    "body": {"dataset": person.of_dataset, "height": person.of_height, "file": of_file},
+    "dataset": {"synthetic": Synthetic, "video": Video},
+    "prior": {"walking": walking},
+    "likelihood": {"image_motion": ImageMotion, "uniform": Uniform},
+    "inference": {"particle_filter": ParticleFilter},
+    "recorder": {"rerun": Recorder},
+}
+LIVE = {
+    "dataset_shape", "body", "prior", "likelihood",
+    "path", "space", "run_id", "config_yaml", "provenance", "coefficient_scale",
+}  # fmt: skip
+"""Parameters that the run fills with live objects; they are no keys of a configuration."""
+
+
+@dataclass
+class PathsSchema:
+    """data: folder with recorded motion and video. cache: folder for what can be made again."""
+
+    data: str | None = None
+    cache: str = MISSING
+
+
+@dataclass
+class RunSchema:
+    """The top level of a configuration."""
+
+    body: Any = MISSING
+    dataset: Any = MISSING
+    prior: Any = MISSING
+    likelihood: Any = MISSING
+    inference: Any = MISSING
+    recorder: Any = MISSING
+    seed: int = 0
+    threads: int | None = None
+    paths: PathsSchema = field(default_factory=PathsSchema)
+
+
+def register_schemas() -> None:
+    """Store a schema `<group>/schema_<name>` for every component, and `schema_run` for the top level."""
+    store = ConfigStore.instance()
+    store.store(name="schema_run", node=RunSchema)
+    for group, components in COMPONENTS.items():
+        for name, target in components.items():
+            store.store(group=group, name=f"schema_{name}", node=schema_of(target))
+
+
+def schema_of(target: Callable[..., object]) -> type:
+    """A dataclass with `_target_` and one typed field per configurable parameter of `target`."""
+    called = target.__init__ if inspect.isclass(target) else target
+    types = get_type_hints(called)
+    columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{target.__module__}.{target.__qualname__}")]
+    for name, parameter in inspect.signature(target).parameters.items():
+        if name not in LIVE:
+            columns.append((name, _schema_type(types[name]), _default(parameter.default)))
+    return make_dataclass(f"{target.__qualname__.title().replace('_', '')}Schema", columns)
+
+
+def _default(value: object) -> Any:
+    if value is inspect.Parameter.empty:
+        return MISSING
+    if isinstance(value, tuple | list):
+        return field(default_factory=lambda: list(value))
+    return value
+
+
+def _schema_type(hint: Any) -> Any:
+    """What OmegaConf calls the type: sequences are lists, mappings are dicts."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return _schema_type(next(part for part in inner if part is not NoneType)) | None
+    if origin in (tuple, list, Sequence):
+        return list[inner[0]]  # type: ignore[valid-type]
+    if origin is Mapping:
+        return dict[inner[0], inner[1]]  # type: ignore[valid-type]
+    return hint

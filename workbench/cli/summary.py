@@ -1,0 +1,77 @@
+"""A run's scalar results, as `summary.json` keeps them."""
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from workbench.inference.step import Step
+
+PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+
+
+@dataclass
+class Summary:
+    """What a run comes to, gathered step by step.
+
+    Means are over the frames after the first, which is the given start and was not tracked, and where there was
+    truth; log_evidence is that of all frames.
+    """
+
+    experiment: str
+    seed: int
+    recording: Path
+    started: str = field(default_factory=_now)
+    status: str = "running"
+    error: str | None = None
+    timing: dict[str, float] = field(default_factory=dict)
+    frames: int = 0
+    log_evidence: float = 0.0
+    per_frame: dict[str, list[float]] = field(default_factory=dict)
+
+    def add(self, step: Step, errors: Mapping[str, float]) -> None:
+        """Take in one step and its errors."""
+        for stage, seconds in step.timing_s.items():
+            self.timing[stage] = self.timing.get(stage, 0.0) + seconds
+        self.frames += 1
+        self.log_evidence = step.log_evidence
+        if self.frames > 1:
+            for name, value in {**errors, "ess": step.ess}.items():
+                self.per_frame.setdefault(name, []).append(value)
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The run's numbers: mean errors, mean effective sample size, log evidence, coverage, frames."""
+        means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
+        if "ess" in means:
+            means["ess_mean"] = means.pop("ess")
+        return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
+
+    def write(self, path: Path) -> None:
+        """Write summary.json; numbers that are not finite become null, as JSON has none."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = {
+            "status": self.status,
+            "experiment": self.experiment,
+            "seed": self.seed,
+            "metrics": {name: value if np.isfinite(value) else None for name, value in self.metrics.items()},
+            "timing": {name: round(value, 4) for name, value in self.timing.items()},
+            "versions": versions(),
+            "started": self.started,
+            "error": self.error,
+        }
+        path.write_text(json.dumps(content, indent=2) + "\n")

@@ -1,0 +1,93 @@
+"""Walking cycles cut out of motions at gait events and brought to one length."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, find_peaks, sosfiltfilt
+
+from workbench.arrays import FloatArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.mocap.motion import Motion
+
+CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
+"""What one cycle holds (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
+
+GAIT_CUTOFF_HZ = 3.0
+SHORTEST_S, LONGEST_S = 0.6, 2.0
+LEAST_SWING_RAD = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Cycles:
+    """m cycles of C channels at T phases 0, 1/T, … (one cycle is 1).
+
+    curves: (m, T, C), channels named CHANNEL_NAMES. durations_s: (m,). sources: the motion each one was cut from.
+    """
+
+    curves: FloatArray
+    durations_s: FloatArray
+    sources: tuple[str, ...]
+
+
+def walking_cycles(motions: Sequence[Motion], n_phases: int = 64) -> Cycles:
+    """Every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
+
+    Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
+    gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
+    say). Motions without a whole cycle add nothing. The result may be empty.
+    """
+    curves: list[FloatArray] = []
+    durations: list[float] = []
+    sources: list[str] = []
+    for motion in motions:
+        events = gait_events(motion)
+        if len(events) < 2:
+            continue
+        channels = CubicSpline(np.arange(len(motion)), motion_channels(motion))
+        for first, last in pairwise(events):
+            duration = (last - first) / motion.rate_hz
+            if SHORTEST_S <= duration <= LONGEST_S:
+                curves.append(_one_cycle(channels, first, last, n_phases))
+                durations.append(duration)
+                sources.append(motion.name)
+    shape = (len(curves), n_phases, len(CHANNEL_NAMES))
+    return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
+
+
+def gait_events(motion: Motion) -> FloatArray:
+    """Where the left thigh is furthest ahead, in frames: peaks of the low-passed difference of the hip flexions.
+
+    A parabola through each peak places it between the frames.
+    """
+    left, right = (POSE_NAMES.index(f"{side}_hip_flexion") for side in ("left", "right"))
+    swing = motion.poses[:, left] - motion.poses[:, right]
+    low_pass = butter(2, GAIT_CUTOFF_HZ, fs=motion.rate_hz, output="sos")
+    if len(swing) < SHORTEST_S * motion.rate_hz:
+        return np.empty(0)
+    smooth = sosfiltfilt(low_pass, swing, padtype="even")
+    peaks, _ = find_peaks(smooth, distance=max(1.0, SHORTEST_S * motion.rate_hz), prominence=LEAST_SWING_RAD)
+    before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
+    events: FloatArray = peaks + 0.5 * (before - after) / (before - 2.0 * at + after)
+    return events
+
+
+def motion_channels(motion: Motion) -> FloatArray:
+    """The channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
+
+    The paper takes the speed's absolute value; the component along the heading is the same for a walk and does not
+    count sway as progress.
+    """
+    ground = motion.velocities[:, :2]
+    heading = motion.poses[:, POSE_NAMES.index("root_heading")]
+    speed = ground[:, 0] * np.cos(heading) + ground[:, 1] * np.sin(heading)
+    return np.column_stack([speed, motion.poses[:, N_ROOT:]])
+
+
+def _one_cycle(channels: CubicSpline, first: float, last: float, n_phases: int) -> FloatArray:
+    phases = np.arange(n_phases) / n_phases
+    gap = channels(last) - channels(first)
+    curve: FloatArray = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
+    return curve

@@ -1,0 +1,199 @@
+"""A prior over cyclic motion: coefficients of a learned model, its phase and the phase's speed, and the root.
+
+Papers A (section 6.2, eq. 14–17) and B (section 3): `θ(t) = μ(ψ_t) + Σ_k c_{t,k} v_k(ψ_t)`.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+from scipy.signal import resample
+
+from workbench.arrays import FloatArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.errors import InputError
+from workbench.learning.walking import WalkingModel
+from workbench.priors.state import StateSpace
+
+HEADING = POSE_NAMES.index("root_heading")
+REFERENCE_RATE_HZ = 30.0
+TABLE_PHASES = 256
+
+
+class Cyclic:
+    """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
+
+    Noise is given per frame at 30 Hz and grows with the square root of the time between frames:
+
+    sigma_coefficients: fraction of λ_k (A eq. 14). sigma_phase: cycles (A eq. 15). sigma_phase_speed: cycles/s (B).
+    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
+    start_*: standard deviations of the first states around the starting pose, in the same units;
+    start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
+
+    Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
+    Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
+    leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
+    torso's own axis (A eq. 16), so that a torso that leans does not sink.
+    """
+
+    def __init__(
+        self,
+        model: WalkingModel,
+        *,
+        sigma_coefficients: float = 0.05,
+        sigma_phase: float = 0.009,
+        sigma_phase_speed: float = 0.01,
+        sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
+        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
+        start_coefficients: float = 0.3,
+        start_phase: float = 0.015,
+        start_position: float = 0.01,
+        start_rotation: float = 0.02,
+    ) -> None:
+        for name, given in (("sigma_position", sigma_position), ("sigma_rotation", sigma_rotation)):
+            if len(given) != 3:
+                raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")
+        self.model = model
+        self.sigma_coefficients = sigma_coefficients
+        self.sigma_phase = sigma_phase
+        self.sigma_phase_speed = sigma_phase_speed
+        self.sigma_position = np.asarray(sigma_position, dtype=np.float64)
+        self.sigma_rotation = np.asarray(sigma_rotation, dtype=np.float64)
+        self.start_coefficients = start_coefficients
+        self.start_phase = start_phase
+        self.start_position = start_position
+        self.start_rotation = start_rotation
+        self.space = StateSpace.of(
+            {
+                "coefficients": (tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ"),
+                "phase": (("phase",), "cycle"),
+                "phase_speed": (("phase_speed",), "cycle/s"),
+                "root_position": (POSE_NAMES[:3], "m"),
+                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+            }
+        )
+        curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
+        self._table = np.ascontiguousarray(resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
+        self._slope = TABLE_PHASES / 2.0 * (np.roll(self._table, -1, axis=0) - np.roll(self._table, 1, axis=0))
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) around the state whose pose comes nearest to a starting pose (P,)."""
+        state = np.repeat(self.nearest(pose)[None], n, axis=0)
+        noise = rng.standard_normal((n, len(self.space)))
+        slices = self.space.slices
+        state[:, slices["coefficients"]] += self.start_coefficients * noise[:, slices["coefficients"]]
+        state[:, slices["phase"]] += self.start_phase * noise[:, slices["phase"]]
+        mean, deviation = self.model.cycle_rate_hz
+        state[:, slices["phase_speed"]] = mean + deviation * noise[:, slices["phase_speed"]]
+        state[:, slices["root_position"]] += self.start_position * noise[:, slices["root_position"]]
+        still = np.where(self.sigma_rotation > 0.0, self.start_rotation, 0.0)
+        state[:, slices["root_rotation"]] += still * noise[:, slices["root_rotation"]]
+        state[:, slices["phase"]] %= 1.0
+        return state
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
+        slices = self.space.slices
+        noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * rng.standard_normal(state.shape)
+        speed = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
+        heading = state[:, slices["root_rotation"]][:, 0]
+        moved: FloatArray = state + self._deviations() * noise
+        kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self.sigma_coefficients**2))
+        moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
+        moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0
+        moved[:, slices["root_position"]][:, 0] += dt_s * speed * np.cos(heading)
+        moved[:, slices["root_position"]][:, 1] += dt_s * speed * np.sin(heading)
+        return moved
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) of states (N, D)."""
+        slices = self.space.slices
+        channels = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
+        return np.concatenate(
+            [state[:, slices["root_position"]], state[:, slices["root_rotation"]], channels[:, 1:]], 1
+        )
+
+    def pose_jacobian(self, state: FloatArray) -> FloatArray:
+        """Derivative of the poses with respect to the states, (N, P, D)."""
+        slices = self.space.slices
+        coefficients, phase = state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0]
+        jacobian = np.zeros((len(state), N_ROOT + self._table.shape[2] - 1, len(self.space)))
+        curves = interpolate_reference(self._table, phase)
+        jacobian[:, N_ROOT:, slices["coefficients"]] = curves[:, 1:, 1:].transpose(0, 2, 1)
+        jacobian[:, N_ROOT:, slices["phase"].start] = decode(self._slope, coefficients, phase)[:, 1:]
+        jacobian[:, range(N_ROOT), range(slices["root_position"].start, slices["root_rotation"].stop)] = 1.0
+        return jacobian
+
+    def nearest(self, pose: FloatArray) -> FloatArray:
+        """The state (D,) with the learned phase speed whose joint angles come nearest to those of a pose (P,).
+
+        For every phase of the table the best coefficients are those of a ridge regression with the learned N(0, 1)
+        prior and an angle's standard deviation of 0.1 rad; the phase with the smallest cost wins.
+        """
+        angles = self._table[:, :, 1:]
+        missing = (pose[N_ROOT:] - angles[:, 0]) / 0.1
+        basis = angles[:, 1:] / 0.1
+        normal = basis @ basis.transpose(0, 2, 1) + np.eye(basis.shape[1])
+        coefficients = np.linalg.solve(normal, (basis @ missing[:, :, None]))[:, :, 0]
+        left = missing - np.einsum("tk,tkc->tc", coefficients, basis)
+        best = int(np.argmin((left**2).sum(axis=1) + (coefficients**2).sum(axis=1)))
+        state = np.empty(len(self.space))
+        state[self.space.slices["coefficients"]] = coefficients[best]
+        state[self.space.slices["phase"]] = best / TABLE_PHASES
+        state[self.space.slices["phase_speed"]] = self.model.cycle_rate_hz[0]
+        state[self.space.slices["root_position"]] = pose[:3]
+        state[self.space.slices["root_rotation"]] = pose[3:N_ROOT]
+        return state
+
+    def _deviations(self) -> FloatArray:
+        return np.concatenate(
+            [
+                np.full(len(self.model.scales), self.sigma_coefficients),
+                [self.sigma_phase, self.sigma_phase_speed],
+                self.sigma_position,
+                self.sigma_rotation,
+            ]
+        )
+
+
+def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
+    """Channels (N, C) at phases (N,) for coefficients (N, d) in units of λ: μ(ψ) + Σ_k c_k v_k(ψ) (B, section 3).
+
+    table: (M, 1 + d, C) the mean and the scaled components at M equidistant phases, interpolated linearly. Written as
+    a kernel rather than as matrix products so that the result does not depend on the number of BLAS threads.
+    """
+    channels = np.empty((len(phase), table.shape[2]))
+    _decode(table, np.ascontiguousarray(coefficients), np.ascontiguousarray(phase), channels)
+    return channels
+
+
+def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
+    """The same as `decode` in plain NumPy."""
+    curves = interpolate_reference(table, phase)
+    channels: FloatArray = curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
+    return channels
+
+
+def interpolate_reference(table: FloatArray, phase: FloatArray) -> FloatArray:
+    """The rows (N, 1 + d, C) of a periodic table (M, 1 + d, C) at phases (N,), in cycles."""
+    place = (phase % 1.0) * len(table)
+    first = np.floor(place).astype(np.int64)
+    part = (place - first)[:, None, None]
+    rows: FloatArray = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
+    return rows
+
+
+@numba.njit(cache=True, nogil=True)
+def _decode(table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
+    n_phases, n_curves, n_channels = table.shape
+    for n in range(channels.shape[0]):
+        place = (phase[n] % 1.0) * n_phases
+        floor = int(np.floor(place))
+        part = place - floor
+        low, high = table[floor % n_phases], table[(floor + 1) % n_phases]
+        for c in range(n_channels):
+            channels[n, c] = (1.0 - part) * low[0, c] + part * high[0, c]
+        for k in range(1, n_curves):
+            a, b = (1.0 - part) * coefficients[n, k - 1], part * coefficients[n, k - 1]
+            for c in range(n_channels):
+                channels[n, c] += a * low[k, c] + b * high[k, c]
