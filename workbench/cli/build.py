@@ -1,9 +1,10 @@
 """From a configuration to live objects, for targets of the workbench only."""
 
 from importlib import import_module
+from inspect import signature
 from typing import Any
 
-from hydra.utils import instantiate
+from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from workbench.errors import InputError
@@ -24,6 +25,9 @@ def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
 def build(node: DictConfig, **live: object) -> Any:
     """Call the node's target with its keys and the live objects; what the target raises comes through unchanged."""
     check_targets(node)
+    known = signature(get_object(node["_target_"])).parameters
+    if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
+        raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
     return instantiate(node, _partial_=True, _convert_="all")(**live)
 
 

@@ -52,8 +52,7 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
     try:
         check_targets(config)
-        if config.threads is not None:
-            _set_threads(int(config.threads))
+        _set_threads(config.threads)
         parts = assemble(config, summary)
         with _recorder(config, experiment, parts, summary) as recorder:
             _track(parts, recorder, config, summary, quiet)
@@ -145,11 +144,11 @@ def rng_streams(seed: int) -> dict[str, np.random.Generator]:
     return {name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)}
 
 
-def _set_threads(threads: int) -> None:
-    most = numba.config.NUMBA_NUM_THREADS
-    if not 1 <= threads <= most:
+def _set_threads(threads: int | None) -> None:
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
-    numba.set_num_threads(threads)
+    numba.set_num_threads(most if threads is None else threads)  # a job before this one may have set it
 
 
 @contextmanager

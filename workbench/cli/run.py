@@ -24,8 +24,7 @@ log = logging.getLogger(__name__)
 def main() -> int:
     """`workbench [overrides]`: exit code 0 when all runs are complete, 2 for bad input, 1 for any other failure."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
-    register_schemas()
-    OmegaConf.register_new_resolver("unless_builtin", _unless_builtin, replace=True)
+    prepare_hydra()
     try:
         _job()
     except (InputError, HydraException, OmegaConfBaseException) as error:
@@ -38,6 +37,12 @@ def main() -> int:
         print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
         return 130
     return 0
+
+
+def prepare_hydra() -> None:
+    """Register what `conf/` refers to: the groups' schemas and the resolver of its experiments."""
+    register_schemas()
+    OmegaConf.register_new_resolver("unless_builtin", _unless_builtin, replace=True)
 
 
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")

@@ -5,10 +5,10 @@ neither is written twice and a typo or a wrong type in an override is an error t
 """
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, make_dataclass
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
@@ -31,10 +31,12 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     "inference": {"particle_filter": ParticleFilter},
     "recorder": {"rerun": Recorder},
 }
-LIVE = {
-    "dataset_shape", "body", "prior", "likelihood",
-    "path", "space", "run_id", "config_yaml", "provenance", "coefficient_scale",
-}  # fmt: skip
+LIVE: dict[str, set[str]] = {
+    "body": {"dataset_shape"},
+    "likelihood": {"body"},
+    "inference": {"prior", "likelihood"},
+    "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
+}
 """Parameters that the run fills with live objects; they are no keys of a configuration."""
 
 
@@ -67,16 +69,16 @@ def register_schemas() -> None:
     store.store(name="schema_run", node=RunSchema)
     for group, components in COMPONENTS.items():
         for name, target in components.items():
-            store.store(group=group, name=f"schema_{name}", node=schema_of(target))
+            store.store(group=group, name=f"schema_{name}", node=schema_of(target, LIVE.get(group, set())))
 
 
-def schema_of(target: Callable[..., object]) -> type:
-    """A dataclass with `_target_` and one typed field per configurable parameter of `target`."""
+def schema_of(target: Callable[..., object], live: Set[str] = frozenset()) -> type:
+    """A dataclass with `_target_` and one typed field per parameter of `target` that is not `live`."""
     called = target.__init__ if inspect.isclass(target) else target
     types = get_type_hints(called)
     columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{target.__module__}.{target.__qualname__}")]
     for name, parameter in inspect.signature(target).parameters.items():
-        if name not in LIVE:
+        if name not in live:
             columns.append((name, _schema_type(types[name]), _default(parameter.default)))
     return make_dataclass(f"{target.__qualname__.title().replace('_', '')}Schema", columns)
 
@@ -96,6 +98,8 @@ def _schema_type(hint: Any) -> Any:
         return _schema_type(next(part for part in inner if part is not NoneType)) | None
     if origin in (tuple, list, Sequence):
         return list[inner[0]]  # type: ignore[valid-type]
+    if origin is Literal:
+        return str  # the component itself names the choices it knows
     if origin is Mapping:
         return dict[inner[0], inner[1]]  # type: ignore[valid-type]
     return hint

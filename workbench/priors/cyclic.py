@@ -44,7 +44,7 @@ class Cyclic:
         sigma_phase: float = 0.009,
         sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
-        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
+        sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
         start_coefficients: float = 0.3,
         start_phase: float = 0.015,
         start_position: float = 0.01,

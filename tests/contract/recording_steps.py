@@ -1,0 +1,113 @@
+"""Steps made up for the recorder: a person walks past a camera, particles are noise around the truth."""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from workbench.arrays import ByteArray, FloatArray
+from workbench.body.camera import Camera, plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import Body, person
+from workbench.body.shape import from_height
+from workbench.datasets.frame import Frame, Truth, View
+from workbench.inference.step import Step
+from workbench.priors.state import StateSpace
+
+BODY = person(from_height(1.75))
+SPACE = StateSpace.of(
+    {
+        "coefficients": (("c1", "c2", "c3", "c4", "c5"), "1"),
+        "phase": (("phase",), "cycle"),
+        "phase_speed": (("phase_speed",), "cycle/s"),
+        "root": (("root_x", "root_y", "root_z", "root_heading", "root_pitch", "root_roll"), "m, rad"),
+    }
+)
+SCALE = np.array([1.0, 0.7, 0.5, 0.35, 0.25])
+CAMERA = plain_camera(640, 480, 700.0, (1.2, -5.0, 1.2), (1.2, 0.0, 0.95))
+_RATE_HZ = 30.0
+
+
+def walk(body: Body, time_s: float) -> FloatArray:
+    """The pose (25,) of someone who walks along x at 1.4 m/s, with sinusoidal swings of hips, knees and arms."""
+    pose = np.zeros(25)
+    swing = np.sin(2.0 * np.pi * time_s)
+    bend = 0.15 + 0.45 * np.array([max(0.0, np.sin(2.0 * np.pi * time_s + phase)) for phase in (1.3, 1.3 + np.pi)])
+    angles = {
+        "root_x": 1.4 * time_s, "root_z": 0.88 + 0.015 * np.cos(4.0 * np.pi * time_s),
+        "left_hip_flexion": 0.1 + 0.4 * swing, "right_hip_flexion": 0.1 - 0.4 * swing,
+        "left_knee_flexion": bend[0], "right_knee_flexion": bend[1],
+        "left_shoulder_flexion": -0.4 * swing, "right_shoulder_flexion": 0.4 * swing,
+        "left_shoulder_abduction": 0.08, "right_shoulder_abduction": 0.08,
+        "left_elbow_flexion": 0.35 - 0.15 * swing, "right_elbow_flexion": 0.35 + 0.15 * swing,
+    }  # fmt: skip
+    for name, value in angles.items():
+        pose[body.skeleton.dof(name)] = value
+    return pose
+
+
+def picture(body: Body, camera: Camera, pose: FloatArray, rng: np.random.Generator, colour: bool = False) -> ByteArray:
+    """A grey (or RGB) noise image with the skeleton drawn thick."""
+    image = np.clip(rng.normal(95.0, 6.0, (camera.height, camera.width)), 0, 255).astype(np.uint8)
+    image = cv2.GaussianBlur(image, (0, 0), 1.4)
+    pixels = camera.project(joints(body.skeleton, pose[None])[0])
+    for a, b in body.skeleton.bones:
+        start, end = (tuple(int(x) for x in np.rint(pixels[j])) for j in (a, b))
+        cv2.line(image, start, end, 165, 18, cv2.LINE_AA)
+    cv2.circle(image, tuple(int(x) for x in np.rint(pixels[body.skeleton.joint("head_centre")])), 14, 165, -1)
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if colour else image
+
+
+def steps(
+    n_frames: int, n_particles: int = 300, camera: Camera = CAMERA, seed: int = 0, colour: bool = False
+) -> Iterator[Step]:
+    """A run of `n_frames` steps, numbered from 10 on."""
+    rng = np.random.default_rng(seed)
+    coefficients = rng.normal(0.0, 0.4, 5) * SCALE
+    for i in range(n_frames):
+        truth = walk(BODY, i / _RATE_HZ)
+        marks = camera.project(joints(BODY.skeleton, truth[None])[0])
+        known = Truth(pose=truth, joints=joints(BODY.skeleton, truth[None])[0], marks=marks)
+        image = picture(BODY, camera, truth, rng, colour)
+        frame = Frame(10 + i, i / _RATE_HZ, (View(camera, image),), known)
+        coefficients = 0.95 * coefficients + rng.normal(0.0, 0.08, 5) * SCALE
+        yield _step(frame, truth, coefficients, n_particles, rng)
+
+
+def _step(frame: Frame, truth: FloatArray, coefficients: FloatArray, n: int, rng: np.random.Generator) -> Step:
+    spread = np.full(25, 0.09)
+    spread[:6] = (0.03, 0.09, 0.02, 0.05, 0.02, 0.02)
+    offset = 0.35 * rng.standard_normal(25) * spread
+    noise = rng.standard_normal((n, 25))
+    poses = truth + offset + noise * spread
+    phase = (frame.time_s + 0.03 * rng.standard_normal((n, 1))) % 1.0
+    speed = 1.0 + 0.05 * rng.standard_normal((n, 1))
+    styles = coefficients + 0.3 * SCALE * rng.standard_normal((n, 5))
+    log_weights = -0.12 * (noise**2).sum(axis=1)
+    log_weights -= np.log(np.exp(log_weights - log_weights.max()).sum()) + log_weights.max()
+    weights = np.exp(log_weights)
+    return Step(
+        frame=frame,
+        space=SPACE,
+        particles=np.hstack([styles, phase, speed, poses[:, :6]]),
+        poses=poses,
+        log_weights=log_weights,
+        ancestors=np.arange(n),
+        expected_pose=weights @ poses,
+        map_pose=poses[np.argmax(weights)],
+        ess=float(1.0 / (weights**2).sum()),
+        log_evidence=-3.0 * (frame.index - 9.0),
+        diagnostics={"visible_limbs": 10.0},
+        warnings=("limb left_hand left the image",) if frame.index == 12 else (),
+    )
+
+
+def errors(step: Step) -> dict[str, float]:
+    """Mean joint error in mm, absolute and without the root."""
+    assert step.frame.truth is not None
+    assert step.frame.truth.joints is not None
+    found = joints(BODY.skeleton, step.expected_pose[None])[0]
+    true = step.frame.truth.joints
+    absolute = np.linalg.norm(found - true, axis=1).mean()
+    relative = np.linalg.norm((found - found[0]) - (true - true[0]), axis=1).mean()
+    return {"error_mm": 1e3 * float(absolute), "error_relative_mm": 1e3 * float(relative)}

@@ -1,0 +1,76 @@
+"""Every configuration composes, is typed, and builds from workbench targets only."""
+
+from importlib.resources import files
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+
+from workbench.cli.build import build, check_targets
+from workbench.cli.run import prepare_hydra
+from workbench.cli.schema import COMPONENTS, schema_of
+from workbench.errors import InputError
+
+CONF = files("workbench.conf")
+GROUPS = sorted(folder.name for folder in CONF.iterdir() if folder.is_dir() and not folder.name.startswith("_"))
+CHOICES = [
+    (group, path.name.removesuffix(".yaml"))
+    for group in GROUPS
+    for path in sorted(CONF.joinpath(group).iterdir(), key=lambda path: path.name)
+    if path.name.endswith(".yaml")
+]
+
+
+@pytest.fixture(autouse=True)
+def hydra_is_ready():
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        yield
+
+
+@pytest.mark.parametrize(("group", "choice"), CHOICES)
+def test_every_choice_composes_and_names_its_component(group, choice):
+    config = compose("config", overrides=[f"{group}={choice}", "paths.data=somewhere"])
+    if group != "experiment":
+        assert config[group]["_target_"] == schema_of(COMPONENTS[group][choice])._target_
+    for node in COMPONENTS:
+        assert str(config[node]["_target_"]).startswith("workbench.")
+
+
+@pytest.mark.parametrize("group", sorted(COMPONENTS))
+def test_every_component_has_its_yaml(group):
+    assert {choice for g, choice in CHOICES if g == group} == set(COMPONENTS[group])
+
+
+@pytest.mark.parametrize("group", sorted(COMPONENTS))
+def test_a_typo_in_any_group_names_the_key(group):
+    with pytest.raises(HydraException, match="no_such_key"):
+        compose("config", overrides=[f"{group}.no_such_key=1"])
+    forced = compose("config", overrides=[f"+{group}.no_such_key=1"])  # this skips the schema
+    with pytest.raises(InputError, match="no_such_key"):
+        build(forced[group])
+
+
+def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():
+    assert compose("config").prior.sigma_rotation == [0.0, 0.0, 0.0]
+    assert min(compose("config", overrides=["dataset.motion=35_02"]).prior.sigma_rotation) > 0.0
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "os.system",
+        "workbench",
+        "workbench.",
+        "workbench.cli.run.os",
+        "workbench.cli.run.hydra",
+        "workbenchx.y",
+        3,
+        None,
+    ],
+)
+def test_only_targets_of_the_workbench_pass(target):
+    with pytest.raises(InputError, match=r"a\.b\[0\]\._target_"):
+        check_targets(OmegaConf.create({"a": {"b": [{"_target_": target}]}}))
+    check_targets(OmegaConf.create({"a": {"_target_": "workbench.priors.walking.walking"}}))

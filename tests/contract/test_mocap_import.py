@@ -1,0 +1,181 @@
+"""Importing: which files are found, what is known about them, and what happens to the bad ones."""
+
+import hashlib
+import re
+
+import numpy as np
+import pytest
+
+from workbench.cli.import_motions import main
+from workbench.errors import InputError
+from workbench.mocap.library import read_library
+from workbench.mocap.sources import cmu_clips, find_sources, import_sources, load_motion
+
+# lengths (in 1/0.45 inch) of an invented person on the bones the CMU database has
+BONES = {
+    "lowerback": ("root", (0, 1, 0), 6), "lowerneck": ("lowerback", (0, 1, 0), 2),
+    "upperneck": ("lowerneck", (0, 1, 0), 1.7), "head": ("upperneck", (0, 1, 0), 1.8),
+}  # fmt: skip
+for _side, _x in (("l", 1), ("r", -1)):
+    _leg = (0.34202 * _x, -0.939693, 0)
+    for _name, _parent, _direction, _length in (
+        ("hipjoint", "root", (0.7 * _x, -0.714143, 0), 2.5), ("femur", "{}hipjoint", _leg, 7.3),
+        ("tibia", "{}femur", _leg, 7.5), ("foot", "{}tibia", (0, 0, 1), 2),
+        ("clavicle", "lowerback", (0.9 * _x, 0.435890, 0), 3.5), ("humerus", "{}clavicle", (_x, 0, 0), 5),
+        ("radius", "{}humerus", (_x, 0, 0), 3), ("wrist", "{}radius", (_x, 0, 0), 1.5),
+        ("hand", "{}wrist", (_x, 0, 0), 1),
+    ):  # fmt: skip
+        BONES[_side + _name] = (_parent.format(_side), _direction, _length)
+
+
+def asf_text():
+    lines = [":units", "length 0.45", "angle deg", ":root", "order TX TY TZ RX RY RZ", "axis XYZ", ":bonedata"]
+    for name, (_, direction, length) in BONES.items():
+        lines += ["begin", f"name {name}", "direction {} {} {}".format(*direction), f"length {length}"]
+        knee = name.endswith("tibia")
+        lines += [f"axis 0 0 {20 * np.sign(direction[0]) if knee else 0} XYZ", *(["dof rx"] if knee else []), "end"]
+    lines += [":hierarchy", "begin", *(f"{parent} {name}" for name, (parent, _, _) in BONES.items()), "end"]
+    return "\n".join(lines)
+
+
+def amc_text(n=9):
+    frames = (f"{f}\nroot 0 18 {0.1 * f} 0 0 0\nltibia {f}\nrtibia {10 - f}\n" for f in range(1, n + 1))
+    return ":DEGREES\n" + "".join(frames)
+
+
+@pytest.fixture
+def cmu(tmp_path):
+    """A folder "cmu" laid out like the database: two subjects, three clips."""
+    folder = tmp_path / "cmu"
+    for subject, clips in (("07", ("07_01", "07_02")), ("35", ("35_01",))):
+        (folder / subject).mkdir(parents=True)
+        (folder / subject / f"{subject}.asf").write_text(asf_text())
+        for clip in clips:
+            (folder / subject / f"{clip}.amc").write_text(amc_text())
+    (folder / "index.csv").write_text(
+        "clip,subject,activity,frames,first_frame_number,rate_hz\n"
+        '07_01,07,walk,9,1,120\n07_02,07,"walk, then run",9,1,60\n35_01,35,walk,9,1,120\n'
+    )
+    return folder
+
+
+def test_sources_are_found_in_folders_once_and_in_order(cmu, tmp_path):
+    (cmu / "35" / "B.BVH").write_text("")
+    found = find_sources([cmu / "35" / "35_01.amc", cmu, str(cmu / "07")])
+    names = [str(path.relative_to(cmu)) for path in found]
+    assert names == ["35/35_01.amc", "07/07_01.amc", "07/07_02.amc", "35/B.BVH"]
+    (tmp_path / "empty").mkdir()
+    for bad in (cmu / "none.bvh", cmu / "index.csv", tmp_path / "empty"):
+        with pytest.raises(InputError, match=re.escape(f"{bad}: expected motion files")):
+            find_sources([cmu, bad])
+
+
+def test_a_motion_knows_where_it_comes_from(cmu, tmp_path):
+    path = cmu / "07" / "07_02.amc"
+    motion = load_motion(path)
+    assert (motion.name, motion.subject, motion.activity, motion.rate_hz) == ("07_02", "07", "walk, then run", 60.0)
+    assert motion.source == "07/07_02.amc"
+    assert motion.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert "NSF EIA-0196217" in motion.licence
+    assert motion.joint_error_mm.max() < 0.01  # nothing bends that our body cannot bend; directions have six digits
+    assert np.diff(motion.poses[:, 0]) == pytest.approx(0.1 * 0.0254 / 0.45, abs=1e-6)  # the file's z is ahead
+
+    (cmu / "index.csv").unlink()
+    motion = load_motion(path)
+    assert (motion.subject, motion.activity, motion.rate_hz) == ("07", "unknown", 120.0)
+    other = tmp_path / "me.amc"
+    other.write_text(amc_text())
+    (tmp_path / "me.asf").write_text(asf_text())
+    motion = load_motion(other)
+    assert (motion.subject, motion.activity, motion.licence) == ("unknown", "unknown", "unknown")
+
+
+def test_an_index_that_cannot_be_read_is_an_error(cmu):
+    (cmu / "index.csv").write_text("clip,subject\n07_01,07\n")
+    with pytest.raises(InputError, match=r"index\.csv, line 1: expected the columns"):
+        load_motion(cmu / "07" / "07_01.amc")
+    (cmu / "index.csv").write_text("clip,subject,activity,rate_hz\n07_01,07,walk,fast\n")
+    with pytest.raises(InputError, match=r"index\.csv, line 2: expected a row with a rate in Hz, found 'fast'"):
+        cmu_clips(cmu.parent, ["07"])
+
+
+def test_clips_of_subjects(cmu):
+    found = cmu_clips(cmu.parent, ["35", "07"])
+    assert [path.name for path in found] == ["07_01.amc", "35_01.amc"]  # "walk, then run" is not exactly "walk"
+    with pytest.raises(InputError, match="expected clips of subject '99' called 'walk'"):
+        cmu_clips(cmu.parent, ["07", "99"])
+    with pytest.raises(InputError, match=r"subject '35' called 'walk, then run'"):
+        cmu_clips(cmu.parent, ["35"], activity="walk, then run")
+    (cmu / "35" / "35_01.amc").unlink()
+    with pytest.raises(InputError, match=r"35_01\.amc: no such file, though the index lists it"):
+        cmu_clips(cmu.parent, ["35"])
+    with pytest.raises(InputError, match=r"index\.csv: no such file"):
+        cmu_clips(cmu, ["35"])
+
+
+def test_a_bad_clip_costs_only_itself(cmu):
+    (cmu / "07" / "07_01.amc").write_text(amc_text()[:-20])
+    (cmu / "35" / "other.bvh").write_text(UNKNOWN_BVH)
+    motions, reports = import_sources([cmu, cmu / "none.bvh"], rate_hz=30.0)
+    assert [(motion.name, motion.rate_hz, len(motion)) for motion in motions] == [
+        ("07_02", 30.0, 5),
+        ("35_01", 30.0, 3),
+    ]
+    assert len(reports) == 3
+    assert "none.bvh: expected motion files" in reports[0]
+    assert "07_01.amc, line" in reports[1]
+    assert "other.bvh: clip other: expected a known skeleton; for" in reports[2]
+    motions, reports = import_sources([cmu / "35" / "35_01.amc"], rate_hz=1.0)
+    assert motions == []
+    assert "two frames or more at 1 Hz" in reports[0]
+    with pytest.raises(InputError, match="the rate must be"):
+        import_sources([cmu], rate_hz=0.0)
+
+
+UNKNOWN_BVH = """HIERARCHY
+ROOT body
+{
+OFFSET 0 0 0
+CHANNELS 3 Xrotation Yrotation Zrotation
+}
+MOTION
+Frames: 1
+Frame Time: 0.1
+0 0 0
+"""
+
+
+def test_command_line_all_well(cmu, tmp_path, capsys):
+    output = tmp_path / "out.h5"
+    assert main([str(cmu), "-o", str(output), "--rate", "60"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    table = [line.split() for line in printed.out.splitlines()]
+    assert table[0] == ["subject", "clips", "frames", "error", "mm"]
+    assert [row[:3] for row in table[1:]] == [["07", "2", "14"], ["35", "1", "5"], ["all", "3", "19"]]
+    assert [motion.name for motion in read_library(output)] == ["07_01", "07_02", "35_01"]
+
+
+def test_command_line_with_bad_clips_writes_the_good_ones(cmu, tmp_path, capsys):
+    (cmu / "35" / "35_01.amc").write_text("")
+    output = tmp_path / "out.h5"
+    assert main([str(cmu), str(tmp_path / "none"), "-o", str(output)]) == 2
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 2
+    assert "none: expected motion files" in printed.err
+    assert "35_01.amc, line 1: expected frames, found none" in printed.err
+    assert [motion.name for motion in read_library(output)] == ["07_01", "07_02"]
+
+
+def test_command_line_with_nothing_good_writes_nothing(cmu, tmp_path, capsys):
+    output = tmp_path / "out.h5"
+    output.write_text("keep me")
+    assert main([str(tmp_path / "none"), "-o", str(output)]) == 2
+    assert output.read_text() == "keep me"
+    assert "nothing imported" in capsys.readouterr().out
+    assert main([str(cmu), "-o", str(tmp_path / "no" / "out.h5")]) == 2
+    assert main([str(cmu), "-o", str(tmp_path)]) == 2
+    assert main([str(cmu), "-o", str(output), "--rate", "-1"]) == 2
+    assert capsys.readouterr().err.count("\n") == 3
+    with pytest.raises(SystemExit, match="2"):
+        main([str(cmu)])

@@ -1,0 +1,129 @@
+"""Whole runs through the command line, at small size."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench.recording.reader import read
+
+ROOT = Path(__file__).parents[2]
+SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
+SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
+
+
+def workbench(tmp_path, *overrides, cache=None, check=True):
+    """Run the command in an empty folder; returns the finished process."""
+    environment = {**os.environ, "WORKBENCH_CACHE": str(cache or tmp_path / "cache")}
+    environment.pop("WORKBENCH_DATA", None)
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", f"hydra.run.dir={tmp_path / 'out'}", *overrides],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    if check:
+        assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
+def test_every_experiment_runs_and_leaves_a_recording(tmp_path, cache, experiment):
+    done = workbench(tmp_path, f"experiment={experiment}", *SMALL, cache=cache)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "complete"
+    assert (summary["experiment"], summary["seed"]) == (experiment, 0)
+    needed = {"error_abs_mm", "error_rel_mm", "error_px", "ess_mean", "log_evidence", "coverage_90", "frames"}
+    assert needed <= summary["metrics"].keys()
+    assert all(np.isfinite(summary["metrics"][name]) for name in needed)
+    assert summary["metrics"]["frames"] == 4
+    assert "rerun" in done.stdout
+    recorded = read(tmp_path / "out" / "run.rrd")
+    _, poses = recorded.poses
+    assert poses.shape == (4, 25)
+    assert "n_particles: 60" in recorded.config
+    assert not list((tmp_path / "out").glob("*.part"))
+
+
+def recorded_run(folder):
+    recording = read(folder / "out" / "run.rrd")
+    return recording.poses[1], recording.metric("ess")[1], recording.metric("log_evidence")[1]
+
+
+def test_the_same_seed_and_any_number_of_threads_give_the_same_bits(tmp_path, cache):
+    results = []
+    for name, overrides in (("a", ["threads=1"]), ("b", ["threads=1"]), ("c", ["threads=2"]), ("d", ["seed=1"])):
+        folder = tmp_path / name
+        folder.mkdir()
+        if name == "c" and (os.cpu_count() or 1) < 2:
+            pytest.skip("one core only: cannot run with two threads")
+        workbench(folder, *SMALL, *overrides, cache=cache)
+        results.append(recorded_run(folder))
+    for other in results[1:3]:
+        assert all((a == b).all() for a, b in zip(results[0], other, strict=True))
+    assert not (results[0][0] == results[3][0]).all()
+
+
+def test_a_recorded_clip_by_override(tmp_path, cache, data):
+    workbench(tmp_path, f"paths.data={data}", "dataset.motion=35_02", *SMALL, cache=cache)
+    metrics = json.loads((tmp_path / "out" / "summary.json").read_text())["metrics"]
+    assert metrics["error_abs_mm"] < 500  # on the person, not lost
+
+
+@pytest.mark.slow
+def test_the_real_video(tmp_path, cache, data):
+    overrides = ("dataset.last_frame=72", "inference.n_particles=200")
+    workbench(tmp_path, "experiment=walk_video", f"paths.data={data}", *overrides, cache=cache)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "complete"
+    assert summary["metrics"]["frames"] == 9
+    assert summary["metrics"]["error_px"] < 40  # a person of 390 px, a sixth of a second after the marked start
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["inference.n_particle=3"], "n_particle"),
+        (["inference.n_particles=many"], "many"),
+        (["inference.n_particles=0"], "n_particles"),
+        (["+prior.typo=1"], "typo"),
+        (["experiment=walk_nowhere"], "walk_nowhere"),
+        (["seed=-1"], "seed"),
+        (["threads=0"], "threads"),
+        (["dataset.motion=35_02"], "paths.data"),
+        (["dataset.motion=no_such.bvh"], "no_such.bvh"),
+        (["prior.motions=cmu"], "paths.data"),
+        (["prior.motions=everything"], "everything"),
+        (["dataset.n_frames=100000"], "100000"),
+        (["experiment=walk_video", "paths.data=nowhere"], "nowhere"),
+        (["body=height", "body.height_m=180"], "180"),
+        (["body=height", "body.height_m=1.8", "body.lengths={thig: 0.4}"], "thig"),
+        (["likelihood.exponent=total"], "total"),
+    ],
+)
+def test_wrong_input_is_one_clear_sentence(tmp_path, cache, overrides, words):
+    done = workbench(tmp_path, *SMALL[:0], *overrides, cache=cache, check=False)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    assert len(done.stderr.strip().splitlines()) <= 3
+
+
+@pytest.mark.parametrize(
+    "target", ["os.system", "workbench.cli.run.os.system", "workbench.body.camera.cv2.VideoCapture", "builtins.eval"]
+)
+def test_foreign_targets_are_refused_before_anything_is_built(tmp_path, cache, target):
+    done = workbench(tmp_path, f"dataset._target_={target}", cache=cache, check=False)
+    assert done.returncode == 2
+    assert target in done.stderr
+    assert "refused" in done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert not list((tmp_path / "out").glob("*.rrd*"))

@@ -1,0 +1,146 @@
+"""The camera against OpenCV, by geometry, and as it is read from calibration files."""
+
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from workbench.body.camera import Camera, load_cameras, plain_camera
+from workbench.errors import InputError
+
+GOOD = """
+[cam]
+name = "cam_01"
+size = [640.0, 480.0]
+matrix = [[500.0, 0.0, 320.0], [0.0, 510.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [-0.1, 0.02, 0.001, -0.002]
+rotation = [1.2, -0.4, 0.3]
+translation = [0.1, 0.2, 3.0]
+fisheye = false
+
+[metadata]
+adjusted = false
+"""
+
+
+def random_camera(seed):
+    rng = np.random.default_rng(seed)
+    matrix = np.array([[500.0 + seed, 0.0, 310.0], [0.0, 520.0, 250.0], [0.0, 0.0, 1.0]])
+    distortion = np.array([-0.3, 0.1, 0.002, -0.003, 0.02]) * rng.uniform(-1.0, 1.0, 5)
+    rotation = Rotation.random(rng=rng).as_matrix()
+    return Camera("random", 640, 480, matrix, rotation, rng.normal(size=3), distortion)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_projection_is_opencvs(seed):
+    camera, rng = random_camera(seed), np.random.default_rng(100 + seed)
+    seen = np.concatenate([rng.uniform(-0.6, 0.6, (200, 2)), np.ones((200, 1))], axis=1) * rng.uniform(0.5, 9, (200, 1))
+    world = (seen - camera.translation) @ camera.rotation
+    expected, _ = cv2.projectPoints(
+        world, cv2.Rodrigues(camera.rotation)[0], camera.translation, camera.matrix, camera.distortion
+    )
+    np.testing.assert_allclose(camera.project(world), expected[:, 0], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(camera.to_camera(world), seen, atol=1e-12)
+
+
+def test_projection_keeps_leading_axes():
+    camera, points = random_camera(0), np.random.default_rng(0).normal(size=(3, 4, 5, 3))
+    np.testing.assert_array_equal(camera.project(points)[1, 2, 3], camera.project(points[1, 2, 3]))
+
+
+def test_points_at_and_behind_the_camera_are_nowhere():
+    camera = plain_camera(100, 80, 90.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    pixels = camera.project(np.array([[0.0, 0.0, 0.0], [-1.0, 0.1, 0.2], [0.0, 1.0, 1.0], [1.0, 0.0, 0.0]]))
+    np.testing.assert_array_equal(np.isnan(pixels), [[True, True]] * 3 + [[False, False]])
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.25, 2.0])
+def test_scaled_camera_follows_cv2_resize(factor):
+    """A smooth blob drawn where a point projects is found, after cv2.resize, where the scaled camera projects it."""
+    camera = replace(random_camera(3), distortion=np.zeros(5))
+    point = camera.rotation.T @ (np.array([0.21, -0.13, 2.0]) - camera.translation)
+    y, x = np.mgrid[: camera.height, : camera.width]
+    u, v = camera.project(point)
+    blob = np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 12.0**2))
+    scaled = camera.scaled(factor)
+    method = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_LINEAR
+    resized = cv2.resize(blob, (scaled.width, scaled.height), interpolation=method)
+    y, x = np.mgrid[: scaled.height, : scaled.width]
+    found = np.array([(x * resized).sum(), (y * resized).sum()]) / resized.sum()
+    # half a pixel is what a wrong convention costs; averaging a Gaussian of 12 px moves its centre by far less
+    np.testing.assert_allclose(found, scaled.project(point), rtol=0.0, atol=0.01)
+
+
+def test_scaling_there_and_back_is_the_same_camera():
+    camera = random_camera(1)
+    np.testing.assert_allclose(camera.scaled(0.5).scaled(2.0).matrix, camera.matrix, rtol=1e-14)
+    assert (camera.scaled(0.5).width, camera.scaled(0.5).height) == (320, 240)
+
+
+def test_plain_camera_sees_what_it_looks_at_in_the_middle_and_up_as_up():
+    camera = plain_camera(641, 481, 500.0, (3.0, -2.0, 1.5), (0.2, 0.1, 0.9))
+    np.testing.assert_allclose(camera.position, (3.0, -2.0, 1.5), atol=1e-12)
+    np.testing.assert_allclose(camera.project(np.array([0.2, 0.1, 0.9])), (320.0, 240.0), atol=1e-9)
+    above = camera.project(np.array([0.2, 0.1, 1.0]))
+    assert above[1] < 240.0
+    assert above[0] == pytest.approx(320.0)
+    # to the right of somebody who looks from (3, −2) to the origin lies +x + y turned: (2, 3) / √13 up to its sign
+    right_hand = np.cross([0.2 - 3.0, 0.1 + 2.0, 0.9 - 1.5], [0.0, 0.0, 1.0])
+    assert camera.project(np.array([0.2, 0.1, 0.9]) + 0.1 * right_hand)[0] > 320.0
+    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(camera.rotation) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("target", [(3.0, -2.0, 1.5), (3.0, -2.0, 9.0), (3.0, -2.0, 0.0)])
+def test_plain_camera_cannot_look_at_itself_or_straight_up(target):
+    with pytest.raises(InputError, match="cannot look from"):
+        plain_camera(64, 48, 50.0, (3.0, -2.0, 1.5), target)
+
+
+def test_cameras_of_a_file(tmp_path):
+    path = tmp_path / "calib.toml"
+    path.write_text(GOOD)
+    (camera,) = load_cameras(path)
+    assert (camera.name, camera.width, camera.height) == ("cam_01", 640, 480)
+    np.testing.assert_array_equal(camera.distortion, [-0.1, 0.02, 0.001, -0.002, 0.0])
+    np.testing.assert_allclose(camera.rotation, Rotation.from_rotvec([1.2, -0.4, 0.3]).as_matrix(), atol=1e-14)
+    np.testing.assert_array_equal(camera.translation, [0.1, 0.2, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[cam]", "[cam", "expected a camera file in TOML"),
+        ("size = [640.0, 480.0]\n", "", "camera [cam] lacks 'size'"),
+        ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
+        ("size = [640.0, 480.0]", 'size = ["wide", "high"]', "'size' must hold 2 numbers"),
+        ("[0.0, 510.0, 240.0], ", "", "'matrix' must hold 3×3 numbers"),
+        ("[0.0, 510.0, 240.0]", "[0.0, 510.0]", "'matrix' must hold 3×3 numbers"),
+        ("[-0.1, 0.02, 0.001, -0.002]", "[-0.1, 0.02]", "'distortions' must hold 4 or 5 numbers"),
+        ("[1.2, -0.4, 0.3]", "[1.2, nan, 0.3]", "'rotation' must hold 3 numbers"),
+        ("translation = [0.1, 0.2, 3.0]", "translation = [0.1, inf, 3.0]", "'translation' must hold 3 numbers"),
+        ("fisheye = false", "fisheye = true", "camera [cam] is a fisheye"),
+        ("[cam]\n", "cam = 3\n[metadata_of_cam]\n", "expected a table [cam] for a camera, found 3"),
+    ],
+)
+def test_malformed_camera_files_are_refused(tmp_path, old, new, message):
+    assert GOOD.count(old) == 1
+    path = tmp_path / "calib.toml"
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(InputError, match=re.escape(message)) as refusal:
+        load_cameras(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_missing_binary_and_empty_camera_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such camera file"):
+        load_cameras(tmp_path / "nothing.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match="expected a camera file in TOML"):
+        load_cameras(tmp_path / "binary.toml")
+    (tmp_path / "empty.toml").write_text("[metadata]\n")
+    with pytest.raises(InputError, match="found none"):
+        load_cameras(tmp_path / "empty.toml")

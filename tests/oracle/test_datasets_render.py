@@ -1,0 +1,208 @@
+"""The renderer against closed forms, the surfaces' own equations and the reference ray caster."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import forward
+from workbench.body.limbs import Limbs, person
+from workbench.body.shape import from_height
+from workbench.datasets import render
+
+BODY = person(from_height(1.75))
+STANDING = np.zeros(25)
+CAMERA = plain_camera(320, 240, 300.0, (0.3, -4.0, 0.4), (0.1, 0.0, 0.2))
+RAYS = render.camera_rays(CAMERA, samples=1)
+LIMITS = np.clip(BODY.skeleton.limits, -0.8, 1.5)
+
+
+def ball(centre, radius):
+    """A body of one sphere, fixed to the pelvis."""
+    point = np.array([centre], dtype=float)
+    limbs = Limbs(("ball",), np.array([0]), point, point, np.full((1, 2, 2), radius), np.array([True]))
+    return replace(BODY, limbs=limbs)
+
+
+def whole(hits, camera, samples=1):
+    """Depth and limb over the whole picture."""
+    depth = np.full((camera.height * samples, camera.width * samples), np.inf)
+    limb = np.full(depth.shape, -1)
+    window = np.s_[hits.top : hits.top + hits.depth.shape[0], hits.left : hits.left + hits.depth.shape[1]]
+    depth[window], limb[window] = hits.depth, hits.limb
+    return depth, limb
+
+
+@st.composite
+def poses(draw):
+    unit = st.floats(0.0, 1.0, allow_nan=False)
+    pose = LIMITS[:, 0] + np.array(draw(st.lists(unit, min_size=25, max_size=25))) * np.ptp(LIMITS, axis=1)
+    pose[3] *= 4.0  # any heading
+    return pose
+
+
+@pytest.mark.parametrize("off_axis", [0.0, 0.8])
+def test_a_sphere_covers_the_area_of_its_ellipse_and_has_its_nearest_depth(off_axis):
+    camera = plain_camera(640, 480, 500.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
+    samples, radius, distance = 3, 0.35, np.hypot(3.0, off_axis)
+    rays = render.camera_rays(camera, samples)
+    depth, limb = whole(render.cast(ball((off_axis, 0.0, 0.0), radius), STANDING, camera, rays), camera, samples)
+    # The tangent cone, of half-angle a about a direction at the angle t to the axis, cuts the image in an ellipse of
+    # area π f² sin²a cos a / (cos²t − sin²a)^1.5.
+    sin2, cos2t = (radius / distance) ** 2, (3.0 / distance) ** 2
+    area = np.pi * 500.0**2 * sin2 * np.sqrt(1.0 - sin2) / (cos2t - sin2) ** 1.5
+    # The count of lattice points in a disc of radius r errs by about r^(2/3): 1 in 4000 here.
+    assert (limb >= 0).sum() / samples**2 == pytest.approx(area, rel=1e-3)
+    if off_axis == 0.0:
+        assert depth.min() == pytest.approx(3.0 - radius, abs=1e-4)
+
+
+def surface_misfit(pose, camera, depth, limb, k):
+    """Misfit of limb k's own equation, at the points that rays hit on it, from the joints' frames alone."""
+    rows, columns = np.nonzero(limb == k)
+    z = depth[rows, columns]
+    x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0] * z
+    y = (rows - camera.matrix[1, 2]) / camera.matrix[1, 1] * z
+    world = (np.stack([x, y, z], axis=1) - camera.translation) @ camera.rotation
+    frames, limbs = forward(BODY.skeleton, pose[None]), BODY.limbs
+    joint = limbs.joints[k]
+    local = (world - frames.positions[0, joint]) @ frames.rotations[0, joint] - limbs.starts[k]
+    axis = limbs.ends[k] - limbs.starts[k]
+    length = np.linalg.norm(axis)
+    if length == 0.0:
+        return np.linalg.norm(local / limbs.radii[k, 0, 0], axis=1) - 1.0
+    assert np.allclose(axis[:2], 0.0)  # along the frame's z, so that x and y are the section's
+    t = local @ axis / length**2
+    inner = np.clip(t, 0.0, 1.0)
+    rx, ry = (limbs.radii[k, 0, i] * (1.0 - inner) + limbs.radii[k, 1, i] * inner for i in (0, 1))
+    beyond = (t - inner) * length / np.minimum(rx, ry)
+    return np.sqrt((local[:, 0] / rx) ** 2 + (local[:, 1] / ry) ** 2 + beyond**2) - 1.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(poses())
+def test_hits_lie_on_the_limbs_surfaces(pose):
+    depth, limb = whole(render.cast(BODY, pose, CAMERA, RAYS), CAMERA)
+    assert (limb >= 0).any()
+    for k in range(len(BODY.limbs)):
+        if (limb == k).any():
+            misfit = np.abs(surface_misfit(pose, CAMERA, depth, limb, k))
+            # Directions are kept in single precision: 4 m × 6e-8, over radii from 3 cm and along grazing rays.
+            assert np.median(misfit) < 1e-5
+            # Caps swell over a tapered limb by (taper)² / 2, at most 0.2 % of the radius.
+            assert misfit.max() < 2e-3
+
+
+@settings(max_examples=15, deadline=None)
+@given(poses())
+def test_the_kernel_agrees_with_its_reference(pose):
+    depth, limb = whole(render.cast(BODY, pose, CAMERA, RAYS), CAMERA)
+    reference = render.cast_reference(BODY, pose, CAMERA, RAYS)
+    assert np.array_equal(limb >= 0, reference.limb >= 0)  # the limbs' boxes cut nothing off
+    assert np.allclose(depth, reference.depth, rtol=0.0, atol=1e-9)
+    assert (limb == reference.limb).mean() > 0.9999  # two limbs may meet at one depth
+
+
+def test_the_silhouette_of_a_cone_is_the_hull_of_its_end_circles():
+    calf = BODY.limbs.names.index("left_calf")
+    rx = BODY.limbs.radii[calf, :, 0]
+    camera = plain_camera(640, 480, 2000.0, (0.0, -4.0, -0.64), (0.0, 0.0, -0.64))
+    limbs = BODY.limbs
+    one = Limbs(
+        ("calf",), *(getattr(limbs, n)[calf : calf + 1] for n in ("joints", "starts", "ends", "radii", "spheres"))
+    )
+    depth, limb = whole(render.cast(replace(BODY, limbs=one), STANDING, camera, render.camera_rays(camera, 1)), camera)
+    knee = forward(BODY.skeleton, STANDING[None]).positions[0, BODY.skeleton.joint("left_knee")]
+    for part in (0.2, 0.5, 0.8):
+        height, radius = knee[2] - part * BODY.shape.calf, rx[0] * (1 - part) + rx[1] * part
+        row = round(float(camera.project(np.array([knee[0], knee[1], height]))[1]))
+        width = (limb[row] >= 0).sum()
+        # A circle of radius r seen from the distance d subtends r / sqrt(d² − r²) to either side.
+        distance = knee[1] + 4.0
+        assert width == pytest.approx(2.0 * 2000.0 * radius / np.sqrt(distance**2 - radius**2), abs=1.5)  # whole pixels
+        assert depth[row].min() == pytest.approx(distance - radius, abs=2e-3)  # the nearest ray is up to 1 mm aside
+
+
+def test_nothing_is_seen_of_a_body_behind_the_camera_and_all_of_one_around_it():
+    behind = STANDING.copy()
+    behind[1] = -20.0
+    assert render.cast(BODY, behind, CAMERA, RAYS).depth.size == 0
+    crossing = STANDING.copy()
+    crossing[:3] = CAMERA.position - [0.0, 0.0, 0.6]  # the camera's plane cuts the body
+    depth, _ = whole(render.cast(BODY, crossing, CAMERA, RAYS), CAMERA)
+    assert np.allclose(depth, render.cast_reference(BODY, crossing, CAMERA, RAYS).depth, rtol=0.0, atol=1e-9)
+
+
+def test_rays_undo_the_lens():
+    bent = replace(CAMERA, distortion=np.array([-0.25, 0.08, 0.002, -0.001, 0.0]))
+    rays = render.camera_rays(bent, samples=1)
+    v, u = np.mgrid[0:240:13, 0:320:17]
+    direction = np.concatenate([rays.directions[v, u], np.ones((*v.shape, 1))], axis=-1)
+    world = bent.position + 3.0 * direction @ bent.rotation
+    # OpenCV stops its fixed-point iteration after five rounds, 0.04 px short in the corners of this lens.
+    assert np.allclose(bent.project(world), np.stack([u, v], axis=-1), atol=0.05)
+
+
+def flat(body, grey):
+    return render.Texture(np.zeros((4, 4, 4), np.float32), np.zeros((len(body.limbs), 3)), grey, 0.0)
+
+
+def test_lambert_shading_of_a_ball():
+    body, camera = ball((0.0, 0.0, 0.0), 0.5), plain_camera(201, 201, 300.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
+    scene = render.prepare(body, camera, flat(body, np.array([200.0])), np.zeros((201, 201)))
+    image = render.render(scene, STANDING)
+    light = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])
+    # the middle faces the camera, along −y; a pixel of 1 cm turns the normal by 1 / 50
+    assert image[100, 100] == pytest.approx(200.0 * (0.6 + 0.4 * -light[1]), abs=200.0 * 0.4 / 50)
+    assert image[150:].min() == 0.0  # the background
+    assert image.max() <= 200.0
+    assert np.argmax(image.max(axis=1)) < 100  # lit from above
+
+
+def test_the_texture_sticks_to_the_limbs():
+    texture = render.clothes(BODY, np.random.default_rng(3))
+    black = np.zeros((CAMERA.height, CAMERA.width))
+    moved = np.array([0.7, -0.4, 0.2])
+    pose = STANDING.copy()
+    pose[:3] = moved
+    camera = replace(CAMERA, translation=CAMERA.translation - CAMERA.rotation @ moved)
+    here = render.render(render.prepare(BODY, CAMERA, texture, black), STANDING)
+    there = render.render(render.prepare(BODY, camera, texture, black), pose)
+    assert np.abs(here - there).max() < 1e-6
+    bent = STANDING.copy()
+    bent[BODY.skeleton.dof("left_knee_flexion")] = 0.5
+    scene = render.prepare(BODY, CAMERA, texture, black)
+    touched = np.zeros(black.shape, dtype=bool)  # pixels with a ray that meets the calf
+    for seen in (STANDING, bent):
+        _, limb = whole(render.cast(BODY, seen, CAMERA, scene.rays), CAMERA, scene.rays.samples)
+        calf = (limb == BODY.limbs.names.index("left_calf")).reshape(CAMERA.height, 2, CAMERA.width, 2)
+        touched |= calf.any(axis=(1, 3))
+    change = np.abs(here - render.render(scene, bent))
+    assert change[touched].max() > 10.0
+    assert change[~touched].max() < 1e-6
+
+
+def test_clothes_background_and_noise_have_the_strength_they_claim():
+    texture = render.clothes(BODY, np.random.default_rng(0), contrast=0.5)
+    assert texture.volume.std() == pytest.approx(1.0, abs=1e-3)
+    assert texture.contrast == pytest.approx(0.5 * render.TEXTURE_GREY)
+    wall = render.background(240, 320, np.random.default_rng(0))
+    assert wall.std() == pytest.approx(render.CLUTTER_GREY, rel=0.05)  # clipping takes a little
+    assert np.array_equal(wall, render.background(240, 320, np.random.default_rng(0)))
+    assert np.ptp(render.background(240, 320, np.random.default_rng(0), clutter=0.0)) == 0.0
+    noisy = render.with_noise(np.full((300, 300), 100.0), 4.0, np.random.default_rng(0))
+    # rounding adds a variance of 1/12; the standard error of σ is σ / √(2 n) = 0.0094
+    assert noisy.std() == pytest.approx(np.sqrt(16.0 + 1.0 / 12.0), abs=4 * 0.0094)
+    assert noisy.mean() == pytest.approx(100.0, abs=4 * 4.0 / 300.0)
+
+
+def test_supersampling_blends_the_edges():
+    body, camera = ball((0.0, 0.0, 0.0), 0.5), plain_camera(101, 101, 150.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
+    scene = render.prepare(body, camera, flat(body, np.array([200.0])), np.full((101, 101), 10.0))
+    image = render.render(scene, STANDING)
+    centre, edge = image[50, 50], image[50, 20:30]
+    assert image[0, 0] == 10.0
+    assert ((edge > 11.0) & (edge < 0.8 * centre)).any()

@@ -1,0 +1,204 @@
+"""Synthetic scenes: truth that fits the picture, cameras that see the walk, the cache, and mistakes."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import JOINT_NAMES, person_skeleton
+from workbench.datasets import synthetic
+from workbench.datasets.gait import builtin_motions
+from workbench.datasets.synthetic import Synthetic
+from workbench.errors import InputError
+from workbench.mocap.library import write_library
+
+SMALL = {"n_frames": 3, "width": 160, "height": 120, "person_px": 70.0, "focal_px": 175.0}
+
+
+def scene(**parameters):
+    return Synthetic(**{**SMALL, **parameters})
+
+
+def images(dataset):
+    return np.stack([frame.views[0].image for frame in dataset.frames()])
+
+
+def test_frames_carry_pictures_and_truth():
+    dataset = scene(first_frame=7, rate_hz=25.0)
+    frames = list(dataset.frames())
+    assert len(frames) == len(dataset) == 3
+    assert [frame.index for frame in frames] == [7, 8, 9]
+    assert frames[1].time_s == pytest.approx(8 / 25.0)
+    for frame in frames:
+        assert frame.views[0].image.shape == (120, 160)
+        assert frame.views[0].image.dtype == np.uint8
+        expected = joints(person_skeleton(dataset.shape), frame.truth.pose[None])[0]
+        assert np.array_equal(frame.truth.joints, expected)
+    assert np.array_equal(dataset.start_pose, frames[0].truth.pose)
+    assert (dataset.start_marks, dataset.scale) == (None, 1.0)
+
+
+def test_first_frame_counts_at_the_datasets_rate():
+    later, whole = scene(first_frame=4), scene(n_frames=7)
+    assert np.array_equal(later.start_pose, list(whole.frames())[4].truth.pose)
+
+
+def test_the_person_is_where_the_truth_says():
+    """A bright person before a flat wall: what differs from the wall surrounds the projected joints, and only them."""
+    dataset = scene(noise=0.0, clutter=0.0, n_frames=2)
+    frame = next(dataset.frames())
+    rows, columns = np.nonzero(frame.views[0].image != 125)
+    pixels = dataset.view_camera.project(frame.truth.joints)
+    radius_px = 70.0 / 1.75 * dataset.shape.head_radius + 1.0  # the largest distance from a joint to the outline
+    head = JOINT_NAMES.index("head_centre")
+    assert rows.min() == pytest.approx(pixels[head, 1] - radius_px, abs=2.0)
+    assert columns.min() > pixels[:, 0].min() - radius_px
+    assert columns.max() < pixels[:, 0].max() + radius_px
+    assert rows.max() - rows.min() == pytest.approx(70.0, abs=3.0)  # person_px, give or take the bob of the walk
+
+
+@pytest.mark.parametrize("view_deg", [0.0, 45.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("path", ["straight", "circle"])
+def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view_deg):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # views along the walk have to step back
+        dataset = scene(n_frames=40, path=path, view_deg=view_deg)
+    camera, motion = dataset.view_camera, dataset._used_motion
+    pixels = camera.project(joints(person_skeleton(dataset.shape), motion.poses))
+    assert (pixels > 0.05 * np.array([160, 120]) - 1.0).all()
+    assert (pixels < 0.95 * np.array([160, 120])).all()
+    way, look = motion.poses[-1, :2] - motion.poses[0, :2], camera.rotation[2, :2]
+    angle = np.degrees(np.arctan2(way[0] * look[1] - way[1] * look[0], way @ look))
+    assert (angle - view_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-6)
+    assert camera.rotation[2, 2] == pytest.approx(0.0)  # level
+
+
+def test_a_walk_that_does_not_fit_is_seen_from_further_away_and_that_is_said():
+    with pytest.warns(UserWarning, match=r"the person is \d+ px tall instead of 70"):
+        dataset = scene(n_frames=300)
+    assert (dataset.view_camera.project(dataset._used_motion.poses[:, :3]) > 0.0).all()
+
+
+def test_the_same_seed_gives_the_same_bits_and_every_parameter_counts():
+    first = images(scene())
+    assert np.array_equal(first, images(scene()))
+    for change in (
+        {"seed": 1}, {"noise": 2.0}, {"contrast": 2.0}, {"clutter": 0.5}, {"view_deg": 60.0}, {"first_frame": 1},
+        {"path": "circle"}, {"person_px": 60.0}, {"rate_hz": 60.0},
+    ):  # fmt: skip
+        assert not np.array_equal(first, images(scene(**change))), change
+
+
+def test_the_cache_gives_the_same_bits_without_rendering(tmp_path, monkeypatch):
+    first = images(scene(cache=str(tmp_path)))
+    assert np.array_equal(first, images(scene()))  # as without a cache
+    (file,) = tmp_path.rglob("*.npz")
+    assert not list(tmp_path.rglob("*.part"))
+
+    def refuse(*_):
+        raise AssertionError("rendered again")
+
+    monkeypatch.setattr(synthetic.render, "render", refuse)
+    assert np.array_equal(first, images(scene(cache=str(tmp_path))))
+    for change in ({"seed": 1}, {"noise": 3.0}, {"first_frame": 1}, {"height": 121}):
+        with pytest.raises(AssertionError, match="rendered again"):
+            images(scene(cache=str(tmp_path), **change))
+    monkeypatch.undo()
+
+    monkeypatch.setattr(synthetic.render, "RENDERER_VERSION", -1)
+    images(scene(cache=str(tmp_path)))
+    assert len(list(tmp_path.rglob("*.npz"))) == 2
+    assert file.exists()
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "text", "other"])
+def test_a_damaged_cache_is_rendered_again_with_a_warning(tmp_path, damage):
+    first = images(scene(cache=str(tmp_path)))
+    (file,) = tmp_path.rglob("*.npz")
+    whole = file.read_bytes()
+    middle = len(whole) // 2
+    if damage == "other":
+        np.savez(file, images=first[:1])
+    else:
+        bad = {"cut": whole[:middle], "empty": b"", "text": b"images", "flip": None}[damage]
+        file.write_bytes(whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :] if bad is None else bad)
+    with pytest.warns(UserWarning, match="damaged"):
+        again = images(scene(cache=str(tmp_path)))
+    assert np.array_equal(first, again)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(first, images(scene(cache=str(tmp_path))))
+
+
+def test_a_clip_of_a_library(tmp_path):
+    motions = builtin_motions(2, seed=3)
+    write_library(tmp_path / "lib.h5", motions)
+    dataset = scene(motion=f"{tmp_path / 'lib.h5'}:{motions[1].name}", rate_hz=60.0)
+    assert np.array_equal(dataset.start_pose, motions[1].poses[0])
+    assert dataset.shape == motions[1].shape
+    with pytest.raises(InputError, match=r"no motion called 'nobody', expected one of walker_00_straight, "):
+        scene(motion=f"{tmp_path / 'lib.h5'}:nobody")
+
+
+def test_a_camera_from_a_file(tmp_path):
+    template = """
+[wide]
+size = [200, 150]
+matrix = [[200.0, 0.0, 99.5], [0.0, 200.0, 74.5], [0.0, 0.0, 1.0]]
+distortions = [-0.1, 0.0, 0.0, 0.0]
+rotation = [1.5707963267948966, 0.0, 0.0]
+translation = [0.0, 1.0, {depth}]
+"""
+    file = tmp_path / "camera.toml"
+    file.write_text(template.format(depth=4.0))
+    dataset = scene(camera=str(file), noise=0.0, clutter=0.0)
+    picture = next(dataset.frames()).views[0].image
+    assert picture.shape == (150, 200)
+    assert (picture != 125).any()
+    file.write_text(template.format(depth=-4.0))
+    with pytest.raises(InputError, match="'wide' never sees the person"):
+        scene(camera=str(file))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"n_frames": 1}, ["n_frames", "2", "1"]),
+        ({"n_frames": 100000}, ["100000", "1801 frames"]),
+        ({"first_frame": 1800}, ["1803", "1801 frames at 30 Hz"]),
+        ({"first_frame": -1}, ["first_frame"]),
+        ({"width": 31}, ["width", "31"]),
+        ({"height": 0}, ["height"]),
+        ({"rate_hz": 0.0}, ["rate_hz"]),
+        ({"rate_hz": float("nan")}, ["rate_hz"]),
+        ({"view_deg": float("inf")}, ["view_deg"]),
+        ({"person_px": 0.0}, ["person_px"]),
+        ({"focal_px": float("nan")}, ["focal_px"]),
+        ({"noise": -1.0}, ["noise"]),
+        ({"seed": -1}, ["seed"]),
+        ({"path": "zigzag"}, ["zigzag", "straight, circle"]),
+        ({"motion": "35_02"}, ["35_02", "paths.data"]),
+        ({"motion": "walk"}, ["walk", "FILE.bvh"]),
+        ({"motion": "none.bvh"}, ["none.bvh"]),
+        ({"motion": "none.h5:clip"}, ["none.h5"]),
+        ({"motion": "35_02", "data": "nowhere"}, ["nowhere", "35_02.amc"]),
+        ({"camera": "none.toml"}, ["none.toml"]),
+    ],
+)
+def test_mistakes_are_named(parameters, words):
+    with pytest.raises(InputError) as caught:
+        scene(**parameters)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_cache_that_cannot_be_written_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be kept"):
+        images(scene(cache=str(tmp_path / "file")))
+
+
+def test_a_dataset_can_be_copied_with_other_parameters():
+    assert not np.array_equal(images(replace(scene(), seed=2)), images(scene()))

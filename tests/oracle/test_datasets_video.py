@@ -1,0 +1,184 @@
+"""Video from folders of images and small files: numbering, colours, scale, marks, and sentences about mistakes."""
+
+import cv2
+import numpy as np
+import pytest
+
+from workbench.body.camera import load_cameras
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.decode import count_frames, decode, image_files
+from workbench.datasets.video import Video
+from workbench.errors import InputError
+
+WIDTH, HEIGHT = 64, 48
+NECK, ANKLE = JOINT_NAMES.index("neck"), JOINT_NAMES.index("left_ankle")
+CAMERA = """
+[{name}]
+size = [{width}, {height}]
+matrix = [[80.0, 0.0, 31.0], [0.0, 80.0, 23.0], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+rotation = [1.2, 1.2, -1.2]
+translation = [0.0, 0.0, 4.0]
+"""
+
+
+def picture(number):
+    """A picture that tells its number by its colour: red = number."""
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    image[..., 2] = number
+    image[..., 0] = 200
+    return image
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A folder of 12 numbered pictures, their camera and marks in pictures 3 and 10."""
+    (tmp_path / "images").mkdir()
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / "images" / f"img_{number}.png"), picture(number))
+    (tmp_path / "images" / "notes.txt").write_text("no image")
+    tables = [CAMERA.format(name=name, width=WIDTH, height=HEIGHT) for name in ("left", "right")]
+    (tmp_path / "camera.toml").write_text("".join(tables))
+    marks = "3,neck,31,23,1\n3,left_ankle,10.5,40,0\n10,neck,5,6,1\n"
+    (tmp_path / "marks.csv").write_text("frame,joint,u,v,visible\n" + marks)
+    return tmp_path
+
+
+def video(scene, **parameters):
+    files = {name: str(scene / value) for name, value in parameters.items() if name in ("start_marks", "eval_marks")}
+    source = scene / parameters.pop("source", "images")
+    camera = scene / parameters.pop("camera", "camera.toml")
+    return Video(str(source), str(camera), **{"rate_hz": 25.0, **parameters, **files})
+
+
+def refusal(scene, **parameters):
+    with pytest.raises(InputError) as caught:
+        video(scene, **parameters)
+    return str(caught.value)
+
+
+def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
+    dataset = video(scene, first_frame=2, last_frame=10)
+    frames = list(dataset.frames())
+    assert [frame.index for frame in frames] == list(range(2, 11))
+    assert [int(frame.views[0].image[0, 0, 0]) for frame in frames] == list(range(2, 11))  # img_10 after img_9
+    assert frames[0].views[0].image[0, 0, 2] == 200  # RGB: blue is last
+    assert frames[3].time_s == pytest.approx(5 / 25.0)
+    assert len(dataset) == 9
+    assert [frame.index for frame in dataset.frames()] == list(range(2, 11))  # a second time
+    assert len(video(scene)) == 12
+    assert (dataset.shape, dataset.start_pose, dataset.start_marks, dataset.scale) == (None, None, None, 1.0)
+
+
+def test_marks_become_the_start_and_the_truth(scene):
+    dataset = video(scene, first_frame=3, start_marks="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
+    assert np.array_equal(dataset.start_marks[NECK], [31.0, 23.0, 1.0])
+    assert np.array_equal(dataset.start_marks[ANKLE], [10.5, 40.0, 0.2])
+    assert np.isnan(np.delete(dataset.start_marks, [NECK, ANKLE], axis=0)).all()
+    truths = {frame.index: frame.truth for frame in dataset.frames()}
+    assert [index for index, truth in truths.items() if truth is not None] == [3, 10]
+    assert np.array_equal(truths[3].marks[ANKLE], [10.5, 40.0])
+    assert truths[3].marks_visible[NECK]
+    assert not truths[3].marks_visible[ANKLE]
+    assert np.isfinite(truths[10].marks).sum() == 2
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.4, 0.73])
+def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    blob = np.exp(-((x - 40.0) ** 2 + (y - 30.0) ** 2) / (2.0 * 4.0**2))
+    cv2.imwrite(str(scene / "images" / "img_0.png"), np.repeat((250.0 * blob).astype(np.uint8)[..., None], 3, axis=2))
+    (scene / "blob.csv").write_text("frame,joint,u,v,visible\n0,neck,40,30,1\n")
+    dataset = video(scene, scale=scale, start_marks="blob.csv")
+    view = next(dataset.frames()).views[0]
+    assert view.image.shape == (view.camera.height, view.camera.width, 3)
+    weights = view.image[..., 0].astype(float)
+    rows, columns = np.mgrid[0 : view.camera.height, 0 : view.camera.width]
+    centroid = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
+    # Rounding to 8 bits moves the centroid by some hundredths of a pixel; half a pixel would show a wrong convention.
+    assert dataset.start_marks[NECK, :2] == pytest.approx(centroid, abs=0.1)
+    full = load_cameras(scene / "camera.toml")[0]
+    point = full.rotation.T @ (np.array([(40 - 31.0) / 80.0, (30 - 23.0) / 80.0, 1.0]) * 4.0 - full.translation)
+    assert view.camera.project(point) == pytest.approx(dataset.start_marks[NECK, :2])
+
+
+def test_a_camera_can_be_chosen_by_name(scene):
+    assert video(scene).camera.name == "left"
+    assert video(scene, which="right").camera.name == "right"
+
+
+def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
+    path = scene / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, (WIDTH, HEIGHT))
+    for number in range(8):
+        noise = np.random.default_rng(number).integers(-10, 11, (HEIGHT, WIDTH, 3))  # fills the file with frames
+        writer.write((20 * number + 10 + noise).astype(np.uint8))
+    writer.release()
+    dataset = video(scene, source="film.avi", first_frame=2, rate_hz=None)
+    frames = list(dataset.frames())
+    assert dataset.rate_hz == 20.0
+    assert [frame.index for frame in frames] == [2, 3, 4, 5, 6, 7]
+    for frame in frames:  # JPEG changes grey levels by a few
+        assert frame.views[0].image.mean() == pytest.approx(20 * frame.index + 10, abs=4)
+    assert count_frames(path, at_most=3) == 3
+    whole, cut = path.read_bytes(), scene / "cut.avi"
+    cut.write_bytes(whole[: len(whole) * 3 // 4])
+    with pytest.warns(UserWarning, match="announces 8 frames"):
+        assert 0 < count_frames(cut) < 8
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"source": "none.mp4"}, ["none.mp4", "no such"]),
+        ({"source": "marks.csv"}, ["marks.csv", "expected a video"]),
+        ({"source": "."}, ["expected images"]),
+        ({"camera": "none.toml"}, ["none.toml"]),
+        ({"which": "middle"}, ["middle", "left, right"]),
+        ({"rate_hz": None}, ["rate_hz"]),
+        ({"rate_hz": 0.0}, ["rate_hz", "0.0"]),
+        ({"first_frame": 12}, ["no frame 12", "0 to 11"]),
+        ({"last_frame": 40}, ["no frame 40", "0 to 11"]),
+        ({"first_frame": 5, "last_frame": 4}, ["5", "4"]),
+        ({"first_frame": -1}, ["-1"]),
+        ({"scale": 0.0}, ["scale"]),
+        ({"scale": float("nan")}, ["scale"]),
+        ({"hidden_weight": 2.0}, ["hidden_weight"]),
+        ({"start_marks": "marks.csv"}, ["no marks in frame 0", "3, 10"]),
+        ({"start_marks": "none.csv"}, ["none.csv"]),
+    ],
+)
+def test_mistakes_are_named(scene, parameters, words):
+    message = refusal(scene, **parameters)
+    assert all(word in message for word in words)
+    assert "\n" not in message
+
+
+def test_images_must_be_images_of_the_cameras_size(scene):
+    cv2.imwrite(str(scene / "images" / "img_4.png"), np.zeros((HEIGHT, WIDTH + 2, 3), np.uint8))
+    with pytest.raises(InputError, match="66×48, expected the 64×48 of camera 'left'"):
+        list(video(scene).frames())
+    (scene / "images" / "img_4.png").write_bytes(b"broken")
+    with pytest.raises(InputError, match="img_4"):
+        list(video(scene).frames())
+    (scene / "images" / "img_4.png").unlink()
+    dataset = video(scene)
+    (scene / "images" / "img_11.png").unlink()
+    with pytest.raises(InputError, match="ends before frame 10"):
+        list(dataset.frames())
+
+
+def test_natural_order(tmp_path):
+    names = ["a2.png", "a10.png", "a1.PNG", "b.png", "10.png", "9.png", "a.png", "a02.png"]
+    for name in names:
+        (tmp_path / name).touch()
+    ordered = [file.name for file in image_files(tmp_path)]
+    assert ordered[:2] == ["9.png", "10.png"]
+    assert [name for name in ordered if name[0] == "a" and name[1].isdigit()][-1] == "a10.png"
+    assert sorted(ordered) == sorted(names)
+
+
+def test_an_unreadable_video_yields_nothing(tmp_path):
+    (tmp_path / "empty.mp4").touch()
+    with pytest.raises(InputError, match="empty"):
+        list(decode(tmp_path / "empty.mp4"))

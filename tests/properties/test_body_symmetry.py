@@ -1,0 +1,83 @@
+"""Mirrored poses have mirrored joints; bodies move rigidly; bones keep their lengths; cameras are consistent."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import forward, joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
+
+SKELETON = person_skeleton(from_height(1.75))
+# y, heading, roll, the neck's turn and tilt change sign in a mirror; every paired angle swaps sides and keeps its sign
+FLIPPED = {"root_y", "root_heading", "root_roll", "neck_turn", "neck_tilt"}
+POSES = st.lists(st.floats(-3.0, 3.0), min_size=25, max_size=25).map(lambda x: np.array([x]))
+
+
+def other_side(name):
+    for side, other in (("left_", "right_"), ("right_", "left_")):
+        if name.startswith(side):
+            return other + name.removeprefix(side)
+    return name
+
+
+def mirrored(pose):
+    image = np.empty_like(pose)
+    for p, name in enumerate(POSE_NAMES):
+        image[:, POSE_NAMES.index(other_side(name))] = -pose[:, p] if name in FLIPPED else pose[:, p]
+    return image
+
+
+@settings(deadline=None)
+@given(POSES)
+def test_mirrored_pose_has_mirrored_joints(pose):
+    swapped = [JOINT_NAMES.index(other_side(name)) for name in JOINT_NAMES]
+    expected = joints(SKELETON, pose)[:, swapped] * [1.0, -1.0, 1.0]
+    np.testing.assert_allclose(joints(SKELETON, mirrored(pose)), expected, rtol=0.0, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(POSES)
+def test_bones_keep_their_lengths_and_frames_stay_rotations(pose):
+    frames = forward(SKELETON, pose)
+    parents, children = SKELETON.bones.T
+    lengths = np.linalg.norm(frames.positions[0, children] - frames.positions[0, parents], axis=1)
+    np.testing.assert_allclose(lengths, np.linalg.norm(SKELETON.offsets[children], axis=1), rtol=1e-12)
+    products = frames.rotations[0] @ frames.rotations[0].transpose(0, 2, 1)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), (15, 3, 3)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frames.rotations[0]), 1.0, rtol=1e-12)
+
+
+@settings(deadline=None)
+@given(POSES, st.floats(-3.0, 3.0), st.tuples(*[st.floats(-50.0, 50.0)] * 3))
+def test_moving_the_root_moves_the_body_rigidly(pose, heading, shift):
+    moved = pose.copy()
+    turn = Rotation.from_euler("z", heading)
+    moved[:, :3] = turn.apply(pose[:, :3]) + shift
+    moved[:, 3] += heading
+    expected = turn.apply(joints(SKELETON, pose)[0]) + shift
+    np.testing.assert_allclose(joints(SKELETON, moved)[0], expected, rtol=0.0, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(
+    st.tuples(*[st.floats(-5.0, 5.0)] * 3),
+    st.tuples(st.floats(0.1, 3.0), st.floats(-1.5, 1.5)),
+    st.floats(0.2, 9.0),
+    st.floats(-np.pi, np.pi),
+)
+def test_plain_camera_looks_where_it_is_told(position, steepness, distance, bearing):
+    """Anything but straight up or down: the target is in the middle, at its distance, and z points up."""
+    flat, slope = steepness[0], steepness[1]
+    direction = np.array([flat * np.cos(bearing), flat * np.sin(bearing), slope])
+    direction *= distance / np.linalg.norm(direction)
+    target = np.add(position, direction)
+    camera = plain_camera(320, 240, 300.0, position, tuple(target))
+    np.testing.assert_allclose(camera.position, position, atol=1e-9)
+    np.testing.assert_allclose(camera.to_camera(target), [0.0, 0.0, distance], atol=1e-9)
+    np.testing.assert_allclose(camera.project(target), [159.5, 119.5], atol=1e-6)
+    up = camera.rotation @ [0.0, 0.0, 1.0]
+    assert abs(up[0]) < 1e-9
+    assert up[1] < 0.0

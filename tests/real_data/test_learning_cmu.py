@@ -1,0 +1,68 @@
+"""The walking model on recorded walks: people it was not learned from are near its span."""
+
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import N_ROOT, person_skeleton
+from workbench.errors import InputError
+from workbench.learning.cycles import walking_cycles
+from workbench.learning.training import training_motions, walking_model
+from workbench.mocap.sources import load_motion
+from workbench.priors.cyclic import Cyclic
+
+SUBJECTS = ("02", "05", "06", "07", "08", "16", "32", "39")
+OPTIONS = {"variance": 0.95, "n_components": None, "scaling": "joints"}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def learned(data, cache):
+    return walking_model("cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+
+
+def test_cycles_of_walking_people(data, cache):
+    cycles = walking_cycles(training_motions("cmu", data=str(data), cache=cache, subjects=SUBJECTS))
+    assert len(cycles.curves) > 40
+    assert {source.split("_")[0] for source in cycles.sources} == set(SUBJECTS)
+    assert 0.8 < np.median(cycles.durations_s) < 1.4  # 27–39 frames at 30 Hz
+    assert 0.8 < np.median(cycles.curves[:, :, 0]) < 1.8  # m/s
+
+
+def test_the_cache_gives_the_same_model(data, cache, learned):
+    again = walking_model("cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+    assert (again.components == learned.components).all()
+    assert again.cycle_rate_hz == learned.cycle_rate_hz
+
+
+def test_the_number_of_components_reaches_the_asked_variance(learned):
+    assert learned.explained > 0.95
+    assert 5 <= len(learned.scales) <= 20
+
+
+def test_unseen_people_are_near_the_model(data, learned):
+    """Joint error of the best state against a reference that needs no model: the training people's mean cycle."""
+    prior = Cyclic(learned)
+    fitted, mean_only = [], []
+    for clip in ("35_02", "38_02"):
+        motion = load_motion(data / "cmu" / clip[:2] / f"{clip}.amc").resampled(10.0)
+        skeleton = person_skeleton(motion.shape)
+        true = joints(skeleton, motion.poses)
+        states = np.array([prior.nearest(pose) for pose in motion.poses])
+        plain = states.copy()
+        plain[:, prior.space.slices["coefficients"]] = 0.0
+        for errors, state in ((fitted, states), (mean_only, plain)):
+            pose = prior.pose(state)
+            pose[:, :N_ROOT] = motion.poses[:, :N_ROOT]
+            errors.append(np.linalg.norm(joints(skeleton, pose) - true, axis=-1).mean())
+    assert np.mean(fitted) < 0.025  # prototypes: 16–18 mm with 8 components
+    assert np.mean(fitted) < 0.8 * np.mean(mean_only)
+
+
+def test_missing_recordings_are_said(cache, tmp_path):
+    with pytest.raises(InputError, match=r"index\.csv"):
+        walking_model("cmu", data=str(tmp_path), cache=cache, subjects=SUBJECTS, **OPTIONS)

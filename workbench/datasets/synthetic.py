@@ -1,0 +1,262 @@
+"""Rendered sequences of a walking person, with exact truth."""
+
+import hashlib
+import json
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from workbench.arrays import ByteArray, FloatArray
+from workbench.body.camera import Camera, load_cameras, plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import Body, person
+from workbench.body.shape import Shape
+from workbench.body.skeleton import POSE_NAMES
+from workbench.datasets import render
+from workbench.datasets.frame import Frame, Truth, View
+from workbench.datasets.gait import PATHS, subjects, walker
+from workbench.datasets.image_cache import read_images, write_images
+from workbench.errors import InputError
+from workbench.mocap.library import read_library
+from workbench.mocap.motion import Motion
+from workbench.mocap.sources import load_motion
+
+_BUILTIN_SECONDS = 60.0
+_BUILTIN_SEED = 1999
+"""Keeps the walkers of motion="builtin" apart from those of `gait.builtin_motions`."""
+_MARGIN = 0.05
+"""Part of the image's width and height that the automatic camera keeps free on every side."""
+
+
+@dataclass(frozen=True)
+class Synthetic:
+    """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
+
+    motion: "builtin" (a generated walker of 60 s, another person for every seed); a CMU clip such as "35_02", looked up
+    as <data>/cmu/35/35_02.amc; the path of an .amc or .bvh file; or "FILE.h5:clip", a clip of a motion library.
+    data: the folder that holds cmu/. cache: a folder for rendered images; without one every process renders them anew.
+    path: "straight" or "circle", for the builtin walker only. n_frames frames at rate_hz are used, from first_frame
+    on, counted at that rate. camera: a camera file, of which the first camera is used; without one a level camera is
+    placed so that it looks at view_deg (degrees) to the walk's direction (90: side view, 180: from ahead) with focal
+    length focal_px, and the person is person_px tall half-way through, or smaller where the whole walk would not fit
+    into width × height; those five say nothing about a camera from a file. noise: σ of the sensor, grey levels.
+    contrast, clutter: strength of the clothes' texture and of the background, 1 being about 24 and 35 grey levels.
+    seed: of the clothes, the background, the noise and the builtin walker.
+
+    Raises InputError for parameters out of range, a motion that cannot be found or is too short, and a camera that
+    never sees the person.
+    """
+
+    motion: str = "builtin"
+    data: str | None = None
+    cache: str | None = None
+    path: str = "straight"
+    n_frames: int = 50
+    first_frame: int = 0
+    rate_hz: float = 30.0
+    width: int = 640
+    height: int = 480
+    camera: str | None = None
+    view_deg: float = 90.0
+    person_px: float = 270.0
+    focal_px: float = 700.0
+    noise: float = 4.0
+    contrast: float = 1.0
+    clutter: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        at_least = {
+            "n_frames": 2, "first_frame": 0, "width": 32, "height": 32, "person_px": 1.0, "focal_px": 1.0,
+            "noise": 0.0, "contrast": 0.0, "clutter": 0.0, "seed": 0,
+        }  # fmt: skip
+        for name, least in at_least.items():
+            if not least <= getattr(self, name) < np.inf:
+                raise InputError(f"synthetic: {name} must be at least {least}, found {getattr(self, name)}")
+        if self.path not in PATHS:
+            raise InputError(f"synthetic: path must be one of {', '.join(PATHS)}, found {self.path!r}")
+        if not 0.0 < self.rate_hz < np.inf:
+            raise InputError(f"synthetic: rate_hz must be positive, found {self.rate_hz}")
+        if not np.isfinite(self.view_deg):
+            raise InputError(f"synthetic: view_deg must be an angle in degrees, found {self.view_deg}")
+        _ = self.view_camera  # finds the motion and places the camera, so that mistakes show before the first frame
+
+    @property
+    def name(self) -> str:
+        """The motion's name."""
+        return f"synthetic {self._used_motion.name}"
+
+    @property
+    def scale(self) -> float:
+        """1: images come in the size they were rendered in."""
+        return 1.0
+
+    @property
+    def shape(self) -> Shape:
+        """The measurements of the person rendered."""
+        return self._used_motion.shape
+
+    @property
+    def start_pose(self) -> FloatArray:
+        """The true pose (P,) in the first frame."""
+        first: FloatArray = self._used_motion.poses[0]
+        return first
+
+    @property
+    def start_marks(self) -> None:
+        """There are none: the start pose is known."""
+        return None
+
+    def __len__(self) -> int:
+        return self.n_frames
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
+        poses = self._used_motion.poses
+        places = joints(self._body.skeleton, poses)
+        for i, image in enumerate(self._images):
+            index = self.first_frame + i
+            truth = Truth(pose=poses[i], joints=places[i])
+            yield Frame(index, index / self.rate_hz, (View(self.view_camera, image),), truth)
+
+    @cached_property
+    def view_camera(self) -> Camera:
+        """The camera: from the file, or placed automatically."""
+        places = joints(self._body.skeleton, self._used_motion.poses)
+        if self.camera is None:
+            return _automatic_camera(self, self._used_motion, places)
+        camera = load_cameras(Path(self.camera).expanduser())[0]
+        pixels = camera.project(places)
+        with np.errstate(invalid="ignore"):
+            inside = (pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])
+        if not inside.all(axis=-1).any():
+            raise InputError(f"{self.camera}: camera {camera.name!r} never sees the person of motion {self.motion!r}")
+        return camera
+
+    @cached_property
+    def _used_motion(self) -> Motion:
+        """The motion at this dataset's rate, cut to the frames used."""
+        motion = _find_motion(self)
+        end = self.first_frame + self.n_frames
+        if end > len(motion):
+            raise InputError(
+                f"synthetic: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
+                f"expected at least first_frame + n_frames = {end}"
+            )
+        return replace(motion, poses=motion.poses[self.first_frame : end])
+
+    @cached_property
+    def _body(self) -> Body:
+        return person(self.shape)
+
+    @cached_property
+    def _images(self) -> ByteArray:
+        """The images, (n_frames, height, width), from the cache or rendered."""
+        if self.cache is None:
+            return self._render()
+        file = Path(self.cache).expanduser() / "scenes" / f"{self._key()[:32]}.npz"
+        images = read_images(file, (self.n_frames, self.view_camera.height, self.view_camera.width))
+        if images is None:
+            images = self._render()
+            write_images(file, images)
+        return images
+
+    def _render(self) -> ByteArray:
+        outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
+        camera = self.view_camera
+        scene = render.prepare(
+            self._body,
+            camera,
+            render.clothes(self._body, outfit, self.contrast),
+            render.background(camera.height, camera.width, wall, self.clutter),
+        )
+        poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
+        return np.stack([render.with_noise(render.render(scene, pose), self.noise, sensor) for pose in poses])
+
+    def _key(self) -> str:
+        """Names the images: a digest of the poses and of every parameter that shows in them."""
+        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("data", "cache", "camera")}
+        digest = hashlib.sha256(json.dumps([render.RENDERER_VERSION, parameters, self.shape.as_dict()]).encode())
+        camera = self.view_camera
+        for array in (
+            self._used_motion.poses, camera.matrix, camera.rotation, camera.translation, camera.distortion,
+            np.array([camera.width, camera.height]),
+        ):  # fmt: skip
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+
+def _find_motion(scene: Synthetic) -> Motion:
+    """The motion that `scene.motion` names, at the scene's rate."""
+    name, rate_hz = scene.motion, scene.rate_hz
+    if name == "builtin":
+        (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, scene.seed]))
+        return walker(subject, _BUILTIN_SECONDS, rate_hz, scene.path)
+    library, colon, clip = name.rpartition(":")
+    if colon and library.endswith((".h5", ".hdf5")):
+        motions = {motion.name: motion for motion in read_library(library)}
+        if clip not in motions:
+            raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
+        return motions[clip].resampled(rate_hz)
+    if name.lower().endswith((".amc", ".bvh")):
+        return load_motion(Path(name).expanduser()).resampled(rate_hz)
+    cmu = re.fullmatch(r"([0-9]+?)_?([0-9]{2})", name)  # a command line may take 35_02 for the number 3502
+    if cmu is None:
+        raise InputError(
+            f"synthetic: motion must be 'builtin', a CMU clip such as '35_02', FILE.amc, FILE.bvh or LIBRARY.h5:clip, "
+            f"found {name!r}"
+        )
+    if scene.data is None:
+        raise InputError(
+            f"synthetic: motion {name!r} is a CMU clip and needs the folder that holds cmu/: "
+            f"set paths.data or $WORKBENCH_DATA"
+        )
+    return load_motion(Path(scene.data).expanduser() / "cmu" / cmu[1] / f"{cmu[1]}_{cmu[2]}.amc").resampled(rate_hz)
+
+
+def _automatic_camera(scene: Synthetic, motion: Motion, places: FloatArray) -> Camera:
+    """A level camera at the height of the belly that keeps all joints (F, J, 3) in view; see `Synthetic`.
+
+    Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
+    """
+    angle = _walk_direction(motion) + np.radians(scene.view_deg)
+    forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
+    middle = motion.poses[len(motion) // 2]
+    standing = places[len(motion) // 2, :, 2]
+    tall = np.ptp(standing) + motion.shape.head_radius + motion.shape.calf_radii[1]
+
+    sideways, depth = places @ right, places @ forward - middle[:3] @ forward
+    centre = 0.5 * (sideways.min() + sideways.max())
+    level = motion.poses[:, 2].mean() + 0.1 * tall
+    thickness = motion.shape.head_radius
+    half_width, half_height = np.array([scene.width, scene.height]) * (0.5 - _MARGIN)
+    wanted = scene.focal_px * tall / scene.person_px
+    distance = max(
+        wanted,
+        ((np.abs(sideways - centre) + thickness) * scene.focal_px / half_width - depth).max(),
+        ((np.abs(places[..., 2] - level) + thickness) * scene.focal_px / half_height - depth).max(),
+        1.0 - depth.min(),  # nobody comes nearer than a metre
+    )
+    if distance > 1.01 * wanted:
+        warnings.warn(
+            f"synthetic: the person is {scene.focal_px * tall / distance:.0f} px tall instead of "
+            f"{scene.person_px:g}, so that the whole motion fits into the image",
+            stacklevel=2,
+        )
+    target = centre * right + (middle[:3] @ forward) * forward + [0.0, 0.0, level]
+    x, y, z = target - distance * forward
+    return plain_camera(scene.width, scene.height, scene.focal_px, (x, y, z), tuple(target), name="automatic")
+
+
+def _walk_direction(motion: Motion) -> float:
+    """The angle, rad, from the world's x to where the person gets, or faces where they stay within 10 cm."""
+    way = motion.poses[-1, :2] - motion.poses[0, :2]
+    if np.linalg.norm(way) < 0.1:
+        return float(motion.poses[len(motion) // 2, POSE_NAMES.index("root_heading")])
+    return float(np.arctan2(way[1], way[0]))

@@ -1,0 +1,149 @@
+"""Real video: a file or a folder of images, seen by a calibrated camera, with joints marked by hand in some frames."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from workbench.arrays import ByteArray, FloatArray
+from workbench.body.camera import Camera, load_cameras
+from workbench.datasets.decode import count_frames, decode, frame_rate
+from workbench.datasets.frame import Frame, Truth, View
+from workbench.datasets.marks import Marks, read_marks
+from workbench.errors import InputError
+
+
+class Video:
+    """A video and its camera; the images are RGB, and everything in pixels follows their scale.
+
+    source: a video file that OpenCV reads, or a folder of images, taken in natural order (frame_9 before frame_10).
+    camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
+    first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both
+    included; None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the
+    source does not say or says it wrongly. start_marks: a file of marks, of which those at first_frame give the start.
+    eval_marks: a file of marks that are truth for the evaluation only. hidden_weight: the weight of a start mark on a
+    hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to 4.
+
+    Raises InputError for what cannot be read, frames that are not there, images of another size than the camera's, a
+    missing frame rate and start marks that leave out the first frame.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        camera: str,
+        which: str | None = None,
+        first_frame: int = 0,
+        last_frame: int | None = None,
+        scale: float = 1.0,
+        rate_hz: float | None = None,
+        start_marks: str | None = None,
+        eval_marks: str | None = None,
+        hidden_weight: float = 0.35,
+    ) -> None:
+        if not 0.0 < scale <= 1.0:
+            raise InputError(f"video: scale must be above 0 and at most 1, found {scale}")
+        if not 0.0 <= hidden_weight <= 1.0:
+            raise InputError(f"video: hidden_weight must lie between 0 and 1, found {hidden_weight}")
+        if first_frame < 0 or (last_frame is not None and last_frame < first_frame):
+            raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {first_frame} and {last_frame}")
+        self.source, self.scale = Path(source).expanduser(), scale
+        self.camera = _choose(camera, which)
+        self.first_frame, self.last_frame = first_frame, _last_frame(self.source, first_frame, last_frame)
+        self.rate_hz = _rate(self.source, rate_hz)
+        self._check_size(next(decode(self.source)))
+        self._start = None if start_marks is None else _start(read_marks(start_marks), self, hidden_weight)
+        self._truth = None if eval_marks is None else read_marks(eval_marks)
+
+    @property
+    def name(self) -> str:
+        """The source's name."""
+        return self.source.name
+
+    @property
+    def shape(self) -> None:
+        """The person's measurements are not known."""
+        return None
+
+    @property
+    def start_pose(self) -> None:
+        """The true pose is not known."""
+        return None
+
+    @property
+    def start_marks(self) -> FloatArray | None:
+        """Marked joints (J, 3) of the first frame, [u px, v px, weight] in the resized image, NaN where unmarked."""
+        return self._start
+
+    def __len__(self) -> int:
+        return self.last_frame - self.first_frame + 1
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order, decoded one by one: seeking in a video file is not to be relied on."""
+        camera = self.camera.scaled(self.scale)
+        index = self.first_frame - 1
+        for index, image in enumerate(decode(self.source, self.first_frame, self.last_frame), self.first_frame):
+            self._check_size(image)
+            yield Frame(index, index / self.rate_hz, (View(camera, self._scaled(image)),), self._truth_at(index))
+        if index < self.last_frame:
+            raise InputError(f"{self.source}: ends before frame {self.last_frame}, which was there before")
+
+    def _scaled(self, image: ByteArray) -> ByteArray:
+        if self.scale == 1.0:
+            return image
+        # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
+        return np.asarray(cv2.resize(image, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _truth_at(self, index: int) -> Truth | None:
+        found = None if self._truth is None else self._truth.at(index)
+        return None if found is None else Truth(marks=_resized(found[0], self.scale), marks_visible=found[1])
+
+    def _check_size(self, image: ByteArray) -> None:
+        height, width = image.shape[:2]
+        if (width, height) != (self.camera.width, self.camera.height):
+            expected = f"{self.camera.width}×{self.camera.height} of camera {self.camera.name!r}"
+            raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
+
+
+def _choose(file: str, which: str | None) -> Camera:
+    cameras = {camera.name: camera for camera in load_cameras(Path(file).expanduser())}
+    if which is None:
+        return next(iter(cameras.values()))
+    if which not in cameras:
+        raise InputError(f"{file}: no camera called {which!r}, expected one of {', '.join(cameras)}")
+    return cameras[which]
+
+
+def _last_frame(source: Path, first: int, last: int | None) -> int:
+    n = count_frames(source, None if last is None else last + 1)
+    wanted = first if last is None else last
+    if n == 0:
+        raise InputError(f"{source}: expected frames, found none that can be decoded")
+    if wanted >= n:
+        raise InputError(f"{source}: no frame {wanted}, expected one of 0 to {n - 1}")
+    return n - 1 if last is None else last
+
+
+def _rate(source: Path, given: float | None) -> float:
+    rate = frame_rate(source) if given is None else given
+    if rate is None:
+        raise InputError(f"{source}: does not say its frame rate; set rate_hz")
+    if not 0.0 < rate < np.inf:
+        raise InputError(f"video: rate_hz must be positive, found {rate}")
+    return rate
+
+
+def _start(marks: Marks, video: Video, hidden_weight: float) -> FloatArray:
+    found = marks.at(video.first_frame)
+    if found is None:
+        frames = ", ".join(map(str, marks.frames))
+        raise InputError(f"{marks.source}: no marks in frame {video.first_frame}, where the video starts; in {frames}")
+    pixels, visible = found
+    weights = np.where(np.isnan(pixels[:, 0]), np.nan, np.where(visible, 1.0, hidden_weight))
+    return np.column_stack([_resized(pixels, video.scale), weights])
+
+
+def _resized(pixels: FloatArray, scale: float) -> FloatArray:
+    """Pixels of the full-size image in the resized one, as `Camera.scaled` moves them."""
+    return (pixels + 0.5) * scale - 0.5

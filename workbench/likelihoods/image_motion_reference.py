@@ -1,0 +1,190 @@
+"""Paper A's image-motion likelihood in plain NumPy, float64: the definition that the fast kernel is tested against.
+
+One pair of views, written to be read beside EQUATIONS A, "Planar patch" and "Limb likelihood". N particles, L limbs,
+n sample points per limb.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.limbs import Limbs
+from workbench.likelihoods.image_motion_kernel import MIN_AREA, MIN_DEPTH, MIN_SINE, LimbModel, Occlusion, PosedView
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The limbs' planar patches as one camera sees them.
+
+    corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right
+    edge of a limb that points up. depths: (N, L, 2), m, of the patch's axis at its start and end. cos_alpha: (N, L),
+    1 for spheres, 0 where a limb has no patch.
+    """
+
+    corners: FloatArray
+    depths: FloatArray
+    cos_alpha: FloatArray
+
+    def positions(self, samples: FloatArray) -> FloatArray:
+        """Pixels (N, L, n, 2) of points (n, 2) of the patch, u = 0..1 along the limb and v = −1..1 across it."""
+        u, v = samples[:, 0], samples[:, 1]
+        weights = np.stack([1.0 - u, u])[:, None] * np.stack([1.0 - v, 1.0 + v])[None] / 2.0  # (2, 2, n)
+        points: FloatArray = np.einsum("nlabx,abi->nlix", self.corners, weights)
+        return points
+
+    def sample_depths(self, samples: FloatArray) -> FloatArray:
+        """Depths (N, L, n), m, of the same points. Across a limb they are taken as equal: it faces the camera."""
+        depths: FloatArray = self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
+        return depths
+
+
+def view_log_prob(
+    limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
+) -> tuple[FloatArray, IntArray]:
+    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,).
+
+    samples: (n, 2) points (u, v) of every patch, see `Patches.positions`.
+    """
+    patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
+    points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
+    cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
+    inside = (
+        inside_image(before.image, points_before) & inside_image(now.image, points_now) & (cos_alpha > 0)[..., None]
+    )
+    compared = inside & ~hidden_samples(limbs, patches_now, samples, model.occlusion)
+
+    n_compared = compared.sum(axis=-1)
+    residuals = grey_levels(now.image, points_now) - grey_levels(before.image, points_before)
+    squares = np.where(compared, residuals, 0.0) ** 2
+    exponent = model.k * squares.sum(axis=-1)
+    if model.exponent == "mean":
+        exponent /= np.maximum(n_compared, 1)
+
+    visible = cos_alpha * n_compared / len(samples)
+    log_p = limb_log_prob(exponent, cos_alpha, visible, model)
+    return log_p.sum(axis=-1), (~inside).sum(axis=(-1, -2))
+
+
+def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
+    """log p_j of A eq. 10 and 11, with q = `visible` and the weighted sum of squared residuals in `exponent`."""
+    q = np.asarray(visible)
+    with np.errstate(divide="ignore"):
+        sigma = model.sigma / np.where(q > 0.0, cos_alpha, 1.0)
+        gaussian = np.log(q * (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * sigma)) - exponent / (2.0 * sigma**2)
+        flat = np.log(q * model.epsilon / 256.0 + (1.0 - q) * model.p_occluded)
+    log_p: FloatArray = np.logaddexp(gaussian, flat)
+    return log_p
+
+
+def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
+    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2).
+
+    A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
+    in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
+    """
+    rotation = view.camera.rotation @ view.frames.rotations[:, limbs.joints]  # limb to camera
+    origin = view.camera.to_camera(view.frames.positions[:, limbs.joints])
+    start = origin + np.einsum("nlab,lb->nla", rotation, limbs.starts)
+    end = origin + np.einsum("nlab,lb->nla", rotation, limbs.ends)
+    axis = _unit(np.where(limbs.spheres[:, None], rotation[..., 2], end - start))
+    sight = _unit((start + end) / 2.0)
+    across = np.cross(sight, axis)
+    sine = np.linalg.norm(across, axis=-1)
+    across = _unit(across)
+
+    section = np.einsum("nlab,nla->nlb", rotation, across)[..., :2]
+    half_width = np.linalg.norm(limbs.radii * section[:, :, None], axis=-1)  # (N, L, 2)
+    upright = np.cross(across, sight)
+    half_side = np.where(limbs.spheres, limbs.radii[:, 0, 0], 0.0)[:, None] / np.sqrt(2.0)
+    half_width = np.where(limbs.spheres[:, None], half_side, half_width)
+    ends = np.stack([start - half_side * upright, end + half_side * upright], axis=2)  # (N, L, 2, 3)
+    sides = half_width[..., None] * across[:, :, None]
+    corners = np.stack([ends - sides, ends + sides], axis=3)  # (N, L, 2, 2, 3), in the camera's frame
+
+    cos_alpha = np.where(limbs.spheres, 1.0, np.linalg.norm(axis[..., :2], axis=-1))
+    usable = (corners[..., 2] > MIN_DEPTH).all(axis=(2, 3)) & (sine > MIN_SINE)
+    return Patches(_pixels(view.camera, corners), ends[..., 2], np.where(usable, cos_alpha, 0.0))
+
+
+def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
+    """(N, L, n) bool: which points of which limbs other limbs hide.
+
+    "sample": a point is hidden by a patch (a disc for a sphere) that covers it and whose axis lies nearer by more
+    than half the sum of the two limbs' mean radii, which is half the distance of the axes of two limbs that touch;
+    limbs that meet at a joint run into one another and must not hide each other there.
+    "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is nearer than its own
+    nearest surface, all of its points are hidden. "none": nothing is hidden.
+    """
+    points, depths = patches.positions(samples), patches.sample_depths(samples)
+    hidden = np.zeros(points.shape[:-1], dtype=bool)
+    if occlusion == "none":
+        return hidden
+    thickness = limbs.radii.mean(axis=(1, 2))
+    nearest = patches.depths.min(axis=-1) - thickness
+    for k in range(len(limbs)):
+        for j in range(len(limbs)):
+            if j == k:
+                continue
+            covered, depth = _cover(patches, k, bool(limbs.spheres[k]), points[:, j])
+            if occlusion == "sample":
+                hidden[:, j] |= covered & (depth + (thickness[j] + thickness[k]) / 2.0 < depths[:, j])
+            else:
+                behind = nearest[:, k] < nearest[:, j]
+                hidden[:, j] |= (covered & behind[:, None]).any(axis=1)[:, None]
+    return hidden
+
+
+def _cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[BoolArray, FloatArray]:
+    """Whether limb k covers points (N, n, 2), px, and its axis' depth there, (N, n) m."""
+    corners = patches.corners[:, k]
+    start, end = corners[:, 0].mean(axis=1), corners[:, 1].mean(axis=1)
+    edges = (corners[:, :, 1] - corners[:, :, 0]) / 2.0  # (N, 2, 2): half the patch's width at its start and end
+    along, across = end - start, edges.mean(axis=1)
+    area = _cross(along, across)
+    usable = (patches.cos_alpha[:, k] > 0.0) & (np.abs(area) > MIN_AREA)
+    safe_area = np.where(usable, area, 1.0)[:, None]
+    offset = points - start[:, None]
+    u = _cross(offset, across[:, None]) / safe_area
+    v = _cross(along[:, None], offset) / safe_area
+    if sphere:
+        covered = (2.0 * u - 1.0) ** 2 + v**2 <= 2.0  # the circle through the four corners
+    else:
+        widths = np.linalg.norm(edges, axis=-1) / np.maximum(np.linalg.norm(across, axis=-1), 1e-12)[:, None]
+        covered = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= widths[:, :1] + u * np.diff(widths))
+    depth = patches.depths[:, k, :1] + u * np.diff(patches.depths[:, k])
+    if sphere:
+        depth = np.broadcast_to(patches.depths[:, k].mean(axis=-1, keepdims=True), u.shape)
+    return covered & usable[:, None], depth
+
+
+def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
+    """Whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
+    height, width = image.shape
+    x, y = points[..., 0], points[..., 1]
+    inside: BoolArray = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
+    return inside
+
+
+def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
+    """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
+    places = np.where(inside_image(image, points)[..., None], points, -1.0)
+    levels: FloatArray = map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
+    return levels
+
+
+def _pixels(camera: Camera, points: FloatArray) -> FloatArray:
+    depth = np.where(points[..., 2:] > MIN_DEPTH, points[..., 2:], np.nan)
+    return camera.distort(points[..., :2] / depth) * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    unit: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return unit
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

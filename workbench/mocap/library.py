@@ -1,0 +1,137 @@
+"""The motion library: many motions in one HDF5 file.
+
+/motions/<number> holds the datasets poses (F, 25), velocities (F, 25) and joint_error_mm (14,), and as attributes
+name, subject, activity, rate_hz, source, sha256 and licence; its group shape holds the person's measurements. The
+root says format, format_version, workbench_version, and the names of the columns.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from workbench import __version__
+from workbench.arrays import FloatArray
+from workbench.body.shape import Shape, from_height
+from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
+from workbench.errors import InputError
+from workbench.mocap.motion import Motion
+
+FORMAT = "workbench motion library"
+FORMAT_VERSION = 1
+_WORDS = ("name", "subject", "activity", "source", "sha256", "licence")
+
+
+def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
+    """Write motions to an HDF5 file; a file of that name is replaced at the end, when the new one is whole.
+
+    Raises InputError when there is no motion, a motion has fewer than two frames (and so no velocities), or the file
+    cannot be written.
+    """
+    path = Path(path)
+    if not motions:
+        raise InputError(f"{path}: expected at least one motion to write, found none")
+    if short := [motion.name for motion in motions if len(motion) < 2]:
+        raise InputError(f"{path}: expected motions of at least two frames, found {short[0]!r} with one")
+    part = path.with_name(path.name + ".part")
+    try:
+        with h5py.File(part, "w") as file:
+            file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, workbench_version=__version__)
+            file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
+            for number, motion in enumerate(motions):
+                _write_motion(file.create_group(f"motions/{number:06d}"), motion)
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def read_library(path: str | Path) -> tuple[Motion, ...]:
+    """The motions of a library, in the order they were written.
+
+    Raises InputError when the file is missing, is not HDF5 or not a library of this version, or when a motion lacks
+    something, has arrays of a wrong shape or numbers that are not finite.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such motion library")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read_motions(path, file)
+    except (OSError, RuntimeError) as error:  # h5py raises either for a damaged file
+        raise InputError(f"{path}: expected a whole motion library (HDF5): {error}") from None
+
+
+def _read_motions(path: Path, file: Any) -> tuple[Motion, ...]:
+    found = (file.attrs.get("format"), file.attrs.get("format_version"))
+    if found != (FORMAT, FORMAT_VERSION):
+        raise InputError(f"{path}: expected {FORMAT!r} of version {FORMAT_VERSION}, found {found[0]!r}, {found[1]}")
+    groups = file.get("motions")
+    if not isinstance(groups, h5py.Group) or len(groups) == 0:
+        raise InputError(f"{path}: expected at least one motion under /motions, found none")
+    return tuple(_read_motion(path, groups, key) for key in sorted(groups))
+
+
+def _write_motion(group: Any, motion: Motion) -> None:
+    group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
+    group["poses"] = motion.poses
+    group["velocities"] = motion.velocities
+    group["joint_error_mm"] = motion.joint_error_mm
+    group.create_group("shape").attrs.update(motion.shape.as_dict())
+
+
+def _read_motion(path: Path, groups: Any, key: str) -> Motion:
+    group, place = groups.get(key), f"{path}: motion {key}"
+    if not isinstance(group, h5py.Group):
+        raise InputError(f"{place} is not a group")
+    words = {word: group.attrs.get(word) for word in _WORDS}
+    rate_hz = group.attrs.get("rate_hz")
+    if wrong := [word for word in _WORDS if not isinstance(words[word], str)]:
+        raise InputError(f"{place} lacks the text {wrong[0]!r}")
+    if not isinstance(rate_hz, float) or not 0.0 < rate_hz < np.inf:
+        raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
+    poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
+    _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
+    return Motion(
+        **words,
+        rate_hz=float(rate_hz),
+        poses=poses,
+        shape=_read_shape(place, group.get("shape")),
+        joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
+    )
+
+
+def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """A dataset of finite float64; None in the shape stands for any positive size."""
+    dataset = group.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise InputError(f"{place} lacks the dataset {name!r}")
+    fits = len(dataset.shape or ()) == len(shape) and all(
+        size == wanted or (wanted is None and size > 0) for size, wanted in zip(dataset.shape, shape, strict=True)
+    )
+    if not fits or dataset.dtype != np.float64:
+        expected = " × ".join("F" if wanted is None else str(wanted) for wanted in shape)
+        raise InputError(f"{place}: {name} must be {expected} float64, found {dataset.shape} {dataset.dtype}")
+    values: FloatArray = dataset[()]
+    if not np.isfinite(values).all():
+        raise InputError(f"{place}: {name} holds numbers that are not finite")
+    return values
+
+
+def _read_shape(place: str, group: Any) -> Shape:
+    if not isinstance(group, h5py.Group):
+        raise InputError(f"{place} lacks the group 'shape'")
+    lengths: dict[str, Any] = {}
+    for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
+        value = np.asarray(group.attrs.get(name))
+        if value.dtype != np.float64 or value.shape != np.shape(average) or not np.isfinite(value).all():
+            raise InputError(f"{place}: its shape lacks the length {name!r}")
+        lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
+    try:
+        return Shape(**lengths)
+    except InputError as error:  # which knows the length, but not its file
+        raise InputError(f"{place}: {error}") from None

@@ -1,0 +1,159 @@
+"""Where motions come from: files and folders, what their names and indices tell, and what may be done with them."""
+
+import csv
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from workbench.errors import InputError
+from workbench.mocap.asf_amc import read_amc
+from workbench.mocap.bvh import read_bvh
+from workbench.mocap.motion import Motion
+from workbench.mocap.retarget import retarget
+from workbench.mocap.text import fail, read_lines
+
+SUFFIXES = (".amc", ".bvh")
+CMU_LICENCE = (
+    "CMU Graphics Lab Motion Capture Database, mocap.cs.cmu.edu; created with funding from NSF EIA-0196217; "
+    "free for all uses"
+)
+BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
+UNKNOWN = "unknown"
+_INDEX_COLUMNS = ("clip", "subject", "activity", "rate_hz")
+
+
+@dataclass(frozen=True)
+class CmuClip:
+    """One row of the index of a copy of the CMU database."""
+
+    name: str
+    subject: str
+    activity: str
+    rate_hz: float
+
+
+def find_sources(paths: Iterable[str | Path]) -> list[Path]:
+    """The motion files (.amc, .bvh) among `paths` and, sorted, in the folders among them and below; each once.
+
+    Raises InputError for a path that does not exist, a file of another kind, and a folder without motion files.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        if path.is_dir():
+            files = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
+        else:
+            files = [path] if path.is_file() and path.suffix.lower() in SUFFIXES else []
+        if not files:
+            what = "a folder without any" if path.is_dir() else "another kind" if path.is_file() else "nothing"
+            raise InputError(f"{path}: expected motion files ({', '.join(SUFFIXES)}), found {what}")
+        for file in files:
+            found.setdefault(file.resolve(), file)
+    return list(found.values())
+
+
+def load_motion(path: str | Path, unit: str = "cm") -> Motion:
+    """The motion of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), retargeted.
+
+    Subject, activity and rate come from the CMU index (index.csv beside the file or in the folder above) where there
+    is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
+    licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
+    `source` is the file's name with its folder's, never the whole path.
+
+    Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
+    """
+    path = Path(path)
+    bandai = re.fullmatch(r"dataset-(\d+)_([^_]+)_([^_]+)_\d+", path.stem)
+    subject = activity = licence = UNKNOWN
+    if path.suffix.lower() == ".amc":
+        row = _index_row(path)
+        clip = read_amc(path, rate_hz=row.rate_hz) if row else read_amc(path)
+        if row:
+            subject, activity, licence = row.subject, row.activity, CMU_LICENCE
+        elif re.fullmatch(r"\d+_\d+", path.stem):
+            subject, licence = path.stem.partition("_")[0], CMU_LICENCE
+    elif path.suffix.lower() == ".bvh":
+        clip = read_bvh(path, unit)
+        if bandai:
+            subject, activity, licence = f"bandai-{bandai[1]}", bandai[2], BANDAI_LICENCE
+    else:
+        raise InputError(f"{path}: expected a motion file ({', '.join(SUFFIXES)})")
+    try:
+        motion = retarget(clip)
+    except InputError as error:  # which knows the clip, but not its file
+        raise InputError(f"{path}: {error}") from None
+    source = "/".join(path.resolve().parts[-2:])
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
+
+
+def import_sources(
+    paths: Iterable[str | Path], rate_hz: float | None = None, unit: str = "cm"
+) -> tuple[list[Motion], list[str]]:
+    """The motions of all files and folders in `paths`, and one sentence for every one that could not be had.
+
+    rate_hz: the rate to resample to; None keeps each file's own. unit: that of the BVH files. A bad file costs
+    nothing but itself. Shows a progress bar. Raises InputError for a rate that is not positive.
+    """
+    if rate_hz is not None and not 0.1 <= rate_hz <= 1e5:
+        raise InputError(f"the rate must be between 0.1 and 100000 Hz, found {rate_hz}")
+    motions, reports, files = [], [], []
+    for path in paths:
+        try:
+            files += find_sources([path])
+        except InputError as error:
+            reports.append(str(error))
+    for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
+        try:
+            motion = load_motion(file, unit)
+        except InputError as error:
+            reports.append(str(error))
+            continue
+        motion = motion if rate_hz is None else motion.resampled(rate_hz)
+        if len(motion) < 2:
+            reports.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
+        else:
+            motions.append(motion)
+    return motions, reports
+
+
+def cmu_clips(data: str | Path, subjects: Sequence[str], activity: str = "walk") -> list[Path]:
+    """The AMC files of some subjects of the CMU database, e.g. ("02", "35"), in the order of its index.
+
+    data: the folder that holds cmu/ with index.csv and a folder per subject. activity: the index's, exactly.
+    Raises InputError when the index, a file or all of a subject's clips of that activity are missing.
+    """
+    folder = Path(data) / "cmu"
+    rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]
+    if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
+        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
+    clips = [folder / row.subject / f"{row.name}.amc" for row in rows if row.subject in subjects]
+    if missing := [clip for clip in clips if not clip.is_file()]:
+        raise InputError(f"{missing[0]}: no such file, though the index lists it")
+    return clips
+
+
+def _index_row(path: Path) -> CmuClip | None:
+    """What the CMU index beside the file or in the folder above says about it."""
+    for folder in path.resolve().parents[:2]:
+        if (folder / "index.csv").is_file():
+            return _read_index(folder / "index.csv").get(path.stem)
+    return None
+
+
+def _read_index(path: Path) -> dict[str, CmuClip]:
+    rows = {}
+    reader = csv.DictReader(read_lines(path))
+    columns = reader.fieldnames or ()
+    if not set(_INDEX_COLUMNS) <= set(columns):
+        fail(path, 1, f"expected the columns {', '.join(_INDEX_COLUMNS)} among others, found {', '.join(columns)!r}")
+    for row in reader:
+        try:
+            rate_hz = float(row["rate_hz"])
+        except (TypeError, ValueError):
+            fail(path, reader.line_num, f"expected a row with a rate in Hz, found {row['rate_hz']!r}")
+        rows[row["clip"]] = CmuClip(row["clip"], row["subject"], row["activity"], rate_hz)
+    return rows

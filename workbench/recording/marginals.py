@@ -1,0 +1,94 @@
+"""Summaries of a weighted particle set for the eye: marginals over time, 5–95 % bands, histograms."""
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+
+LOWEST_LOG_MASS = float(np.log(1e-4))
+"""What an empty bin of a marginal shows."""
+_FINE = 4
+
+
+def systematic(weights: FloatArray, n: int) -> IntArray:
+    """Indices (n,) of equally weighted copies: n evenly spaced points on the cumulated weights (N,), no randomness."""
+    cumulated = np.cumsum(weights)
+    points = (np.arange(n) + 0.5) / n * cumulated[-1]
+    chosen: IntArray = np.searchsorted(cumulated, points, side="right").clip(max=len(weights) - 1)
+    return chosen
+
+
+def weighted_quantiles(values: FloatArray, weights: FloatArray, at: tuple[float, ...]) -> FloatArray:
+    """Quantiles (len(at), K) of every column of values (N, K): the smallest value with that share of the weights."""
+    columns = np.ascontiguousarray(values.T)
+    order = np.argsort(columns, axis=1)
+    cumulated = np.cumsum(weights[order], axis=1)
+    cumulated /= cumulated[:, -1:]
+    ranks = np.stack([(cumulated < share).sum(axis=1) for share in at])
+    rows = np.arange(len(columns))
+    found: FloatArray = columns[rows, order[rows, ranks.clip(max=len(values) - 1)]]
+    return found
+
+
+class Marginals:
+    """The marginals of K parameters over the frames so far, as histograms on one axis per parameter.
+
+    An axis starts as the range of the first particle set. When later particles leave it, it doubles towards them and
+    neighbouring bins are merged: past frames keep their mass exactly, no sample need be stored, and a frame costs
+    the same however long the run is. Four times finer bins than asked for make up for what doubling leaves empty.
+    """
+
+    def __init__(self, n_parameters: int, n_bins: int) -> None:
+        self._n_bins, self._n_fine = n_bins, _FINE * n_bins
+        self._low, self._width = np.zeros(n_parameters), np.zeros(n_parameters)
+        self._frames: list[FloatArray] = []
+
+    def add(self, values: FloatArray, weights: FloatArray) -> None:
+        """One more frame: values (N, K), finite, with weights (N,) that sum to one."""
+        lowest, highest = values.min(axis=0), values.max(axis=0)
+        if not self._frames:
+            spread = np.maximum(highest - lowest, 1e-6 * np.maximum(np.abs(highest), 1.0))
+            self._low, self._width = lowest - 0.01 * spread, 1.02 * spread
+        for k in np.flatnonzero((lowest < self._low) | (highest >= self._low + self._width)):
+            while lowest[k] < self._low[k] or highest[k] >= self._low[k] + self._width[k]:
+                self._double(int(k), downwards=bool(lowest[k] < self._low[k]))
+        bins = ((values - self._low) * (self._n_fine / self._width)).astype(np.int64).clip(0, self._n_fine - 1)
+        n_parameters = values.shape[1]
+        bins += np.arange(n_parameters) * self._n_fine
+        mass = np.bincount(bins.ravel(), np.repeat(weights, n_parameters), minlength=n_parameters * self._n_fine)
+        self._frames.append(np.asarray(mass, dtype=np.float64).reshape(n_parameters, self._n_fine))
+
+    def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Low and high ends (K,) of the axes, and the log mass (K, B, frames) of each bin, from LOWEST_LOG_MASS up.
+
+        An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
+        """
+        fine = np.stack(self._frames, axis=-1)
+        n_parameters, _, n_frames = fine.shape
+        mass = np.empty((n_parameters, self._n_bins, n_frames))
+        starts, merged = np.empty((2, n_parameters), dtype=np.int64)
+        for k in range(n_parameters):
+            seen = np.flatnonzero((fine[k] > np.exp(LOWEST_LOG_MASS)).any(axis=1))
+            merged[k] = -(-(seen[-1] + 1 - seen[0]) // self._n_bins)
+            window = self._n_bins * merged[k]
+            starts[k] = min(max((seen[0] + seen[-1] + 1 - window) // 2, 0), self._n_fine - window)
+            cut = fine[k, starts[k] : starts[k] + window]
+            mass[k] = cut.reshape(self._n_bins, merged[k], n_frames).sum(axis=1)
+        step = self._width / self._n_fine
+        low = self._low + starts * step
+        return low, low + self._n_bins * merged * step, np.log(np.maximum(mass, np.exp(LOWEST_LOG_MASS)))
+
+    def _double(self, k: int, downwards: bool) -> None:
+        half = self._n_fine // 2
+        kept = slice(half, None) if downwards else slice(half)
+        for mass in self._frames:
+            merged = mass[k].reshape(half, 2).sum(axis=1)
+            mass[k] = 0.0
+            mass[k, kept] = merged
+        self._low[k] -= self._width[k] if downwards else 0.0
+        self._width[k] *= 2.0
+
+
+def histogram(values: FloatArray, weights: FloatArray, edges: FloatArray) -> FloatArray:
+    """Weight of the values (N,) in each bin between the edges (B + 1,); values outside count in the outermost bins."""
+    mass, _ = np.histogram(values.clip(edges[0], edges[-1]), bins=edges, weights=weights)
+    return mass

@@ -1,0 +1,127 @@
+"""The posterior over frames: marginals as brightness plots, 5–95 % bands, histograms of coefficients."""
+
+from collections.abc import Iterator
+from typing import Any, TypeAlias
+
+import numpy as np
+import rerun as rr
+
+from workbench.arrays import FloatArray
+from workbench.body.skeleton import Skeleton
+from workbench.datasets.frame import Truth
+from workbench.inference.step import Step
+from workbench.priors.state import StateSpace
+from workbench.recording import colours
+from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, weighted_quantiles
+
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+
+SHOWN_ANGLES = tuple(
+    f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
+)
+"""The joint angles whose posterior is recorded beside that of the state's columns."""
+_BAND = (0.05, 0.95)
+_COEFFICIENTS_SHOWN = 3
+_COEFFICIENT_BINS = 32
+_CURVES = (
+    ("mean", colours.ESTIMATE, 2.0),
+    ("low", colours.BODY, 1.0),
+    ("high", colours.BODY, 1.0),
+    ("truth", colours.TRUTH, 2.0),
+)
+
+
+class Posterior:
+    """Collects the marginals of the state's columns and of SHOWN_ANGLES, frame by frame.
+
+    names, units: one per parameter, the state's columns first.
+    """
+
+    def __init__(self, space: StateSpace, skeleton: Skeleton, scale: FloatArray | None, n_bins: int) -> None:
+        angles = [name for name in SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
+        self.names = (*space.names, *angles)
+        self.units = (*space.units, *["rad"] * len(angles))
+        self.frames: list[int] = []
+        self._skeleton = skeleton
+        self._angles = [skeleton.dof(name) for name in angles]
+        self._marginals = Marginals(len(self.names), n_bins)
+        columns = range(len(space))[space.slices.get("coefficients", slice(0))]
+        self.coefficients = columns[:_COEFFICIENTS_SHOWN]
+        self._scale = scale
+        self._edges: list[FloatArray] = []
+
+    @property
+    def favourites(self) -> tuple[str, ...]:
+        """Up to four parameters worth a picture of their own: flexion of hips and knees if there are any."""
+        return tuple([name for name in SHOWN_ANGLES if name in self.names] or self.names)[:4]
+
+    def add(self, step: Step) -> dict[str, float]:
+        """Take one step in; returns the numbers of its bands, {entity path: value}."""
+        values = np.hstack([step.particles, step.poses[:, self._angles]])
+        weights = np.exp(step.log_weights)
+        if not np.isfinite(values).all() or not np.isfinite(weights).all():
+            raise ValueError(f"frame {step.frame.index}: the particles or their weights are not finite")
+        self._marginals.add(values, weights)
+        self.frames.append(step.frame.index)
+        low, high = weighted_quantiles(values, weights, _BAND)
+        rows = {"mean": weights @ values, "low": low, "high": high}
+        numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
+        return numbers | self._true(step.frame.truth)
+
+    def begin(self, step: Step) -> Entities:
+        """What stays as the first step finds it: looks of the curves, bins and Gaussian model of each coefficient.
+
+        The bins reach to four standard deviations of the model, or without one to twice the first step's samples.
+        """
+        for name in self.names:
+            known = name in self._skeleton.dof_names  # else there is no truth to compare with
+            for row, colour, width in _CURVES if known else _CURVES[:3]:
+                yield _band(name, row), rr.SeriesLines(colors=[colour], widths=[width], names=[row])
+        for k, column in enumerate(self.coefficients, start=1):
+            samples = step.particles[:, column]
+            reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
+            edges = np.linspace(-reach, reach, _COEFFICIENT_BINS + 1)
+            self._edges.append(edges)
+            if self._scale is not None:
+                density = np.exp(-0.5 * ((edges[1:] + edges[:-1]) / (2.0 * self._scale[k - 1])) ** 2)
+                model = rr.BarChart(density / density.sum(), **_bars(edges, 0.25), color=colours.MODEL)
+                yield f"coefficients/{k}/model", model
+
+    def histograms(self, step: Step) -> Entities:
+        """The weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
+        weights = np.exp(step.log_weights)
+        for k, (column, edges) in enumerate(zip(self.coefficients, self._edges, strict=True), start=1):
+            mass = histogram(step.particles[:, column], weights, edges)
+            if len(self.frames) == 1:
+                yield f"coefficients/{k}", rr.BarChart(mass, **_bars(edges, 1.0), color=colours.ESTIMATE)
+            else:  # bins and colour hold from the first frame on
+                yield f"coefficients/{k}", rr.BarChart.from_fields(values=mass)
+
+    def pictures(self) -> tuple[Entities, dict[str, Any]]:
+        """The marginals over all frames so far, [parameter, bin, frame] log mass, and what their axes stand for."""
+        low, high, log_mass = self._marginals.picture()
+        axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": self.frames}
+        lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            lines.append(f"| {k} | {name} | {low[k]:.3g} | {high[k]:.3g} | {unit} |")
+        dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
+        tensor = rr.Tensor(log_mass.astype(np.float32), dim_names=dim_names, value_range=value_range)
+        legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
+        return iter([("posterior/marginals", tensor), ("posterior/legend", legend)]), axes
+
+    def _true(self, known: Truth | None) -> dict[str, float]:
+        if known is None or known.pose is None:
+            return {}
+        dofs = self._skeleton.dof_names
+        return {_band(name, "truth"): known.pose[dofs.index(name)] for name in self.names if name in dofs}
+
+
+def _band(name: str, row: str) -> str:
+    return f"posterior/parameters/{name}/{row}"
+
+
+def _bars(edges: FloatArray, fill: float) -> dict[str, FloatArray]:
+    """Bars in the middle of their bins, `fill` of a bin wide; the viewer's abscissa is a bar's left edge."""
+    bin_width = edges[1] - edges[0]
+    left = edges[:-1] + 0.5 * (1.0 - fill) * bin_width
+    return {"abscissa": left, "widths": np.full(len(left), fill * bin_width)}

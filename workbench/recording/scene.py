@@ -1,0 +1,146 @@
+"""What a step looks like in the world: skeletons, the solid body, the particles.
+
+The functions return pairs (entity path, archetype). Looks and names never change and are logged once, static;
+the frames then carry positions only.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
+from workbench.body.kinematics import forward, joints
+from workbench.body.limbs import Body, Limbs
+from workbench.body.skeleton import Skeleton
+from workbench.datasets.frame import Truth
+from workbench.recording import colours
+
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+
+ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
+_ELLIPSOIDS_PER_CONE = 11  # with fewer the rings show, with more nothing is gained
+_FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A body prepared for drawing.
+
+    chains: (C, longest) joints, paths that cover every bone once. half_sizes, centers: (E, 3), m, ellipsoids in the
+    frames of the joints carriers (E,).
+    """
+
+    skeleton: Skeleton
+    chains: IntArray
+    half_sizes: FloatArray
+    centers: FloatArray
+    carriers: IntArray
+
+
+def figure(body: Body) -> Figure:
+    """The drawing of a body."""
+    return Figure(body.skeleton, _chains(body.skeleton), *_solids(body.limbs))
+
+
+def fixed(drawn: Figure) -> Entities:
+    """What holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
+    yield "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    names = list(drawn.skeleton.names)
+    for path, colour, width in ((ESTIMATE, colours.ESTIMATE, 2.5), (TRUTH, colours.TRUTH, 1.75)):
+        line, dot = rr.Radius.ui_points(width), rr.Radius.ui_points(width + 1.0)
+        yield f"{path}/skeleton", rr.LineStrips3D.from_fields(colors=[colour], radii=line)
+        looks = rr.Points3D.from_fields(labels=names, show_labels=False, colors=[colour], radii=dot)
+        yield f"{path}/joints", looks
+    solids = rr.Ellipsoids3D.from_fields(half_sizes=drawn.half_sizes, colors=[colours.BODY], fill_mode="solid")
+    yield f"{ESTIMATE}/body", solids
+    yield PARTICLES, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.15))
+
+
+def estimate(drawn: Figure, pose: FloatArray) -> Entities:
+    """The expected pose (P,) as joints, skeleton and solid body."""
+    frames = forward(drawn.skeleton, pose[None])
+    yield from _bones(drawn, ESTIMATE, frames.positions)
+    rotations = frames.rotations[0, drawn.carriers]
+    centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
+    quaternions = Rotation.from_matrix(rotations).as_quat()
+    yield f"{ESTIMATE}/body", rr.Ellipsoids3D.from_fields(centers=centers, quaternions=quaternions)
+
+
+def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
+    """The true joints, or those of the true pose on the tracked person's skeleton: (1, J, 3), m; else (0, J, 3)."""
+    if known is not None and known.joints is not None:
+        return known.joints[None]
+    if known is not None and known.pose is not None:
+        return joints(skeleton, known.pose[None])
+    return np.empty((0, len(skeleton.names), 3))
+
+
+def truth(drawn: Figure, positions: FloatArray) -> Entities:
+    """Joints (n, J, 3), m, of one true person or of none, which clears what an earlier frame showed."""
+    yield from _bones(drawn, TRUTH, positions)
+
+
+def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Entities:
+    """Particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
+    colors = np.repeat(shades, len(drawn.chains), axis=0)
+    yield PARTICLES, rr.LineStrips3D.from_fields(strips=_strips(drawn, positions), colors=colors)
+
+
+def weight_colours(log_weights: FloatArray) -> ByteArray:
+    """Colours (n, 3): light for the heaviest particle, dark from e⁻⁶ of its weight down.
+
+    The viewer draws lines opaque, so that brightness has to say what transparency would.
+    """
+    height = np.clip(1.0 - (log_weights - log_weights.max()) / _FAINTEST_LOG_WEIGHT, 0.0, 1.0)[:, None]
+    low, high = np.array(colours.LIGHTEST_PARTICLE), np.array(colours.HEAVIEST_PARTICLE)
+    shades: ByteArray = np.rint(low + height * (high - low)).astype(np.uint8)
+    return shades
+
+
+def _bones(drawn: Figure, path: str, positions: FloatArray) -> Entities:
+    yield f"{path}/skeleton", rr.LineStrips3D.from_fields(strips=_strips(drawn, positions))
+    yield f"{path}/joints", rr.Points3D.from_fields(positions=positions.reshape(-1, 3))
+
+
+def _strips(drawn: Figure, positions: FloatArray) -> Float32Array:
+    """Joints (n, J, 3) as strips (n C, longest, 3)."""
+    return positions[:, drawn.chains].reshape(-1, drawn.chains.shape[1], 3).astype(np.float32)
+
+
+def _chains(skeleton: Skeleton) -> IntArray:
+    """Paths from a leaf or fork up to the next fork; short ones repeat their last joint.
+
+    Equal lengths make one array of all strips, which is logged many times faster than a list of arrays.
+    """
+    n_children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.names))
+    paths = []
+    for end in np.flatnonzero((n_children != 1) & (skeleton.parents >= 0)):
+        path = [end, skeleton.parents[end]]
+        while n_children[path[-1]] == 1 and skeleton.parents[path[-1]] >= 0:
+            path.append(skeleton.parents[path[-1]])
+        paths.append(path[::-1])
+    longest = max(map(len, paths))
+    return np.array([path + path[-1:] * (longest - len(path)) for path in paths])
+
+
+def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Half sizes (E, 3), centres (E, 3) and joints (E,) of the ellipsoids that stand for the limbs.
+
+    Rerun has no truncated cone with elliptical section: each is drawn as a row of ellipsoids with the cone's
+    section at their middle, dense near the ends, which rounds the ends too. Limbs lie along their frame's z axis.
+    """
+    half_sizes, centers, carriers = [], [], []
+    for i in range(len(limbs)):
+        n = 1 if limbs.spheres[i] else _ELLIPSOIDS_PER_CONE
+        u = (1.0 - np.cos(np.linspace(0.0, np.pi, n)))[:, None] / 2.0
+        axis, (first, last) = limbs.ends[i] - limbs.starts[i], limbs.radii[i]
+        length = float(np.linalg.norm(axis))
+        reach = np.minimum(u * length + first.min(), (1.0 - u) * length + last.min())
+        half_sizes.append(np.hstack([first + u * (last - first), reach]))
+        centers.append(limbs.starts[i] + u * axis)
+        carriers.append(np.full(n, limbs.joints[i]))
+    return np.concatenate(half_sizes), np.concatenate(centers), np.concatenate(carriers)

@@ -1,0 +1,30 @@
+"""Scalars over the frames, collected and written as columns: one write per curve instead of one per value."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import rerun as rr
+
+from workbench.arrays import FloatArray
+
+
+class Series:
+    """Rows of numbers per entity path, waiting to be written."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[tuple[int, np.timedelta64, FloatArray]]] = {}
+
+    def add(self, frame: int, time: np.timedelta64, values: Mapping[str, float | FloatArray]) -> None:
+        """One frame's numbers: {entity path: a number or an array (k,)}."""
+        for path, value in values.items():
+            row = np.atleast_1d(np.array(value, dtype=np.float64))
+            self._rows.setdefault(path, []).append((frame, time, row))
+
+    def write(self, stream: rr.RecordingStream) -> None:
+        """Send what waits, float64, on the timelines `frame` and `time`."""
+        for path, rows in self._rows.items():
+            frames, times, values = zip(*rows, strict=True)
+            index = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=np.array(times))]
+            columns = rr.Scalars.columns(scalars=np.concatenate(values)).partition([len(row) for row in values])
+            stream.send_columns(path, indexes=index, columns=columns)
+        self._rows.clear()
