@@ -61,7 +61,7 @@ def test_a_sphere_covers_the_area_of_its_ellipse_and_has_its_nearest_depth(off_a
 
 
 def surface_misfit(pose, camera, depth, limb, k):
-    """Misfit of limb k's own equation, at the points that rays hit on it, from the joints' frames alone."""
+    """How far, in radii, the points that rays hit on limb k are off its surface, from the joints' frames alone."""
     rows, columns = np.nonzero(limb == k)
     z = depth[rows, columns]
     x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0] * z
@@ -69,17 +69,18 @@ def surface_misfit(pose, camera, depth, limb, k):
     world = (np.stack([x, y, z], axis=1) - camera.translation) @ camera.rotation
     frames, limbs = forward(BODY.skeleton, pose[None]), BODY.limbs
     joint = limbs.joints[k]
-    local = (world - frames.positions[0, joint]) @ frames.rotations[0, joint] - limbs.starts[k]
+    local = (world - frames.positions[0, joint]) @ frames.rotations[0, joint]
+    misfits = []
+    for end, radii in ((limbs.starts[k], limbs.radii[k, 0]), (limbs.ends[k], limbs.radii[k, 1])):
+        misfits.append(np.abs(np.linalg.norm((local - end) / [*radii, min(radii)], axis=1) - 1.0))
     axis = limbs.ends[k] - limbs.starts[k]
-    length = np.linalg.norm(axis)
-    if length == 0.0:
-        return np.linalg.norm(local / limbs.radii[k, 0, 0], axis=1) - 1.0
-    assert np.allclose(axis[:2], 0.0)  # along the frame's z, so that x and y are the section's
-    t = local @ axis / length**2
-    inner = np.clip(t, 0.0, 1.0)
-    rx, ry = (limbs.radii[k, 0, i] * (1.0 - inner) + limbs.radii[k, 1, i] * inner for i in (0, 1))
-    beyond = (t - inner) * length / np.minimum(rx, ry)
-    return np.sqrt((local[:, 0] / rx) ** 2 + (local[:, 1] / ry) ** 2 + beyond**2) - 1.0
+    if not limbs.spheres[k]:
+        assert np.allclose(axis[:2], 0.0)  # along the frame's z, so that x and y are the section's
+        t = (local - limbs.starts[k]) @ axis / (axis @ axis)
+        section = np.outer(1.0 - t, limbs.radii[k, 0]) + np.outer(t, limbs.radii[k, 1])
+        side = np.abs(np.linalg.norm(local[:, :2] / section, axis=1) - 1.0)
+        misfits.append(np.where((t > -1e-9) & (t < 1.0 + 1e-9), side, np.inf))
+    return np.min(misfits, axis=0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -89,11 +90,8 @@ def test_hits_lie_on_the_limbs_surfaces(pose):
     assert (limb >= 0).any()
     for k in range(len(BODY.limbs)):
         if (limb == k).any():
-            misfit = np.abs(surface_misfit(pose, CAMERA, depth, limb, k))
-            # Directions are kept in single precision: 4 m × 6e-8, over radii from 3 cm and along grazing rays.
-            assert np.median(misfit) < 1e-5
-            # Caps swell over a tapered limb by (taper)² / 2, at most 0.2 % of the radius.
-            assert misfit.max() < 2e-3
+            # Directions are kept in single precision: 6e-8 of some 5 m is 0.3 µm, over radii from 3 cm.
+            assert surface_misfit(pose, CAMERA, depth, limb, k).max() < 3e-5
 
 
 @settings(max_examples=15, deadline=None)
@@ -101,9 +99,12 @@ def test_hits_lie_on_the_limbs_surfaces(pose):
 def test_the_kernel_agrees_with_its_reference(pose):
     depth, limb = whole(render.cast(BODY, pose, CAMERA, RAYS), CAMERA)
     reference = render.cast_reference(BODY, pose, CAMERA, RAYS)
-    assert np.array_equal(limb >= 0, reference.limb >= 0)  # the limbs' boxes cut nothing off
-    assert np.allclose(depth, reference.depth, rtol=0.0, atol=1e-9)
-    assert (limb == reference.limb).mean() > 0.9999  # two limbs may meet at one depth
+    # A ray that touches a rim rests on the root of a difference near zero, where the last bit counts: two at most.
+    assert ((limb >= 0) != (reference.limb >= 0)).sum() <= 2  # so the limbs' boxes cut nothing off
+    both = (limb >= 0) & (reference.limb >= 0)
+    apart = np.abs(depth[both] - reference.depth[both]) > 1e-9
+    assert apart.sum() <= 2
+    assert (limb != reference.limb)[both].sum() <= 2
 
 
 def test_the_silhouette_of_a_cone_is_the_hull_of_its_end_circles():

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
+from types import MappingProxyType
 
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.errors import InputError
 
 Lengths = Mapping[str, float]
+NO_LENGTHS: Lengths = MappingProxyType({})
 
 
 def of_dataset(dataset_shape: Shape | None, *, scale: float = 1.0) -> Body:
@@ -17,9 +19,9 @@ def of_dataset(dataset_shape: Shape | None, *, scale: float = 1.0) -> Body:
     return person(dataset_shape.scaled(scale))
 
 
-def of_height(dataset_shape: Shape | None, *, height_m: float, lengths: Lengths | None = None) -> Body:
+def of_height(dataset_shape: Shape | None, *, height_m: float, lengths: Lengths = NO_LENGTHS) -> Body:
     """An average person of a height, m, with single lengths (m) given by name, e.g. {thigh: 0.40}."""
-    given = dict(lengths or {})
+    given = dict(lengths)
     plain = {field.name for field in fields(Shape) if field.type is float}
     if unknown := sorted(set(given) - plain):
         raise InputError(f"body: unknown length {unknown[0]!r}, expected one of {', '.join(sorted(plain))}")

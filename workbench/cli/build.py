@@ -23,12 +23,17 @@ def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
 
 
 def build(node: DictConfig, **live: object) -> Any:
-    """Call the node's target with its keys and the live objects; what the target raises comes through unchanged."""
+    """Call the node's target with its keys and those of the live objects that it has parameters for.
+
+    Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
+    through unchanged.
+    """
     check_targets(node)
     known = signature(get_object(node["_target_"])).parameters
     if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
-    return instantiate(node, _partial_=True, _convert_="all")(**live)
+    wanted = {name: value for name, value in live.items() if name in known}
+    return instantiate(node, _partial_=True, _convert_="all")(**wanted)
 
 
 def _check(value: object, place: str) -> None:

@@ -88,6 +88,8 @@ def _default(value: object) -> Any:
         return MISSING
     if isinstance(value, tuple | list):
         return field(default_factory=lambda: list(value))
+    if isinstance(value, Mapping):
+        return field(default_factory=lambda: dict(value))
     return value
 
 

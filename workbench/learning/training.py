@@ -7,8 +7,9 @@ from pathlib import Path
 
 from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
-from workbench.learning.store import Provenance, read_model, write_model
+from workbench.learning.store import Provenance, code_digest, read_model, write_model
 from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.mocap import asf_amc, clip, retarget
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import cmu_clips, import_sources
@@ -73,8 +74,9 @@ def _cmu_walks(data: Path, cache: Path, subjects: Sequence[str]) -> tuple[Motion
 
 
 def _digest(paths: Sequence[Path]) -> str:
-    digest = hashlib.sha256()
-    for path in paths:
+    digest = hashlib.sha256(code_digest(asf_amc, clip, retarget).encode())
+    skeletons = {skeleton for path in paths for skeleton in path.parent.glob("*.asf")}
+    for path in sorted({*paths, *skeletons}):
         digest.update(f"{path.name}:".encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()

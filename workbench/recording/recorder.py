@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +29,8 @@ from workbench.recording.series import Series
 logger = logging.getLogger(__name__)
 
 _MOST_OVERLAID = 60  # more particles over an image hide the person
+_SPARE_BYTES = 100_000_000  # many times what is written between two flushes
+_LONGEST_WRITE_S = 120.0
 
 
 class Recorder:
@@ -113,12 +116,10 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            self._send_property("run", {"status": "complete" if kind is None else "failed"})
-            self._send_pictures()
-            self._flush()
-        finally:
-            self._stream.disconnect()
+        self._send_property("run", {"status": "complete" if kind is None else "failed"})
+        self._send_pictures()
+        self._flush()
+        self._stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
         if kind is not None:
             logger.warning("the run ended early; its first %d frames are in %s", self._n_frames, self.part)
             return
@@ -129,7 +130,8 @@ class Recorder:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
 
         They are recorded with the effective sample size, the log evidence and the step's diagnostics.
-        Raises ValueError when the particles or weights are not finite, InputError for a camera's unusable name.
+        Raises ValueError when the particles or weights are not finite, InputError for a camera's unusable name,
+        OSError when the disk is nearly full.
         """
         frame = step.frame
         time = np.timedelta64(round(frame.time_s * 1e9), "ns")
@@ -152,6 +154,7 @@ class Recorder:
         if due and self._n_frames >= 1.1 * self._n_frames_pictured:
             self._send_pictures()
         if due or self._live:
+            self._check_space()
             self._flush()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
@@ -213,13 +216,18 @@ class Recorder:
         logger.warning(sentence)
         self._warnings.append(sentence)
 
+    def _check_space(self) -> None:
+        # Rerun's writer never comes back from a full disk, so the run ends while there is room to close the file.
+        if (free := shutil.disk_usage(self.part.parent).free) < _SPARE_BYTES:
+            raise OSError(f"{self.part}: only {free / 1e6:.0f} MB are left on the disk, the recording ends here")
+
     def _flush(self) -> None:
         self._series.write(self._stream)
         try:
-            self._stream.flush()
+            self._stream.flush(timeout_sec=_LONGEST_WRITE_S)
         except RuntimeError as error:
             if not self._live or "gRPC" not in str(error):
-                raise OSError(f"{self.part}: writing failed, is the disk full? ({error})") from error
+                raise OSError(f"{self.part}: writing failed, {error}") from error
             if not self._viewer_is_gone:
                 self._warn(f"the viewer at {viewer.HOST}:{viewer.PORT} is gone: recording to the file only")
             self._viewer_is_gone = True

@@ -1,0 +1,115 @@
+"""Weighted summaries of particles against brute force."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic, weighted_quantiles
+
+FLOOR = np.exp(LOWEST_LOG_MASS)
+
+numbers = st.floats(-1e3, 1e3, allow_nan=False, width=32)
+positive = st.floats(1e-3, 1.0)
+
+
+@given(arrays(float, st.integers(1, 60), elements=positive), st.integers(1, 80))
+def test_systematic_copies_are_within_one_of_n_times_the_weight(weights, n):
+    weights = weights / weights.sum()
+    chosen = systematic(weights, n)
+    assert chosen.shape == (n,)
+    copies = np.bincount(chosen, minlength=len(weights))
+    assert (np.abs(copies - n * weights) < 1.0 + 1e-9).all()  # what defines systematic resampling
+
+
+def test_systematic_never_draws_what_has_no_weight():
+    weights = np.array([0.0, 0.5, 0.0, 0.5, 0.0])
+    assert set(systematic(weights, 1000)) == {1, 3}
+
+
+@given(st.data())
+def test_quantiles_are_the_smallest_values_with_their_share(data):
+    n = data.draw(st.integers(1, 40))
+    values = data.draw(arrays(float, (n, 3), elements=numbers))
+    weights = data.draw(arrays(float, n, elements=positive))
+    weights /= weights.sum()
+    found = weighted_quantiles(values, weights, (0.05, 0.5, 0.95))
+    for k in range(3):
+        for share, value in zip((0.05, 0.5, 0.95), found[:, k], strict=True):
+            enough = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= share - 1e-12]
+            fewer = [v for v in values[:, k] if weights[values[:, k] <= v].sum() >= share + 1e-12] or [np.inf]
+            assert min(enough) <= value <= min(fewer)  # equal but for rounding of the sums
+
+
+def test_quantiles_of_equal_weights_are_numpys():
+    values = np.random.default_rng(0).normal(size=(1001, 4))
+    found = weighted_quantiles(values, np.full(1001, 1 / 1001), (0.05, 0.95))
+    assert found == pytest.approx(np.quantile(values, (0.05, 0.95), axis=0, method="inverted_cdf"))
+
+
+def drifting(n_frames, seed=0, speed=0.4):
+    """Particle sets that wander far out of the first one's range, up in one column and down in the other."""
+    rng = np.random.default_rng(seed)
+    for i in range(n_frames):
+        weights = rng.random(200) ** 4
+        yield rng.normal([speed * i, -3.0 * speed * i], [0.3, 1.0], (200, 2)), weights / weights.sum()
+
+
+@pytest.mark.parametrize("n_bins", [2, 7, 64])
+def test_marginals_are_the_histograms_on_their_axes(n_bins):
+    marginals = Marginals(2, n_bins)
+    frames = list(drifting(25))
+    for values, weights in frames:
+        marginals.add(values, weights)
+    low, high, log_mass = marginals.picture()
+    assert log_mass.shape == (2, n_bins, 25)
+    for k in range(2):
+        edges = np.linspace(low[k], high[k], n_bins + 1)
+        for i, (values, weights) in enumerate(frames):
+            mass, _ = np.histogram(values[:, k], bins=edges, weights=weights)
+            # Samples within rounding of an edge could fall on either side; with these seeds none does.
+            assert np.exp(log_mass[k, :, i]) == pytest.approx(np.maximum(mass, FLOOR), rel=1e-9)
+
+
+def test_no_visible_mass_is_cut_off_and_axes_are_not_mostly_empty():
+    marginals = Marginals(2, 64)
+    frames = list(drifting(25))
+    for values, weights in frames:
+        marginals.add(values, weights)
+    low, high, log_mass = marginals.picture()
+    for k in range(2):
+        for values, weights in frames:
+            outside = (values[:, k] < low[k]) | (values[:, k] > high[k])
+            assert weights[outside].sum() <= 256 * FLOOR  # every fine bin outside holds less than the floor
+        used = np.flatnonzero((log_mass[k] > LOWEST_LOG_MASS).any(axis=1))
+        assert used[-1] - used[0] + 1 > 32  # an axis merges whole fine bins: more than half of it is used
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.data())
+def test_whatever_comes_every_frame_keeps_its_mass(data):
+    n_frames, n = data.draw(st.integers(1, 6)), data.draw(st.integers(1, 20))
+    marginals = Marginals(1, 16)
+    for _ in range(n_frames):
+        values = data.draw(arrays(float, (n, 1), elements=numbers))
+        marginals.add(values, np.full(n, 1.0 / n))
+    low, high, log_mass = marginals.picture()
+    mass = np.exp(log_mass)
+    assert (low < high).all()
+    # Weights 1/n are visible, none is cut off; empty bins show the floor.
+    assert mass[mass > 2 * FLOOR].sum() == pytest.approx(n_frames, rel=1e-9)
+
+
+def test_a_parameter_that_never_moves():
+    marginals = Marginals(2, 8)
+    for _ in range(3):
+        marginals.add(np.tile([0.0, 5.0], (10, 1)), np.full(10, 0.1))
+    low, high, log_mass = marginals.picture()
+    assert ((low <= [0.0, 5.0]) & (high >= [0.0, 5.0])).all()
+    assert np.exp(log_mass).max(axis=1) == pytest.approx(np.ones((2, 3)))
+
+
+def test_histogram_counts_outliers_in_the_outermost_bins():
+    mass = histogram(np.array([-9.0, 0.1, 0.2, 0.9, 7.0]), np.array([0.1, 0.2, 0.3, 0.15, 0.25]), np.linspace(0, 1, 5))
+    assert mass == pytest.approx([0.6, 0.0, 0.0, 0.4])
