@@ -1,17 +1,17 @@
 """Whole runs through the command line, at small size."""
 
 import json
+import logging
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from workbench.cli.run import main
 from workbench.recording.reader import read
 
-ROOT = Path(__file__).parents[2]
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
 
@@ -21,7 +21,7 @@ def workbench(tmp_path, *overrides, cache=None, check=True):
     environment = {**os.environ, "WORKBENCH_CACHE": str(cache or tmp_path / "cache")}
     environment.pop("WORKBENCH_DATA", None)
     done = subprocess.run(
-        [sys.executable, "-m", "workbench", f"hydra.run.dir={tmp_path / 'out'}", *overrides],
+        [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"],
         cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     if check:
@@ -32,6 +32,25 @@ def workbench(tmp_path, *overrides, cache=None, check=True):
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def told(tmp_path, cache, monkeypatch, capfd):
+    """Run the command in this process, which saves the imports: (exit code, standard output, standard error)."""
+
+    def run(*overrides):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+        monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+        monkeypatch.setattr(sys, "argv", ["workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"])
+        try:
+            code = main()
+        except SystemExit as end:
+            code = end.code
+        logging.captureWarnings(False)
+        return code, *capfd.readouterr()
+
+    return run
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
@@ -77,6 +96,16 @@ def test_a_recorded_clip_by_override(tmp_path, cache, data):
     assert metrics["error_abs_mm"] < 500  # on the person, not lost
 
 
+def test_a_sweep_goes_on_after_a_failed_job(tmp_path, cache):
+    overrides = ("hydra.sweep.dir=sweep", "dataset.motion=missing.bvh,builtin")
+    done = workbench(tmp_path, "-m", *overrides, *SMALL, cache=cache, check=False)
+    assert done.returncode == 2
+    assert "missing.bvh" in done.stderr
+    statuses = [json.loads((tmp_path / "sweep" / job / "summary.json").read_text())["status"] for job in "01"]
+    assert statuses == ["failed", "complete"]
+    assert read(tmp_path / "sweep" / "1" / "run.rrd").poses[1].shape == (4, 25)
+
+
 @pytest.mark.slow
 def test_the_real_video(tmp_path, cache, data):
     overrides = ("dataset.last_frame=72", "inference.n_particles=200")
@@ -108,22 +137,29 @@ def test_the_real_video(tmp_path, cache, data):
         (["likelihood.exponent=total"], "total"),
     ],
 )
-def test_wrong_input_is_one_clear_sentence(tmp_path, cache, overrides, words):
-    done = workbench(tmp_path, *SMALL[:0], *overrides, cache=cache, check=False)
-    assert done.returncode == 2, done.stderr
-    assert words in done.stderr
-    assert "Traceback" not in done.stderr + done.stdout
-    assert len(done.stderr.strip().splitlines()) <= 3
+def test_wrong_input_is_one_clear_sentence(told, overrides, words):
+    code, out, err = told(*overrides)
+    assert code == 2, err
+    assert words in err
+    assert "Traceback" not in out + err
+    assert len(err.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize(
     "target", ["os.system", "workbench.cli.run.os.system", "workbench.body.camera.cv2.VideoCapture", "builtins.eval"]
 )
-def test_foreign_targets_are_refused_before_anything_is_built(tmp_path, cache, target):
-    done = workbench(tmp_path, f"dataset._target_={target}", cache=cache, check=False)
-    assert done.returncode == 2
-    assert target in done.stderr
-    assert "refused" in done.stderr
+def test_foreign_targets_are_refused_before_anything_is_built(told, tmp_path, target):
+    code, _, err = told(f"dataset._target_={target}")
+    assert code == 2
+    assert target in err
+    assert "refused" in err
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == "failed"
     assert not list((tmp_path / "out").glob("*.rrd*"))
+
+
+def test_the_command_itself_tells_bad_input(tmp_path, cache):
+    done = workbench(tmp_path, "inference.n_particle=3", cache=cache, check=False)
+    assert done.returncode == 2
+    assert "n_particle" in done.stderr
+    assert "Traceback" not in done.stderr + done.stdout

@@ -142,6 +142,7 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"first_frame": 5, "last_frame": 4}, ["5", "4"]),
         ({"first_frame": -1}, ["-1"]),
         ({"scale": 0.0}, ["scale"]),
+        ({"scale": 0.1}, ["scale", "6×5"]),
         ({"scale": float("nan")}, ["scale"]),
         ({"hidden_weight": 2.0}, ["hidden_weight"]),
         ({"start_marks": "marks.csv"}, ["no marks in frame 0", "3, 10"]),

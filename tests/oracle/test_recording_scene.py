@@ -1,6 +1,7 @@
 """What is drawn of a body: bones once each, solids where the limbs are, overlays where the camera sees them."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def logged(entities):
 
 def test_chains_cover_every_bone_once():
     chains = scene.figure(BODY).chains
-    drawn = [(a, b) for chain in chains for a, b in zip(chain[:-1], chain[1:], strict=True) if a != b]
+    drawn = [(a, b) for chain in chains for a, b in pairwise(chain) if a != b]
     assert sorted(drawn) == sorted(map(tuple, BODY.skeleton.bones))
 
 

@@ -10,6 +10,7 @@ from time import perf_counter
 import numba
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
@@ -53,10 +54,12 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
     try:
         check_targets(config)
         _set_threads(config.threads)
-        parts = assemble(config, summary)
-        with _recorder(config, experiment, parts, summary) as recorder:
-            _track(parts, recorder, config, summary, quiet)
-            recorder.set_result(summary.metrics)
+        # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
+        with threadpool_limits(limits=1, user_api="blas"):
+            parts = assemble(config, summary)
+            with _recorder(config, experiment, parts, summary) as recorder:
+                _track(parts, recorder, config, summary, quiet)
+                recorder.set_result(summary.metrics)
         summary.status = "complete"
     except BaseException as error:
         summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"

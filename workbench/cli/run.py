@@ -20,6 +20,9 @@ from workbench.inference.particle_filter import DegenerateWeights
 
 log = logging.getLogger(__name__)
 
+MENDABLE = (InputError, DegenerateWeights, HydraException, OmegaConfBaseException, KeyboardInterrupt)
+"""What is told in one sentence; anything else is a defect of ours and shows its traceback."""
+
 
 def main() -> int:
     """`workbench [overrides]`: exit code 0 when all runs are complete, 2 for bad input, 1 for any other failure."""
@@ -27,15 +30,8 @@ def main() -> int:
     prepare_hydra()
     try:
         _job()
-    except (InputError, HydraException, OmegaConfBaseException) as error:
-        print(f"workbench: {_sentence(error)}", file=sys.stderr)
-        return 2
-    except DegenerateWeights as error:
-        print(f"workbench: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
-        return 130
+    except MENDABLE as error:
+        return _tell(error)
     return 0
 
 
@@ -48,13 +44,29 @@ def prepare_hydra() -> None:
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
 def _job(config: DictConfig) -> float | None:
     """One job; returns the error a sweep minimises: error_abs_mm, or error_px where there is no truth in 3-D."""
+    logging.captureWarnings(True)
     settings = HydraConfig.get()
     experiment = str(settings.runtime.choices.get("experiment") or "custom")
     folder = Path(settings.runtime.output_dir)
-    summary = execute(config, experiment, folder, quiet=settings.mode == RunMode.MULTIRUN)
+    many = settings.mode == RunMode.MULTIRUN
+    try:
+        summary = execute(config, experiment, folder, quiet=many)
+    except MENDABLE as error:
+        if many:
+            raise  # Hydra goes on with the other jobs
+        sys.exit(_tell(error))
     _report(summary)
     metrics = summary.metrics
     return metrics.get("error_abs_mm", metrics.get("error_px"))
+
+
+def _tell(error: BaseException) -> int:
+    """Print the error as one sentence; the exit code it stands for."""
+    if isinstance(error, KeyboardInterrupt):
+        print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
+        return 130
+    print(f"workbench: {_sentence(error)}", file=sys.stderr)
+    return 1 if isinstance(error, DegenerateWeights) else 2
 
 
 def _report(summary: Summary) -> None:

@@ -80,7 +80,7 @@ def schema_of(target: Callable[..., object], live: Set[str] = frozenset()) -> ty
     for name, parameter in inspect.signature(target).parameters.items():
         if name not in live:
             columns.append((name, _schema_type(types[name]), _default(parameter.default)))
-    return make_dataclass(f"{target.__qualname__.title().replace('_', '')}Schema", columns)
+    return make_dataclass(f"{target.__qualname__}_keys", columns)
 
 
 def _default(value: object) -> Any:

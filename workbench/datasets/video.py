@@ -13,6 +13,8 @@ from workbench.datasets.frame import Frame, Truth, View
 from workbench.datasets.marks import Marks, read_marks
 from workbench.errors import InputError
 
+LEAST_SIZE_PX = 16
+
 
 class Video:
     """A video and its camera; the images are RGB, and everything in pixels follows their scale.
@@ -53,6 +55,9 @@ class Video:
         self.first_frame, self.last_frame = first_frame, _last_frame(self.source, first_frame, last_frame)
         self.rate_hz = _rate(self.source, rate_hz)
         self._check_size(next(decode(self.source)))
+        if min(self.camera.width, self.camera.height) * scale < LEAST_SIZE_PX:
+            size = f"{self.camera.width * scale:.0f}×{self.camera.height * scale:.0f}"
+            raise InputError(f"video: scale {scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}")
         self._start = None if start_marks is None else _start(read_marks(start_marks), self, hidden_weight)
         self._truth = None if eval_marks is None else read_marks(eval_marks)
 

@@ -88,16 +88,31 @@ def _coefficient(k: int) -> rrb.BarChartView:
 
 
 def _curves(pictured: Sequence[str], metrics: Sequence[str]) -> rrb.Tabs:
-    others = [f"/metrics/{name}" for name in metrics if not name.startswith("error")]
-    errors = ["$origin/**", *(f"- {path}" for path in others)]  # also those that appear later in the run
+    others = [name for name in metrics if not name.startswith("error")]
     bands = [_curve(f"/posterior/parameters/{name}", name) for name in pictured]
     return rrb.Tabs(
-        rrb.TimeSeriesView(origin="/metrics", contents=errors, name="errors"),
-        rrb.Grid(*(_curve(path, path.rsplit("/", 1)[1]) for path in others), name="filter"),
+        _errors([name for name in metrics if name.startswith("error")], others),
+        rrb.Grid(*(_curve(f"/metrics/{name}", name) for name in others), name="filter"),
         rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"),
         rrb.TextLogView(origin="/log", name="warnings"),
         rrb.TextDocumentView(origin="/__properties/config", name="config"),
     )
+
+
+def _errors(errors: Sequence[str], others: Sequence[str]) -> rrb.Horizontal:
+    """Errors in pixels apart from the rest, which an error that is first known later in the run joins."""
+    pixels = [name for name in errors if "px" in name.split("_")]
+    contents = {}
+    if len(pixels) < len(errors) or not errors:
+        contents["errors"] = ["$origin/**", *(f"- /metrics/{name}" for name in (*others, *pixels))]
+    if pixels:
+        contents["errors in pixels"] = [f"/metrics/{name}" for name in pixels]
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+    views = [
+        rrb.TimeSeriesView(origin="/metrics", contents=paths, name=name, plot_legend=legend)
+        for name, paths in contents.items()
+    ]
+    return rrb.Horizontal(*views, name="errors")
 
 
 def _curve(origin: str, name: str) -> rrb.TimeSeriesView:

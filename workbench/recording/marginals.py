@@ -10,7 +10,11 @@ _FINE = 4
 
 
 def systematic(weights: FloatArray, n: int) -> IntArray:
-    """Indices (n,) of equally weighted copies: n evenly spaced points on the cumulated weights (N,), no randomness."""
+    """Indices (n,) of equally weighted copies of particles with weights (N,).
+
+    Systematic resampling (Carpenter, Clifford, Fearnhead 1999) with its one random offset fixed in the middle: good
+    for showing particles, not for filtering.
+    """
     cumulated = np.cumsum(weights)
     points = (np.arange(n) + 0.5) / n * cumulated[-1]
     chosen: IntArray = np.searchsorted(cumulated, points, side="right").clip(max=len(weights) - 1)

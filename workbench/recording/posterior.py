@@ -59,8 +59,8 @@ class Posterior:
         """Take one step in; returns the numbers of its bands, {entity path: value}."""
         values = np.hstack([step.particles, step.poses[:, self._angles]])
         weights = np.exp(step.log_weights)
-        if not np.isfinite(values).all() or not np.isfinite(weights).all():
-            raise ValueError(f"frame {step.frame.index}: the particles or their weights are not finite")
+        if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
+            raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
         low, high = weighted_quantiles(values, weights, _BAND)
@@ -80,7 +80,7 @@ class Posterior:
         for k, column in enumerate(self.coefficients, start=1):
             samples = step.particles[:, column]
             reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
-            edges = np.linspace(-reach, reach, _COEFFICIENT_BINS + 1)
+            edges = max(float(reach), 1e-6) * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
             self._edges.append(edges)
             if self._scale is not None:
                 density = np.exp(-0.5 * ((edges[1:] + edges[:-1]) / (2.0 * self._scale[k - 1])) ** 2)

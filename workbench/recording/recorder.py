@@ -130,7 +130,7 @@ class Recorder:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
 
         They are recorded with the effective sample size, the log evidence and the step's diagnostics.
-        Raises ValueError when the particles or weights are not finite, InputError for a camera's unusable name,
+        Raises ValueError for particles that are not finite or not normalised, InputError for a camera's unusable name,
         OSError when the disk is nearly full.
         """
         frame = step.frame
@@ -178,7 +178,8 @@ class Recorder:
             self._send(images.overlay(shown, "estimate", expected, figure.chains))
             self._send(images.overlay(shown, "truth", true, figure.chains))
         if step.frame.views:
-            self._send(images.truth_marks(self._picture(step.frame.views[0].camera), truth, figure.skeleton.names))
+            first = self._picture(step.frame.views[0].camera)
+            self._send(images.truth_marks(first, truth, figure.skeleton.names))
 
     def _picture(self, camera: Camera) -> images.Picture:
         if camera.name not in self._pictures:
@@ -198,7 +199,7 @@ class Recorder:
     def _send_pictures(self) -> None:
         if self._n_frames > self._n_frames_pictured:
             pictures, axes = self._posterior.pictures()
-            self._send(pictures, static=True)
+            self._send(pictures, static=True)  # so that every frame shows the whole run
             self._send_property("marginals", axes)
             self._n_frames_pictured = self._n_frames
 

@@ -1,0 +1,463 @@
+"""What a run's recording holds, and when it is published."""
+
+import logging
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import rerun_cli
+from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
+from rerun.chunk import RrdReader
+
+from workbench.body.kinematics import joints
+from workbench.datasets.frame import Truth
+from workbench.errors import InputError
+from workbench.priors.state import StateSpace
+from workbench.recording import viewer
+from workbench.recording.reader import read
+from workbench.recording.recorder import Recorder
+
+RERUN = Path(rerun_cli.__file__).with_name("rerun")
+N_FRAMES = 13  # more than one flush, and a rest
+CONFIG = "seed: 7\nprior:\n  sigma: 0.05  # ö\n"
+PROVENANCE = {"seed": 7, "version": "0.1.0", "height_m": 1.75}
+
+
+def recorder(path, run_id="a run", **options):
+    given = {"config_yaml": CONFIG, "provenance": PROVENANCE, "coefficient_scale": SCALE, **options}
+    return Recorder(path, BODY, SPACE, run_id=run_id, **given)
+
+
+def record(path, run, **options):
+    with recorder(path, **options) as recording:
+        for step in run:
+            recording.log(step, errors(step) if step.frame.truth is not None else {})
+        recording.set_result({"error_mm": 12.5, "frames": 13})
+    return path
+
+
+def log_all(recording, run):
+    """Record steps without metrics; whatever is raised on the way is raised."""
+    with recording:
+        for step in run:
+            if isinstance(step, BaseException):
+                raise step
+            recording.log(step, {})
+    return recording.path
+
+
+def components(path):
+    """{(entity, static): set of component columns} of a recording."""
+    found: dict[tuple[str, bool], set[str]] = {}
+    for chunk in RrdReader(path).stream():
+        names = set(chunk.to_record_batch().schema.names)
+        found.setdefault((chunk.entity_path, chunk.is_static), set()).update(names)
+    return found
+
+
+def column(path, entity, name):
+    """{frame: the component's value} of a temporal component; times in ns."""
+    found = {}
+    for chunk in RrdReader(path).stream().filter(content=entity, is_static=False):
+        batch = chunk.to_record_batch()
+        if name in batch.schema.names:
+            values = batch.column(name).cast("int64") if name == "time" else batch.column(name)
+            found.update(zip(batch.column("frame").to_pylist(), values.to_pylist(), strict=True))
+    return found
+
+
+@pytest.fixture(scope="module")
+def run():
+    return list(steps(N_FRAMES, n_particles=60))
+
+
+@pytest.fixture(scope="module")
+def recorded(run, tmp_path_factory):
+    return record(tmp_path_factory.mktemp("recording") / "new folder" / "run.rrd", run)
+
+
+CONTRACT = [
+    ("/world", True, "ViewCoordinates:xyz"),
+    ("/world/camera", True, "Transform3D:translation"),
+    ("/world/camera", True, "Transform3D:mat3x3"),
+    ("/world/camera/image", True, "Pinhole:image_from_camera"),
+    ("/world/camera/image", False, "EncodedImage:blob"),
+    ("/world/camera/image/truth_marks", False, "Points2D:positions"),
+    ("/world/estimate/skeleton", False, "LineStrips3D:strips"),
+    ("/world/estimate/joints", False, "Points3D:positions"),
+    ("/world/estimate/joints", True, "Points3D:labels"),
+    ("/world/estimate/body", False, "Ellipsoids3D:centers"),
+    ("/world/estimate/body", True, "Ellipsoids3D:half_sizes"),
+    ("/world/truth/skeleton", False, "LineStrips3D:strips"),
+    ("/world/truth/joints", False, "Points3D:positions"),
+    ("/world/particles", False, "LineStrips3D:strips"),
+    ("/world/particles", False, "LineStrips3D:colors"),
+    ("/posterior/marginals", True, "Tensor:data"),
+    *[(f"/posterior/parameters/{name}/{row}", False, "Scalars:scalars")
+      for name in (*SPACE.names, "left_knee_flexion") for row in ("mean", "low", "high")],
+    ("/posterior/parameters/left_knee_flexion/truth", False, "Scalars:scalars"),
+    ("/posterior/parameters/root_x/truth", False, "Scalars:scalars"),
+    *[(f"/coefficients/{k}", False, "BarChart:values") for k in (1, 2, 3)],
+    *[(f"/coefficients/{k}/model", True, "BarChart:values") for k in (1, 2, 3)],
+    *[(f"/metrics/{name}", False, "Scalars:scalars")
+      for name in ("error_mm", "error_relative_mm", "ess", "log_evidence", "visible_limbs")],
+    ("/estimate/pose", False, "Scalars:scalars"),
+    ("/log", False, "TextLog:text"),
+    ("/__properties/config", True, "TextDocument:text"),
+    *[(f"/__properties/{name}", True, key)
+      for name, key in (("run", "status"), ("provenance", "seed"), ("metrics", "error_mm"), ("marginals", "names"))],
+]  # fmt: skip
+
+
+def test_every_path_of_the_contract_is_there(recorded):
+    found = components(recorded)
+    missing = [row for row in CONTRACT if row[2] not in found.get(row[:2], set())]
+    assert not missing
+
+
+def test_times_are_the_frames_own(recorded, run):
+    timelines = {name for chunk in RrdReader(recorded).stream() for name in chunk.timeline_names}
+    assert timelines == {"frame", "time"}
+    seen = column(recorded, "/world/estimate/joints", "time")
+    for step in run:
+        assert seen[step.frame.index] == round(step.frame.time_s * 1e9)
+    assert seen == column(recorded, "/estimate/pose", "time")  # written one by one, and as a column
+
+
+def test_poses_and_metrics_come_back_bit_for_bit(recorded, run):
+    found = read(recorded)
+    frames, poses = found.poses
+    assert frames.tolist() == [step.frame.index for step in run]
+    assert poses.tobytes() == np.stack([step.expected_pose for step in run]).tobytes()
+    assert found.metric("ess")[1].tolist() == [step.ess for step in run]
+    assert found.metric("error_mm")[1].tolist() == [errors(step)["error_mm"] for step in run]
+
+
+def test_properties_come_back(recorded):
+    found = read(recorded)
+    assert found.config == CONFIG
+    assert found.status == "complete"
+    assert found.properties["provenance"] == PROVENANCE
+    assert found.properties["metrics"] == {"error_mm": 12.5, "frames": 13.0}
+    assert tuple(found.properties["body"]["pose"]) == BODY.skeleton.dof_names
+    assert found.properties["shape"]["torso_radii_low"] == list(BODY.shape.torso_radii_low)
+
+
+def test_bands_hold_the_weighted_samples(recorded, run):
+    found = read(recorded).scalars
+    step, k = run[4], BODY.skeleton.dof("right_hip_flexion")
+    row = {name: found[f"posterior/parameters/right_hip_flexion/{name}"].values[4, 0] for name in ("low", "high")}
+    weights = np.exp(step.log_weights)
+    # At most 5 % lie strictly outside either end, and the end's own particle makes it more.
+    for outside, end in ((step.poses[:, k] < row["low"], "low"), (step.poses[:, k] > row["high"], "high")):
+        assert weights[outside].sum() <= 0.05 + 1e-12
+        assert weights[outside | (step.poses[:, k] == row[end])].sum() >= 0.05 - 1e-12
+    truth = found["posterior/parameters/right_hip_flexion/truth"].values[4, 0]
+    assert truth == step.frame.truth.pose[k]
+
+
+def test_marginals_hold_the_particles_of_every_frame(recorded, run):
+    marginals = read(recorded).marginals
+    assert marginals.frames.tolist() == [step.frame.index for step in run]
+    assert marginals.log_mass.shape == (len(marginals.names), 64, N_FRAMES)
+    k = marginals.names.index("root_x")
+    edges = np.linspace(marginals.low[k], marginals.high[k], 65)
+    for i, step in enumerate(run):
+        weights = np.exp(step.log_weights)
+        mass, _ = np.histogram(step.poses[:, 0], bins=edges, weights=weights)
+        # 1e-4 is what an empty bin shows; float32 keeps seven digits.
+        assert np.exp(marginals.log_mass[k, :, i]) == pytest.approx(np.maximum(mass, 1e-4), rel=1e-5)
+
+
+def test_images_and_skeletons_are_those_of_the_step(recorded, run):
+    blobs = column(recorded, "/world/camera/image", "EncodedImage:blob")
+    places = column(recorded, "/world/estimate/joints", "Points3D:positions")
+    for step in run[::4]:
+        jpeg = np.array(blobs[step.frame.index][0], dtype=np.uint8)
+        image = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
+        difference = np.abs(image.astype(int) - step.frame.views[0].image)
+        assert difference.mean() < 2.0  # grey levels; what JPEG at quality 85 does to mild noise
+        expected = joints(BODY.skeleton, step.expected_pose[None])[0]
+        assert np.array(places[step.frame.index]) == pytest.approx(expected, abs=1e-6)  # float32
+
+
+def test_coefficients_sum_to_one_beside_their_model(recorded):
+    values = column(recorded, "/coefficients/2", "BarChart:values")
+    assert len(values) == N_FRAMES
+    for (value,) in values.values():
+        assert sum(value["buffer"]) == pytest.approx(1.0, abs=1e-9)
+
+
+def told(path):
+    chunks = RrdReader(path).stream().filter(content="/log")
+    return [text for chunk in chunks for (text,) in chunk.to_record_batch().column("TextLog:text").to_pylist()]
+
+
+def test_warnings_are_told(recorded):
+    assert told(recorded) == ["limb left_hand left the image"]
+
+
+def test_the_viewer_tool_accepts_it_and_finds_a_blueprint(recorded):
+    environment = {**os.environ, "RERUN_ANALYTICS": "false"}
+    done = subprocess.run([RERUN, "rrd", "verify", recorded], capture_output=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert len(RrdReader(recorded).blueprints()) == 1
+
+
+def test_equal_runs_give_equal_recordings(recorded, tmp_path):
+    again = record(tmp_path / "again.rrd", steps(N_FRAMES, n_particles=60))
+    assert components(recorded) == components(again)
+    for entity, name in (("/world/particles", "LineStrips3D:strips"), ("/coefficients/1", "BarChart:values")):
+        assert column(recorded, entity, name) == column(again, entity, name)
+    first, second = read(recorded), read(again)
+    assert first.marginals.log_mass.tobytes() == second.marginals.log_mass.tobytes()
+    for path, curve in first.scalars.items():
+        assert curve.values.tobytes() == second.scalars[path].values.tobytes()
+
+
+def test_published_only_when_the_run_ends_well(run, tmp_path):
+    path = tmp_path / "run.rrd"
+    with recorder(path) as recording:
+        recording.log(run[0], {})
+        assert not path.exists()
+        assert recording.part.exists()
+    assert path.exists()
+    assert not recording.part.exists()
+
+
+def test_an_exception_keeps_the_part_and_what_it_holds(run, tmp_path, caplog):
+    recording = recorder(tmp_path / "run.rrd")
+    with caplog.at_level(logging.WARNING), pytest.raises(KeyboardInterrupt):
+        log_all(recording, [*run[:3], KeyboardInterrupt()])
+    assert not recording.path.exists()
+    assert str(recording.part) in caplog.text
+    found = read(recording.part)
+    assert found.status == "failed"
+    assert len(found.poses[0]) == len(found.marginals.frames) == 3
+
+
+KILLED = """
+import sys, time
+from recording_steps import BODY, SPACE, steps
+from workbench.recording.recorder import Recorder
+with Recorder(sys.argv[1], BODY, SPACE, run_id="killed", config_yaml="seed: 1", provenance={}) as recording:
+    for i, step in enumerate(steps(100, n_particles=20)):
+        recording.log(step, {})
+        if i == 25:
+            print("now", flush=True)
+            time.sleep(60)
+"""
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_killed_run_leaves_a_readable_part(tmp_path):
+    path = tmp_path / "run.rrd"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    command = [sys.executable, "-c", KILLED, path]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "now\n"
+        process.send_signal(signal.SIGKILL)
+    assert not path.exists()
+    found = read(path.with_name("run.rrd.part"))
+    assert found.status == "running"
+    assert found.config == "seed: 1"
+    assert found.poses[0].tolist() == list(range(10, 30))  # two flushes of ten frames each
+    assert len(column(path.with_name("run.rrd.part"), "/world/camera/image", "EncodedImage:blob")) == 20
+
+
+def test_a_disk_that_fills_up_ends_the_run_in_time(run, tmp_path, monkeypatch):
+    free = iter([10**9, 10**6])
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=next(free)))
+    recording = recorder(tmp_path / "run.rrd", flush_every=2)
+    with pytest.raises(OSError, match="only 1 MB"):
+        log_all(recording, run)
+    assert not recording.path.exists()
+    found = read(recording.part)
+    assert found.status == "failed"
+    assert len(found.poses[0]) == 4
+
+
+def test_two_recorders_in_one_process_do_not_mix(run, tmp_path):
+    other = list(steps(4, n_particles=40, seed=1))
+    # The same key with another type in the second run: neither run may bend the other's.
+    with (
+        recorder(tmp_path / "a.rrd", "a", provenance={"seed": 1}) as a,
+        recorder(tmp_path / "b.rrd", "b", provenance={"seed": "one"}) as b,
+    ):
+        for mine, theirs in zip(run[:4], other, strict=True):
+            a.log(mine, {"error_mm": 1.0})
+            b.log(theirs, {"score": 2.0})
+        a.set_result({"final": 1})
+        b.set_result({"final": 0.5})
+    first, second = read(tmp_path / "a.rrd"), read(tmp_path / "b.rrd")
+    assert first.poses[1].tolist() == [step.expected_pose.tolist() for step in run[:4]]
+    assert second.poses[1].tolist() == [step.expected_pose.tolist() for step in other]
+    assert "score" not in first.metric_names
+    assert "error_mm" not in second.metric_names
+    assert (first.properties["provenance"]["seed"], second.properties["provenance"]["seed"]) == (1, "one")
+    assert (first.properties["metrics"]["final"], second.properties["metrics"]["final"]) == (1.0, 0.5)
+
+
+def test_truth_that_ends_is_not_shown_any_longer(run, tmp_path):
+    blind = replace(run[1], frame=replace(run[1].frame, truth=None))
+    path = record(tmp_path / "run.rrd", [run[0], blind])
+    for entity, name in (
+        ("/world/truth/joints", "Points3D:positions"),
+        ("/world/truth/skeleton", "LineStrips3D:strips"),
+        ("/world/camera/image/truth", "LineStrips2D:strips"),
+        ("/world/camera/image/truth_marks", "Points2D:positions"),
+    ):
+        shown = column(path, entity, name)
+        assert shown[run[0].frame.index]
+        assert shown[run[1].frame.index] == []
+
+
+def test_missing_and_hidden_marks(run, tmp_path):
+    marks = run[0].frame.truth.marks.copy()
+    marks[3] = np.nan
+    visible = np.arange(len(marks)) != 5
+    step = replace(run[0], frame=replace(run[0].frame, truth=Truth(marks=marks, marks_visible=visible)))
+    path = log_all(recorder(tmp_path / "run.rrd"), [step])
+    (points,) = column(path, "/world/camera/image/truth_marks", "Points2D:positions").values()
+    (colours,) = column(path, "/world/camera/image/truth_marks", "Points2D:colors").values()
+    assert np.array(points) == pytest.approx(np.delete(marks, 3, axis=0), abs=1e-3)
+    assert len(set(colours)) == 2
+    assert colours.count(colours[4]) == 1  # joint 5, the fifth that is left
+
+
+def test_images_of_a_bent_lens_are_straightened(tmp_path):
+    bent = replace(CAMERA, distortion=np.array([-0.25, 0.05, 0.003, -0.002, 0.0]))
+    (step,) = steps(1, n_particles=20, camera=bent)
+    path = log_all(recorder(tmp_path / "run.rrd"), [step])
+    straight = CAMERA.project(step.frame.truth.joints)
+    (marks,) = column(path, "/world/camera/image/truth_marks", "Points2D:positions").values()
+    assert np.array(marks) == pytest.approx(straight, abs=0.02)  # px; OpenCV inverts the lens in five iterations
+    (blob,) = column(path, "/world/camera/image", "EncodedImage:blob").values()
+    image = cv2.imdecode(np.array(blob[0], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    u, v = np.rint(straight).astype(int).T
+    assert (image[v, u] > 140).all()  # the drawn limbs, 165, lie where the straight camera sees them; ground 95
+
+
+def test_colour_images_keep_their_colours(tmp_path):
+    (step,) = steps(1, n_particles=20, colour=True)
+    red = step.frame.views[0].image.copy()
+    red[...] = (200, 60, 20)
+    step = replace(step, frame=replace(step.frame, views=(replace(step.frame.views[0], image=red),)))
+    path = log_all(recorder(tmp_path / "run.rrd"), [step])
+    (blob,) = column(path, "/world/camera/image", "EncodedImage:blob").values()
+    image = cv2.imdecode(np.array(blob[0], dtype=np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert image[240, 320] == pytest.approx([200, 60, 20], abs=4)  # JPEG's chroma
+
+
+def test_runs_without_images_coefficients_or_model(run, tmp_path):
+    space = StateSpace.of({"pose": (BODY.skeleton.dof_names, "m, rad")})
+    blind = [replace(step, space=space, particles=step.poses, frame=replace(step.frame, views=())) for step in run[:2]]
+    path = log_all(Recorder(tmp_path / "a.rrd", BODY, space, run_id="a", config_yaml="", provenance={}), blind)
+    found = read(path)
+    assert found.marginals.names == BODY.skeleton.dof_names
+    path = log_all(recorder(tmp_path / "b.rrd", coefficient_scale=None), run[:2])
+    assert ("/coefficients/1", False) in components(path)
+    assert ("/coefficients/1/model", True) not in components(path)
+
+
+def test_a_parameter_that_never_moves_is_recorded(run, tmp_path):
+    still = [replace(step, particles=np.zeros_like(step.particles)) for step in run[:2]]
+    found = read(log_all(recorder(tmp_path / "run.rrd", coefficient_scale=None), still))
+    assert found.scalars["posterior/parameters/c1/high"].values[:, 0].tolist() == [0.0, 0.0]
+
+
+def test_several_cameras_each_get_an_entity(run, tmp_path):
+    view = run[0].frame.views[0]
+    views = tuple(replace(view, camera=replace(view.camera, name=name)) for name in ("left", "cam 2/b"))
+    step = replace(run[0], frame=replace(run[0].frame, views=views))
+    found = components(log_all(recorder(tmp_path / "run.rrd"), [step]))
+    cameras = {entity for (entity, _), names in found.items() if "Pinhole:image_from_camera" in names}
+    assert cameras == {"/world/left/image", "/world/cam\\ 2\\/b/image"}
+
+
+def test_a_camera_may_not_take_another_things_place(run, tmp_path):
+    view = run[0].frame.views[0]
+    taken = replace(view, camera=replace(view.camera, name="truth"))
+    step = replace(run[0], frame=replace(run[0].frame, views=(taken,)))
+    with pytest.raises(InputError, match="truth"):
+        log_all(recorder(tmp_path / "run.rrd"), [step])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("particles", np.nan), ("poses", np.inf), ("log_weights", np.nan), ("log_weights", 0.0)]
+)
+def test_particles_that_are_not_finite_or_not_normalised_are_refused(run, tmp_path, field, value):
+    broken = getattr(run[1], field).copy()
+    broken[3] = value
+    recording = recorder(tmp_path / "run.rrd")
+    with pytest.raises(ValueError, match="frame 11"):
+        log_all(recording, [run[0], replace(run[1], **{field: broken})])
+    assert len(read(recording.part).poses[0]) == 1
+
+
+@pytest.mark.parametrize(
+    "option", [{"n_particles_shown": 0}, {"marginal_bins": 1}, {"flush_every": 0}, {"jpeg_quality": 101}]
+)
+def test_numbers_out_of_range_are_refused(tmp_path, option):
+    (name,) = option
+    with pytest.raises(InputError, match=name):
+        recorder(tmp_path / "run.rrd", **option)
+
+
+def test_a_path_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "run.rrd.part").mkdir()
+    with pytest.raises(InputError, match=r"run\.rrd\.part"):
+        log_all(recorder(tmp_path / "run.rrd"), [])
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_live_without_a_viewer_says_so_and_records(run, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(viewer, "PORT", free_port())
+    with caplog.at_level(logging.WARNING):
+        path = record(tmp_path / "run.rrd", run[:2], live=True)
+    assert "no viewer listens" in caplog.text
+    (sentence,) = told(path)
+    assert str(viewer.PORT) in sentence
+    assert read(path).status == "complete"
+
+
+def test_a_viewer_that_leaves_does_not_end_the_run(run, tmp_path, monkeypatch, caplog):
+    port = free_port()
+    monkeypatch.setattr(viewer, "PORT", port)
+    monkeypatch.setattr(viewer, "URL", f"rerun+http://127.0.0.1:{port}/proxy")
+    command = [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as server:
+        try:
+            while not viewer.listens():
+                assert server.poll() is None
+            with caplog.at_level(logging.WARNING), recorder(tmp_path / "run.rrd", live=True) as recording:
+                recording.log(run[0], {})
+                assert not caplog.text
+                server.kill()
+                server.wait()
+                for step in run[1:]:  # the sender notices when it next tries
+                    recording.log(step, {})
+                    time.sleep(0.05)
+        finally:
+            server.kill()
+    assert caplog.text.count("is gone") == 1
+    assert sum("is gone" in text for text in told(recording.path)) == 1
+    found = read(recording.path)
+    assert found.status == "complete"
+    assert found.poses[1].tolist() == [step.expected_pose.tolist() for step in run]

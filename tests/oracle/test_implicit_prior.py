@@ -1,0 +1,180 @@
+"""The implicit prior: predictions against the database, sharing, held parts, and refusals."""
+
+import numpy as np
+import pytest
+
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.learning.windows import PARTS, learn_windows
+from workbench.priors.implicit import Implicit, group_equal
+from workbench.priors.implicit_search import exact_log_prob
+
+STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
+CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself
+DT = 1 / 30
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return builtin_motions(n_subjects=4)
+
+
+@pytest.fixture(scope="module")
+def windows(motions):
+    return learn_windows(motions)
+
+
+@pytest.fixture(scope="module")
+def poses(motions):
+    return motions[1].resampled(30.0).poses
+
+
+@pytest.mark.parametrize("prediction", ["copy", "increment", "blend"])
+def test_a_known_motion_is_replayed(windows, poses, prediction):
+    """From a window of the database, without noise, every prediction is the recorded continuation."""
+    prior = Implicit(windows, prediction=prediction, **CERTAIN)
+    state, rng = prior.start_after(poses[20:31], 3), np.random.default_rng(0)
+    for k in range(31, 60):
+        state = prior.step(state, DT, rng)
+        assert prior.pose(state) == pytest.approx(np.repeat(poses[k : k + 1], 3, axis=0), abs=1e-4)  # float32 rows
+
+
+def test_the_motion_turns_with_the_body(windows, poses):
+    turned = poses.copy()
+    c, s = np.cos(2.0), np.sin(2.0)
+    turned[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]]) + [5.0, 1.0]
+    turned[:, 3] += 2.0
+    prior = Implicit(windows, **CERTAIN)
+    state = prior.step(prior.start_after(turned[20:31], 1), DT, np.random.default_rng(0))
+    assert prior.pose(state)[0] == pytest.approx(turned[31], abs=1e-4)
+
+
+def test_predictions_follow_their_definitions(windows, poses):
+    """Copy lands on ψ_{i+1}, increment adds ψ_{i+1} − ψ_i, a pull of a quarter lies between."""
+    entries, offset = np.array([40, 90]), 0.2
+    rows = windows.rows.astype(np.float64)
+    before, after = (rows[windows.ends[entries] + k][:, : len(PARTS["body"])] for k in (0, 1))
+    expected = {"copy": after, "increment": after - before, "blend": after - before}
+    for prediction, target in expected.items():
+        prior = Implicit(windows, prediction=prediction, pull=0.25, **STILL)
+        state = prior.start_after(poses[20:31] + offset, 2)
+        now = state[:, N_ROOT : len(POSE_NAMES)]
+        moved = prior.predict(state, entries, np.zeros((2, len(POSE_NAMES))))[:, N_ROOT : len(POSE_NAMES)]
+        if prediction == "increment":
+            target = now + target
+        if prediction == "blend":
+            target = now + target + 0.25 * (before - now)
+        assert moved == pytest.approx(target, abs=1e-9)
+
+
+def test_the_window_in_the_state_is_that_of_the_particles_own_motion(windows, poses):
+    """After d steps the coefficients are those of the d poses the particle went through (no noise)."""
+    prior, rng = Implicit(windows, prediction="increment", beta=0.5, **STILL), np.random.default_rng(1)
+    state = prior.start_after(poses[20:31], 5)
+    track = [prior.pose(state)]
+    for _ in range(windows.length):
+        state = prior.step(state, DT, rng)
+        track.append(prior.pose(state))
+    b = len(windows.sigmas)
+    for particle in range(5):
+        own = prior.start_after(np.array([poses[particle] for poses in track]), 1)
+        coefficients = state[particle, prior.space.slices["coefficients"]]
+        assert coefficients == pytest.approx(own[0, len(POSE_NAMES) : len(POSE_NAMES) + b], abs=1e-4)
+
+
+def test_the_entries_of_a_step_have_the_exact_odds(windows, poses):
+    prior = Implicit(windows, beta=0.3, epsilon=1e-6, **STILL)
+    probe = prior.start_after(poses[20:31] + 0.02, 20000)[:, prior.space.slices["coefficients"]]
+    entries = prior.draw(probe, np.random.default_rng(0))
+    p = np.exp(exact_log_prob(windows.coefficients, probe[0], 0.3))
+    seen = np.bincount(entries, minlength=len(p)) / len(entries)
+    assert np.abs(seen - p).max() < 5 * np.sqrt(p.max() / len(entries))
+
+
+def test_equal_probes_are_searched_once():
+    rng = np.random.default_rng(0)
+    parents = rng.normal(size=(5, 3))
+    which = rng.integers(5, size=50)
+    order, firsts = group_equal(parents[which])
+    assert len(firsts) == 5
+    for group in np.split(which[order], firsts[1:]):
+        assert len(set(group)) == 1
+
+
+def test_noise_has_the_stated_deviations(windows, poses):
+    sigmas = {"sigma_position": (0.01, 0.02, 0.03), "sigma_rotation": (0.02, 0.01, 0.03), "sigma_angles": 0.05}
+    prior = Implicit(windows, beta=1e-6, **sigmas)
+    state = prior.step(prior.start_after(poses[20:31], 20000), DT, np.random.default_rng(0))
+    spread = prior.pose(state).std(axis=0)
+    c, s = np.cos(poses[30, 3]), np.sin(poses[30, 3])
+    across = [np.hypot(c * 0.01, s * 0.02), np.hypot(s * 0.01, c * 0.02), 0.03]
+    assert spread[:3] == pytest.approx(across, rel=0.03)
+    assert spread[3:6] == pytest.approx([0.02, 0.01, 0.03], rel=0.03)
+    assert spread[6:] == pytest.approx(0.05, rel=0.03)
+
+
+def test_an_arm_alone_leaves_the_rest_where_it_was(motions, poses):
+    arm = learn_windows(motions, angles=PARTS["left_arm"], root=False)
+    prior, rng = Implicit(arm, beta=0.1), np.random.default_rng(0)
+    state = prior.start(poses[30], 50, rng)
+    for _ in range(5):
+        state = prior.step(state, DT, rng)
+    moving = np.array([name in PARTS["left_arm"] for name in POSE_NAMES])
+    result = prior.pose(state)
+    assert (result[:, ~moving] == poses[30][~moving]).all()
+    assert (result[:, moving].std(axis=0) > 0).all()
+
+
+def test_start_finds_windows_that_end_near_the_pose(windows, poses):
+    prior = Implicit(windows, start_beta=1e-4, start_position=0.0, start_rotation=0.0, start_angles=0.0)
+    state = prior.start(poses[40], 10, np.random.default_rng(0))
+    assert (prior.pose(state) == poses[40]).all()
+    own = prior.start_after(poses[30:41], 1)
+    assert state[:, len(POSE_NAMES) :] == pytest.approx(np.repeat(own[:, len(POSE_NAMES) :], 10, axis=0), abs=1e-4)
+
+
+def test_start_spreads_as_asked(windows, poses):
+    prior = Implicit(windows, start_position=0.03, start_rotation=0.02, start_angles=0.04)
+    spread = prior.pose(prior.start(poses[40], 20000, np.random.default_rng(0))).std(axis=0)
+    assert spread == pytest.approx([0.03] * 3 + [0.02] * 3 + [0.04] * 19, rel=0.03)
+
+
+@pytest.mark.parametrize("search", ["exact", "sign_tree", "median_tree"])
+def test_the_same_seed_gives_the_same_states(windows, poses, search):
+    prior = Implicit(windows, search=search)
+    runs = []
+    for _ in range(2):
+        rng = np.random.default_rng(7)
+        state = prior.start(poses[30], 40, rng)
+        before = state.copy()
+        runs.append(prior.step(state, 2 * DT, rng))
+        assert (state == before).all()
+    assert (runs[0] == runs[1]).all()
+    assert np.isfinite(runs[0]).all()
+    assert runs[0].shape == (40, len(prior.space))
+
+
+def test_two_frames_at_once_are_two_steps(windows, poses):
+    prior = Implicit(windows)
+    start = prior.start(poses[30], 20, np.random.default_rng(0))
+    once, twice = np.random.default_rng(1), np.random.default_rng(1)
+    expected = prior.step(prior.step(start, DT, twice), DT, twice)
+    assert (prior.step(start, 2 * DT, once) == expected).all()
+
+
+def test_a_video_of_another_rate_is_refused(windows, poses):
+    prior = Implicit(windows)
+    with pytest.raises(InputError, match="30 Hz"):
+        prior.step(prior.start(poses[30], 2, np.random.default_rng(0)), 1 / 50, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"search": "linear"}, "search"), ({"prediction": "guess"}, "prediction"), ({"leaf": "nearest"}, "leaf"),
+     ({"beta": 0.0}, "beta"), ({"pull": 1.5}, "pull"), ({"sigma_angles": (0.1, 0.2)}, "sigma_angles"),
+     ({"sigma_position": (0.1, 0.2)}, "sigma_position")],
+)  # fmt: skip
+def test_wrong_options_are_refused(windows, options, message):
+    with pytest.raises(InputError, match=message):
+        Implicit(windows, **options)

@@ -1,0 +1,230 @@
+"""The searches of the implicit prior against enumeration: what is drawn, and how often."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chisquare, norm
+
+from workbench.errors import InputError
+from workbench.priors.implicit_fidelity import fidelity, log_importance, total_variation
+from workbench.priors.implicit_search import (
+    exact_log_prob,
+    found_distribution,
+    found_distribution_reference,
+    kd_tree,
+    search,
+)
+from workbench.priors.implicit_tree import draw, draw_reference, log_proposal, median_tree, sign_tree
+
+TREES = {"sign": sign_tree, "median": median_tree}
+
+
+def database(n=300, b=8, seed=0):
+    """Clustered coefficients, so that sign leaves differ in size and many are empty."""
+    rng = np.random.default_rng(seed)
+    centres = rng.normal(size=(12, b))
+    return (centres[rng.integers(12, size=n)] + 0.3 * rng.normal(size=(n, b))).astype(np.float32)
+
+
+def brute_force_log_prob(coefficients, probe, beta):
+    weights = [np.exp(-0.5 * sum((c - p) ** 2 for c, p in zip(row, probe, strict=True)) / beta) for row in coefficients]
+    return np.log(np.array(weights) / np.sum(weights))
+
+
+def test_the_exact_probabilities_are_equation_6():
+    coefficients, probe = database(20, 3).astype(np.float64), np.array([0.2, -0.4, 0.1])
+    expected = brute_force_log_prob(coefficients, probe, 0.7)
+    assert exact_log_prob(coefficients, probe, 0.7) == pytest.approx(expected, abs=1e-9)
+
+
+def goodness_of_fit(entries, probabilities):
+    """p value of a chi-square test of draws against their probabilities; cells under 5 expected draws are pooled."""
+    expected = probabilities * len(entries)
+    observed = np.bincount(entries, minlength=len(probabilities))
+    assert (observed[probabilities == 0] == 0).all()
+    common = expected >= 5
+    cells = [np.append(counts[common], counts[~common].sum()) for counts in (observed, expected)]
+    keep = cells[1] > 1e-6
+    return chisquare(cells[0][keep], cells[1][keep] * cells[0][keep].sum() / cells[1][keep].sum()).pvalue
+
+
+@pytest.mark.parametrize("kind", TREES)
+@pytest.mark.parametrize("leaf", ["gaussian", "uniform"])
+@pytest.mark.parametrize("beta", [0.05, 1.0])
+def test_draws_have_the_trees_own_probabilities(kind, leaf, beta):
+    coefficients, rng = database(), np.random.default_rng(3)
+    tree = TREES[kind](coefficients)
+    probe = coefficients[7] + 0.3 * rng.normal(size=8)
+    log_q = log_proposal(tree, probe, beta, leaf)
+    assert np.exp(log_q).sum() == pytest.approx(1.0, abs=1e-9)
+    entries = draw(tree, np.repeat(probe[None], 20000, axis=0), beta, rng.random((20000, 9)), leaf)
+    assert goodness_of_fit(entries, np.exp(log_q)) > 1e-4  # fixed seeds: one in 10⁴ for a right sampler
+
+
+def test_the_probability_of_a_leaf_is_the_product_along_its_path():
+    """Four entries in the four quadrants: equations 7 and 8 written out."""
+    coefficients = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float32)
+    probe, beta = np.array([0.3, -0.5]), 0.4
+    right = norm.cdf(probe / np.sqrt(beta))
+    expected = [right[0] * right[1], right[0] * (1 - right[1]), (1 - right[0]) * right[1], (1 - right).prod()]
+    assert np.exp(log_proposal(sign_tree(coefficients), probe, beta)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_empty_branch_is_never_taken():
+    coefficients = np.array([[1.0, 1.0], [1.0, -1.0], [2.0, -3.0]], dtype=np.float32)
+    probe = np.array([-4.0, 4.0])  # at level 0 it belongs to the left, where nothing is
+    q = np.exp(log_proposal(sign_tree(coefficients), probe, 0.5))
+    assert q.sum() == pytest.approx(1.0)
+    entries = draw(sign_tree(coefficients), probe[None], 0.5, np.array([[0.9, 0.1, 0.0]]))
+    assert entries == [0]
+
+
+def test_the_median_tree_is_balanced_and_split_at_its_medians():
+    coefficients = database(300, 8)
+    tree = median_tree(coefficients)
+    assert set(np.diff(tree.starts)) <= {1, 2}
+    assert sorted(tree.order) == list(range(300))
+    left, right = tree.order[: tree.starts[128]], tree.order[tree.starts[128] :]
+    assert coefficients[left, 0].max() <= tree.splits[0] <= coefficients[right, 0].min()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    n=st.integers(1, 60),
+    b=st.integers(1, 6),
+    seed=st.integers(0, 10**6),
+    beta=st.floats(1e-3, 10.0),
+    leaf=st.sampled_from(["gaussian", "uniform"]),
+    kind=st.sampled_from(sorted(TREES)),
+)
+def test_the_tree_kernel_agrees_with_numpy(n, b, seed, beta, leaf, kind):
+    rng = np.random.default_rng(seed)
+    tree = TREES[kind](rng.normal(size=(n, b)).astype(np.float32))
+    probes, uniforms = rng.normal(size=(25, b)), rng.random((25, b + 1))
+    entries = draw(tree, probes, beta, uniforms, leaf)
+    assert (entries == draw_reference(tree, probes, beta, uniforms, leaf)).all()
+    for entry, probe in zip(entries, probes, strict=True):
+        assert log_proposal(tree, probe, beta, leaf)[entry] > -np.inf
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    n=st.integers(1, 400),
+    b=st.integers(1, 17),
+    seed=st.integers(0, 10**6),
+    beta=st.floats(1e-3, 10.0),
+    epsilon=st.floats(1e-4, 0.5),
+    spread=st.floats(0.0, 5.0),
+)
+def test_the_search_misses_at_most_epsilon(n, b, seed, beta, epsilon, spread):
+    rng = np.random.default_rng(seed)
+    coefficients = rng.normal(size=(n, b)).astype(np.float32)
+    coefficients[n // 2 :] = coefficients[: n - n // 2]  # repeated entries
+    probe = spread * rng.normal(size=b)
+    tree = kd_tree(coefficients)
+    found, visited = found_distribution(tree, probe, beta, epsilon)
+    exact = np.exp(exact_log_prob(coefficients, probe.astype(np.float32), beta))
+    # float32 distances: 1e-6 of the square, over 2β in the exponent
+    rounding = 1e-6 * ((coefficients - probe) ** 2).sum(axis=1).max() / beta
+    assert total_variation(found, exact) <= epsilon + rounding
+    assert 1 <= visited <= n
+
+
+def test_the_search_kernel_agrees_with_numpy():
+    coefficients, rng = database(700, 11), np.random.default_rng(5)
+    tree = kd_tree(coefficients)
+    for probe in rng.normal(size=(10, 11)):
+        found, visited = found_distribution(tree, probe, 0.1)
+        expected, expected_visited = found_distribution_reference(tree, probe, 0.1)
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-9)  # float32 distances over 2β
+        assert visited == expected_visited
+
+
+def test_a_clustered_database_is_mostly_not_visited():
+    coefficients = database(5000, 10, seed=2)
+    result = fidelity(kd_tree(coefficients), coefficients, coefficients[:20], 0.02, np.random.default_rng(0))
+    assert result.visited < 0.2
+    assert result.total_variation < 0.01
+
+
+def test_the_leaves_and_boxes_hold_their_entries():
+    coefficients = database(333, 5)
+    tree = kd_tree(coefficients)
+    assert sorted(tree.order) == list(range(333))
+    n_leaves = len(tree.starts) - 1
+    for node in range(2 * n_leaves - 1):
+        level = (node + 1).bit_length() - 1
+        width = n_leaves >> level
+        first = (node + 1 - (1 << level)) * width
+        inside = tree.coefficients[tree.starts[first] : tree.starts[first + width]]
+        assert (tree.boxes[node, 0] == inside.min(axis=0)).all()
+        assert (tree.boxes[node, 1] == inside.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("beta", [0.05, 1.0])
+def test_many_draws_from_one_search_have_the_exact_probabilities(beta):
+    coefficients, rng = database(), np.random.default_rng(1)
+    probes = coefficients[[7, 100]] + 0.3 * rng.normal(size=(2, 8))
+    found = search(kd_tree(coefficients), probes, np.array([20000, 10000]), beta, rng.random(30000), epsilon=1e-6)
+    for probe, entries, log_mass in zip(probes, np.split(found.entries, [20000]), found.log_mass, strict=True):
+        assert goodness_of_fit(entries, np.exp(exact_log_prob(coefficients, probe, beta))) > 1e-4
+        squares = ((coefficients - probe) ** 2).sum(axis=1)
+        assert log_mass == pytest.approx(np.log(np.exp(-squares / (2 * beta)).sum()), abs=1e-4)
+
+
+def test_draws_are_the_same_however_they_are_shared():
+    """One search with three draws, or three searches with one draw each, from the same random numbers."""
+    coefficients, rng = database(), np.random.default_rng(2)
+    tree, probe, uniforms = kd_tree(coefficients), rng.normal(size=(1, 8)), rng.random(3)
+    together = search(tree, probe, np.array([3]), 0.2, uniforms).entries
+    apart = search(tree, np.repeat(probe, 3, axis=0), np.ones(3, dtype=np.int64), 0.2, uniforms).entries
+    assert (together == apart).all()
+
+
+def test_far_probes_do_not_underflow():
+    coefficients = database()
+    found = search(kd_tree(coefficients), np.full((1, 8), 60.0), np.array([5]), 1e-3, np.linspace(0, 0.99, 5))
+    nearest = ((coefficients - 60.0) ** 2).sum(axis=1).argmin()
+    assert (found.entries == nearest).all()
+
+
+def test_importance_weights_turn_the_trees_draws_into_exact_ones():
+    """The weighted mean of a function of the draws is its exact mean, within five standard errors."""
+    coefficients, rng = database(), np.random.default_rng(4)
+    tree, probe, beta, n = sign_tree(coefficients), database()[7].astype(np.float64), 1.0, 40000
+    entries = draw(tree, np.repeat(probe[None], n, axis=0), beta, rng.random((n, 9)), "uniform")
+    weights = np.exp(log_importance(tree, probe, entries, beta, "uniform"))
+    exact = np.exp(exact_log_prob(coefficients, probe, beta)) @ coefficients
+    terms = weights[:, None] * coefficients[entries]
+    assert (np.abs(terms.mean(axis=0) - exact) < 5 * terms.std(axis=0) / np.sqrt(n)).all()
+    plain = coefficients[entries].mean(axis=0)
+    assert np.abs(plain - exact).max() > 5 * (coefficients.std(axis=0) / np.sqrt(n)).max()  # they were needed
+
+
+def test_fidelity_of_the_exact_distribution_is_perfect_and_of_the_tree_is_enumerated():
+    coefficients, rng = database(), np.random.default_rng(0)
+    probes = coefficients[:5].astype(np.float64)
+    result = fidelity(sign_tree(coefficients), coefficients, probes, 0.05, rng)
+    tree, exact = sign_tree(coefficients), [np.exp(exact_log_prob(coefficients, probe, 0.05)) for probe in probes]
+    by_hand = [0.5 * np.abs(p - np.exp(log_proposal(tree, c, 0.05))).sum() for p, c in zip(exact, probes, strict=True)]
+    assert result.total_variation == pytest.approx(np.mean(by_hand))
+    assert fidelity(kd_tree(coefficients), coefficients, probes, 0.05, rng, epsilon=1e-6).total_variation < 1e-5
+
+
+def test_bad_input_is_refused():
+    coefficients = database()
+    tree, probe = kd_tree(coefficients), np.zeros((1, 8))
+    one = np.array([1])
+    with pytest.raises(InputError, match="beta"):
+        search(tree, probe, one, 0.0, np.zeros(1))
+    with pytest.raises(InputError, match="epsilon"):
+        search(tree, probe, one, 1.0, np.zeros(1), epsilon=0.0)
+    with pytest.raises(ValueError, match="probes"):
+        search(tree, np.full((1, 8), np.nan), one, 1.0, np.zeros(1))
+    with pytest.raises(ValueError, match="counts"):
+        search(tree, probe, np.array([2]), 1.0, np.zeros(1))
+    with pytest.raises(InputError, match="leaf"):
+        draw(sign_tree(coefficients), probe, 1.0, np.zeros((1, 9)), "nearest")
+    with pytest.raises(InputError, match="coefficients"):
+        kd_tree(np.empty((0, 3), dtype=np.float32))

@@ -1,0 +1,197 @@
+"""The smooth prior: the truncated normal against SciPy, moments against closed forms, velocities, time steps."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, truncnorm
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.errors import InputError
+from workbench.priors.smooth import SIGMA, SIGMA_VELOCITY, Smooth, truncated_normal
+
+SKELETON = person_skeleton(from_height(1.7))
+ARM = tuple(f"right_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion"))
+POSE = np.linspace(0.05, 0.6, 25)
+N = 40000
+
+
+def many(prior, pose, velocities):
+    """N equal states of a pose with given velocities of all 25 parameters."""
+    return prior.enter(np.tile(pose, (N, 1)), np.tile(velocities, (N, 1)))
+
+
+def column(prior, state, name):
+    return state[:, prior.space.names.index(name)]
+
+
+def within(sample, mean, deviation):
+    """Mean and deviation of a sample within 5 standard errors of what they should be (normal tails or lighter)."""
+    assert np.abs(sample.mean(axis=0) - mean).max() <= 5.0 * np.max(deviation) / np.sqrt(len(sample))
+    assert sample.std(axis=0) == pytest.approx(deviation, rel=5.0 / np.sqrt(2 * len(sample)))
+
+
+@pytest.mark.parametrize(
+    ("mean", "deviation", "low", "high"),
+    [
+        (0.0, 1.0, -0.5, 2.0),
+        (5.0, 0.3, -1.0, 1.0),
+        (-9.0, 0.5, -1.0, 1.0),
+        (0.2, 10.0, -0.1, 0.3),
+        (0.0, 1.0, 3.0, 9.0),
+    ],
+)
+def test_quantiles_agree_with_scipy(mean, deviation, low, high):
+    u = np.linspace(0.001, 0.999, 997)
+    mine = truncated_normal(np.full(997, mean), deviation, low, high, u)
+    theirs = truncnorm.ppf(u, (low - mean) / deviation, (high - mean) / deviation, loc=mean, scale=deviation)
+    assert mine == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("far", [1e2, 1e3, 1e4])
+def test_far_beyond_a_limit_the_depth_inside_is_exponential(far, side):
+    """Mills' ratio: for a limit at `far` deviations, depth × far → Exp(1), off by a few parts in far²."""
+    u = np.linspace(0.01, 0.99, 99)
+    draws = truncated_normal(np.zeros(99), 1.0, *np.sort([side * far, side * (far + 1e3)]), u)
+    depth = np.sort(np.abs(draws - side * far) * far)
+    # ndtri_exp(log_ndtr(z)) gives z back to 6e-13 (measured), which is that times far² of the depth
+    assert depth == pytest.approx(-np.log(1.0 - u), rel=5.0 / far**2, abs=1e-12 * far**2)
+
+
+def test_a_limit_far_out_of_reach_is_still_kept():
+    draws = truncated_normal(
+        np.array([1e300, -1e300, 1e6, 0.5, 0.5, 2.0]), np.array([1, 1, 1e-9, 0, 1e-300, 0]), 0, 1, 0.3
+    )
+    assert draws.tolist() == [1.0, 0.0, 1.0, 0.5, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 120])
+def test_one_step_away_from_limits(dt_s):
+    """φ + V Δt and e^(−damping Δt) V, with deviations that grow with the root of time."""
+    prior = Smooth(damping=2.0)
+    velocities = np.linspace(-1.0, 1.0, 25)
+    state = many(prior, POSE, velocities)
+    moved = prior.step(state, dt_s, np.random.default_rng(0))
+    growth = np.sqrt(30 * dt_s)
+    free = [i for i, name in enumerate(POSE_NAMES) if np.ptp(SKELETON.limits[i]) > 100]
+    within(moved[:, free], (POSE + dt_s * velocities)[free], growth * prior.sigma[free])
+    velocity = moved[:, prior.space.slices["velocity"]]
+    within(velocity, np.exp(-2.0 * dt_s) * velocities, growth * prior.sigma_velocity)
+
+
+def test_ten_steps_away_from_limits_follow_the_linear_model():
+    """Mean F^t x and covariance Σ F^i Q F^iᵀ of the linear-Gaussian model, as a Kalman filter predicts them."""
+    low, high = dict.fromkeys(ARM, -1e6), dict.fromkeys(ARM, 1e6)
+    prior, dt_s = Smooth(parameters=ARM, lowest=low, highest=high, damping=1.5), 1 / 25
+    state = many(prior, POSE, np.full(25, 0.7))
+    i = ARM.index("right_elbow_flexion")
+    q = 30 * dt_s * np.diag([prior.sigma[i] ** 2, prior.sigma_velocity[i] ** 2])
+    f = np.array([[1.0, dt_s], [0.0, np.exp(-1.5 * dt_s)]])
+    mean, cov = np.array([POSE[POSE_NAMES.index(ARM[i])], 0.7]), np.zeros((2, 2))
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        state = prior.step(state, dt_s, rng)
+        mean, cov = f @ mean, f @ cov @ f.T + q
+    drawn = np.stack([column(prior, state, ARM[i]), column(prior, state, f"{ARM[i]}_velocity")], axis=1)
+    within(drawn, mean, np.sqrt(np.diag(cov)))
+    # standard error of a correlation r is (1 − r²)/√N, at most 1/√N
+    r = cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1])
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(r, abs=5 / np.sqrt(N))
+
+
+@pytest.mark.parametrize("velocity", [0.0, 1.0, 20.0, -300.0])
+def test_draws_near_a_limit_follow_the_normalised_density(velocity):
+    """A step from just under the elbow's upper limit: the truncated normal of SciPy, not a clipped one."""
+    prior, dt_s, name = Smooth(parameters=ARM, sigma={"elbow": 0.05}), 1 / 30, "right_elbow_flexion"
+    low, high = SKELETON.limits[POSE_NAMES.index(name)]
+    pose = POSE.copy()
+    pose[POSE_NAMES.index(name)] = high - 0.03
+    moved = prior.step(many(prior, pose, np.full(25, velocity)), dt_s, np.random.default_rng(2))
+    mean = high - 0.03 + velocity * dt_s
+    law = truncnorm((low - mean) / 0.05, (high - mean) / 0.05, loc=mean, scale=0.05)
+    assert kstest(column(prior, moved, name), law.cdf).pvalue > 1e-4
+    assert column(prior, moved, f"{name}_velocity").mean() == pytest.approx(velocity, abs=5 * 0.65 / np.sqrt(N))
+
+
+def test_start_is_around_the_pose_and_uniform_where_asked():
+    twist = "right_shoulder_twist"
+    prior = Smooth(parameters=ARM, start_pose=1.5, start_velocity=4.0, start_uniform=[twist])
+    state = prior.start(POSE, N, np.random.default_rng(0))
+    low, high = SKELETON.limits[POSE_NAMES.index(twist)]
+    assert kstest(column(prior, state, twist), "uniform", (low, high - low)).pvalue > 1e-4
+    calm = [i for i, name in enumerate(ARM) if name != twist and name != "right_elbow_flexion"]
+    expected = [POSE[POSE_NAMES.index(ARM[i])] for i in calm]
+    within(state[:, calm], expected, 1.5 * prior.sigma[calm])
+    within(state[:, prior.space.slices["velocity"]], np.zeros(4), 4.0 * prior.sigma_velocity)
+
+
+def test_the_rest_of_the_body_is_held_at_the_starting_pose():
+    prior = Smooth(parameters=ARM)
+    rng = np.random.default_rng(0)
+    state = prior.start(POSE, 50, rng)
+    for _ in range(5):
+        state = prior.step(state, 1 / 30, rng)
+    held = [i for i, name in enumerate(POSE_NAMES) if name not in ARM]
+    assert (prior.pose(state)[:, held] == POSE[held]).all()
+    assert (prior.pose(state)[:, [POSE_NAMES.index(name) for name in ARM]] == state[:, :4]).all()
+    assert (np.ptp(state[:, :8], axis=0) > 0.0).all()
+
+
+def test_columns_and_units():
+    whole, arm = Smooth().space, Smooth(parameters=ARM).space
+    assert (len(whole), len(arm)) == (50, 29)
+    assert whole.names[:25] == POSE_NAMES
+    assert arm.names[:8] == (*ARM, *(f"{name}_velocity" for name in ARM))
+    units = dict(zip(whole.names, whole.units, strict=True))
+    named = ("root_z", "root_z_velocity", "root_pitch", "left_knee_flexion_velocity")
+    assert [units[name] for name in named] == ["m", "m/s", "rad", "rad/s"]
+    assert dict(zip(arm.names, arm.units, strict=True))["root_x"] == "m"
+
+
+def test_deviations_are_looked_up_from_the_parameter_to_the_body_part():
+    given = {"right_elbow_flexion": 0.5, "shoulder": 0.2, "hip_twist": 0.3, "root_rotation": 0.0}
+    sigma = dict(zip(POSE_NAMES, Smooth(sigma=given).sigma, strict=True))
+    assert (sigma["right_elbow_flexion"], sigma["left_elbow_flexion"]) == (0.5, SIGMA["elbow"])
+    assert sigma["left_shoulder_twist"] == sigma["right_shoulder_flexion"] == 0.2
+    assert (sigma["left_hip_twist"], sigma["left_hip_flexion"]) == (0.3, SIGMA["hip"])
+    assert (sigma["root_roll"], sigma["root_x"]) == (0.0, SIGMA["root_position"])
+    assert dict(zip(POSE_NAMES, Smooth().sigma_velocity, strict=True))["neck_nod"] == SIGMA_VELOCITY["neck"]
+
+
+def test_a_parameter_without_noise_keeps_its_value():
+    prior = Smooth(sigma={"root_rotation": 0.0}, sigma_velocity={"root_rotation": 0.0})
+    rng = np.random.default_rng(0)
+    state = prior.step(prior.start(POSE, 20, rng), 1 / 30, rng)
+    assert (prior.pose(state)[:, 3:6] == POSE[3:6]).all()
+
+
+def test_a_start_outside_the_limits_is_told_and_begins_inside(caplog):
+    prior, pose = Smooth(parameters=ARM), POSE.copy()
+    pose[POSE_NAMES.index("right_elbow_flexion")] = 3.0
+    state = prior.start(pose, 100, np.random.default_rng(0))
+    assert "right_elbow_flexion is 3.000, outside" in caplog.text
+    elbow = column(prior, state, "right_elbow_flexion")
+    assert (elbow <= 2.7).all()
+    assert elbow.mean() > 2.65
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
+        ({"parameters": [*ARM, ARM[0]]}, "named twice"),
+        ({"parameters": []}, "at least one"),
+        ({"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
+        ({"sigma": {"elbow": -0.1}}, r"sigma\.elbow"),
+        ({"sigma_velocity": {"elbow": float("nan")}}, r"sigma_velocity\.elbow"),
+        ({"lowest": {"elbow_flexion": 3.0}}, "lowest and highest of left_elbow_flexion .* found 3.0 and 2.7"),
+        ({"highest": {"elbow": float("nan")}}, "lowest and highest of left_elbow_flexion"),
+        ({"highest": {"wrist": 1.0}}, "highest: 'wrist' is unknown"),
+        ({"damping": -1.0}, "damping"),
+        ({"start_uniform": ["root_x"]}, "root_x has no limits"),
+        ({"parameters": ARM, "start_uniform": ["left_shoulder_twist"]}, "start_uniform"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        Smooth(**options)

@@ -1,0 +1,93 @@
+"""workbench-export: the motion in a recording as a file for Blender (.bvh), OpenSim (.trc) or a spreadsheet (.csv)."""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.body.kinematics import joints
+from workbench.body.shape import Shape, from_height
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
+from workbench.errors import InputError
+from workbench.mocap.export import Track, check_output, export
+from workbench.recording.reader import Run, read
+from workbench.recording.track import timed_poses, timed_true_joints
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Export one recording. Returns 0 when all is well, 2 after an error, which is printed; then nothing is written."""
+    arguments = _parser().parse_args(argv)
+    try:
+        check_output(arguments.output)  # before the work, not after it
+        run = read(arguments.recording)
+        track = true_track(run) if arguments.truth else estimated_track(run)
+        export(arguments.output, track, metres=arguments.metres)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if (left_out := len(run.poses[0]) - len(track)) > 0:
+        print(f"{run.path}: {left_out} frames have no truth and are left out", file=sys.stderr)
+    if run.status != "complete":
+        print(f"{run.path}: the run is not complete (status: {run.status})", file=sys.stderr)
+    print(f"{arguments.output}: {len(track)} frames, {track.times_s[0]:.3f} to {track.times_s[-1]:.3f} s")
+    return 0
+
+
+def estimated_track(run: Run) -> Track:
+    """The expected poses of a recording; raises InputError when it has none, or of another body than ours."""
+    if not _has_poses(run):
+        raise InputError(f"{run.path}: expected a recording with poses (estimate/pose), found none")
+    skeleton = _skeleton(run)
+    frames, times_s, poses = timed_poses(run.path)
+    if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
+        raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
+    return Track(skeleton, frames, times_s, joints(skeleton, poses), poses)
+
+
+def true_track(run: Run) -> Track:
+    """The true joints of a recording, without poses; raises InputError when it has none."""
+    if not _has_poses(run):
+        raise InputError(f"{run.path}: expected a recording of a tracked person (estimate/pose), found none")
+    frames, times_s, positions = timed_true_joints(run.path)
+    if len(frames) == 0:
+        raise InputError(f"{run.path}: expected a recording with true joints (world/truth/joints), found none")
+    return Track(_skeleton(run), frames, times_s, positions)
+
+
+def _has_poses(run: Run) -> bool:
+    return "estimate/pose" in run.scalars
+
+
+def _skeleton(run: Run) -> Skeleton:
+    """The tracked person's skeleton, from the properties `body` and `shape`."""
+    body = run.properties.get("body", {})
+    if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
+        raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")
+    return person_skeleton(_shape(run.path, run.properties.get("shape", {})))
+
+
+def _shape(path: Path, found: Mapping[str, Any]) -> Shape:
+    lengths: dict[str, Any] = {}
+    for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
+        value = np.asarray(found.get(name))
+        if value.dtype.kind not in "fi" or value.shape != np.shape(average) or not np.isfinite(value).all():
+            raise InputError(f"{path}: the property 'shape' lacks the length {name!r}")
+        lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
+    try:
+        return Shape(**lengths)
+    except InputError as error:  # which knows the length, but not its file
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="workbench-export", description=__doc__)
+    parser.add_argument(
+        "recording", metavar="RUN.rrd", type=Path, help="a run's recording, or the .part of one cut off"
+    )
+    parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
+    parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
+    parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
+    return parser

@@ -1,0 +1,90 @@
+"""The walking model by paper B: period, alignment and functional PCA instead of gait events and whole cycles."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.skeleton import POSE_NAMES
+from workbench.errors import InputError
+from workbench.learning.alignment import Alignment, align
+from workbench.learning.cycles import CHANNEL_NAMES, LONGEST_S, SHORTEST_S, motion_channels
+from workbench.learning.functional_pca import FunctionalPca, fpca_shrunk
+from workbench.learning.period import find_period
+from workbench.learning.slices import Slices, cut
+from workbench.learning.walking import WalkingModel
+from workbench.mocap.motion import Motion
+
+SPEED_WEIGHT = 1.0 / 30.0
+"""Speeds count in metres per frame at 30 Hz beside radians, as in `learning.walking`."""
+
+LEAST_OBSERVED = 0.5
+log = logging.getLogger(__name__)
+
+
+def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> WalkingModel:
+    """The walking model of motions with q components (paper B, section 2); missing angles are NaN in their poses.
+
+    A missing position or heading makes the torso's speed missing. Motions in which no period is found are left out,
+    with a warning. Raises InputError when fewer than two are left, or they hold too few cycles.
+
+    Deviation: slices seen by less than half, the ends of the sequences, are left out, because what is imputed in
+    them pulls the coefficients' standard deviations towards zero.
+    """
+    sequences, periods, rates = [], [], []
+    for motion in motions:
+        channels = motion_channels(motion)
+        channels[:, 0] *= SPEED_WEIGHT
+        try:
+            period = find_period(channels[:, 1:], SHORTEST_S * motion.rate_hz, LONGEST_S * motion.rate_hz)
+        except InputError as error:
+            log.warning("%s left out of the training set: %s", motion.name, error)
+            continue
+        sequences.append(channels)
+        periods.append(period)
+        rates.append(motion.rate_hz / period)
+    if len(sequences) < 2:
+        raise InputError(f"prior: expected two motions with a period or more, found {len(sequences)} of {len(motions)}")
+    alignment = align([channels[:, 1:] for channels in sequences], periods)
+    slices = mostly_seen(cut(sequences, _from_left_thigh_ahead(alignment), n_phases))
+    return as_walking_model(fpca_shrunk(slices, q), np.array(rates), slices)
+
+
+def mostly_seen(slices: Slices) -> Slices:
+    """The slices of which at least half was observed."""
+    kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
+    return Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
+
+
+def as_walking_model(pca: FunctionalPca, cycle_rates_hz: FloatArray, slices: Slices) -> WalkingModel:
+    """The model the cyclic prior runs on, from a functional PCA of CHANNEL_NAMES with the speed times SPEED_WEIGHT.
+
+    cycle_rates_hz: (n,), cycles per second of the sequences. Raises InputError for another number of channels.
+    """
+    if pca.mean.shape[1] != len(CHANNEL_NAMES):
+        raise InputError(f"prior: expected {len(CHANNEL_NAMES)} channels, found {pca.mean.shape[1]}")
+    weights = np.ones(len(CHANNEL_NAMES))
+    weights[0] = SPEED_WEIGHT
+    return WalkingModel(
+        mean=pca.mean / weights,
+        components=pca.components / weights,
+        scales=pca.scales,
+        cycle_rate_hz=(float(cycle_rates_hz.mean()), float(cycle_rates_hz.std(ddof=1))),
+        explained=pca.explained,
+        n_cycles=len(slices.values),
+    )
+
+
+def _from_left_thigh_ahead(alignment: Alignment) -> Alignment:
+    """The same alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
+    first = len(POSE_NAMES) - alignment.reference.shape[1]
+    left, right = (POSE_NAMES.index(f"{side}_hip_flexion") - first for side in ("left", "right"))
+    n_phases = len(alignment.reference)
+    ahead = int(np.argmax(alignment.reference[:, left] - alignment.reference[:, right]))
+    return replace(
+        alignment,
+        offsets=(alignment.offsets - ahead / n_phases) % 1.0,
+        reference=np.roll(alignment.reference, -ahead, axis=0),
+    )

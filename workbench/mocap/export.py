@@ -1,0 +1,133 @@
+"""Motions out: a track of joints as a file that Blender (BVH), OpenSim (TRC) or a spreadsheet (CSV) opens."""
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import Skeleton, person_skeleton
+from workbench.errors import InputError
+from workbench.mocap.bvh_writer import bvh_text
+from workbench.mocap.motion import Motion
+from workbench.mocap.trc import trc_text
+
+SUFFIXES = (".bvh", ".trc", ".csv")
+_N_POSITIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """F frames of the J joints of a skeleton, in the world.
+
+    frames: (F,), their numbers in the source. times_s: (F,), rising. positions: (F, J, 3), m. poses: (F, P), m and
+    rad, that the positions are those of; None where the joints are known but not the pose.
+    """
+
+    skeleton: Skeleton
+    frames: IntArray
+    times_s: FloatArray
+    positions: FloatArray
+    poses: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+def motion_track(motion: Motion) -> Track:
+    """The track of a motion; frames count from 0."""
+    skeleton, frames = person_skeleton(motion.shape), np.arange(len(motion))
+    return Track(skeleton, frames, frames / motion.rate_hz, joints(skeleton, motion.poses), motion.poses)
+
+
+def export(path: str | Path, track: Track, metres: bool = False) -> None:
+    """Write a track to a .bvh, .trc or .csv file; one of that name is replaced at the end, when the new one is whole.
+
+    Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
+    frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
+
+    Raises InputError for another extension, a BVH without poses, BVH or TRC of frames at uneven times or of fewer
+    than two, and where the file cannot be written.
+    """
+    path = Path(path)
+    check_output(path)
+    if path.suffix.lower() == ".csv":
+        text = csv_text(track)
+    elif path.suffix.lower() == ".trc":
+        unit = "m" if metres else "mm"
+        text = trc_text(path.name, track.skeleton.names, track.positions, _rate(path, track), unit)
+    elif track.poses is None:
+        raise InputError(f"{path}: BVH holds angles, but only joints are known here: write them as .trc or .csv")
+    else:
+        text = bvh_text(track.skeleton, track.poses, _rate(path, track), "m" if metres else "cm")
+    _write_whole(path, text)
+
+
+def check_output(path: Path) -> None:
+    """Raise InputError where `path` is not the name of a file to export to, in a folder that exists."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: expected a file to write that ends in {', '.join(SUFFIXES)}")
+    if not path.parent.is_dir() or path.is_dir():
+        raise InputError(f"{path}: expected the name of a file in a folder that exists")
+
+
+def csv_text(track: Track) -> str:
+    """A table, one row a frame: frame, time_s, <joint>_x_m … _z_m and, where it is known, the pose: <name>_m or _rad.
+
+    World coordinates, z up. Nine decimals: nanometres. A missing joint (NaN) is three empty cells.
+    """
+    names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in track.skeleton.names for axis in "xyz"]]
+    values = [track.times_s[:, None], track.positions.reshape(len(track), -1)]
+    if track.poses is not None:
+        dofs = track.skeleton.dof_names
+        names += [f"{dof}_{'m' if column < _N_POSITIONS else 'rad'}" for column, dof in enumerate(dofs)]
+        values.append(track.poses)
+    rows = [
+        ",".join([str(frame), *["" if math.isnan(x) else f"{x:.9f}" for x in row]])
+        for frame, row in zip(track.frames.tolist(), np.hstack(values).tolist(), strict=True)
+    ]
+    return "\n".join([",".join(names), *rows, ""])
+
+
+def frame_rate(times_s: FloatArray) -> float:
+    """Frames per second of times (F,) that are even, F ≥ 2; whole where it is to the nanosecond times are kept to.
+
+    An interval between half and one and a half of the median one is even: clocks jitter. Raises InputError otherwise.
+    """
+    if len(times_s) < 2:
+        raise InputError(f"expected two frames or more, to know their rate, found {len(times_s)}")
+    steps = np.diff(times_s)
+    usual = float(np.median(steps))
+    odd = np.flatnonzero((steps <= 0.5 * usual) | (steps >= 1.5 * usual))
+    if usual <= 0.0 or len(odd):
+        place = odd[0] if len(odd) else 0
+        raise InputError(
+            f"expected frames at even times, found {steps[place]:.3g} s after {times_s[place]:.3f} s where most are"
+            f" {usual:.3g} s apart: only .csv keeps times as they are"
+        )
+    n_steps, duration = len(steps), float(times_s[-1] - times_s[0])
+    rate = n_steps / duration
+    whole = round(rate)
+    return float(whole) if abs(n_steps - whole * duration) <= 1e-9 * whole else rate
+
+
+def _rate(path: Path, track: Track) -> float:
+    try:
+        return frame_rate(track.times_s)
+    except InputError as error:  # which knows the times, but not for which file
+        raise InputError(f"{path}: {error}") from None
+
+
+def _write_whole(path: Path, text: str) -> None:
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        if part.is_file():
+            part.unlink()

@@ -1,0 +1,207 @@
+"""The implicit prior of paper C: a database of motions, searched at random with the right odds."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.errors import InputError
+from workbench.learning.windows import Windows, advance, pose_rows
+from workbench.priors import implicit_tree
+from workbench.priors.implicit_search import KdTree, kd_tree, search
+from workbench.priors.implicit_tree import LEAVES, Tree, median_tree, sign_tree
+from workbench.priors.state import StateSpace
+
+REFERENCE_RATE_HZ = 30.0
+SEARCHES = ("exact", "sign_tree", "median_tree")
+PREDICTIONS = ("copy", "increment", "blend")
+
+
+class Implicit:
+    """The implicit prior over states {pose, c, what the last d − 1 rows add to the next coefficients} (C, section 4).
+
+    The state's first 25 columns are the pose; then come the whitened coefficients c_t of the particle's own last d
+    frames and the rest of `Windows.memory`, so that every particle carries its window. A step projects nothing: it
+    searches an entry i with probability p(Ψ_i | Φ_t), predicts by what follows it, and slides the window on by that.
+
+    search: "exact" draws from p(c_i | c_t) but for the part `epsilon` of its mass, and looks once for all particles
+    with the same coefficients, such as a resampled parent's children; "sign_tree" is the paper's tree, "median_tree"
+    the balanced one; `leaf`, "gaussian" or "uniform", is how those draw in a leaf. beta: temperature.
+
+    prediction: "copy" takes the angles of the pose after the window (the paper's φ_{t+1} = ψ_{i+1} + noise);
+    "increment" adds the database's change to the particle's own angles; "blend" does that and draws the angles towards
+    the database's by the part `pull` of their difference a frame: over the first 1/pull frames the change counts, over
+    longer ones the absolute pose. Copy is a pull of 1, increment one of 0. The root's place and heading always move by
+    the database's increments in the body's own heading frame; its pitch and roll are treated as angles.
+
+    sigma_position: m, forward, sideways, up. sigma_rotation: rad, heading, pitch, roll. sigma_angles: rad, one for all
+    modelled angles or one for each. All per frame at 30 Hz; they grow with the square root of the time between rows.
+    start_*: standard deviations around the starting pose, in the same units. start_beta: temperature of the search for
+    windows to start with. Angles that are not modelled, and the root where it is not, stay as they start.
+
+    Deviations. Velocities and increments that enter a particle's window are the database's, without the noise: it
+    would be multiplied by the frame rate. Nothing keeps the angles inside the skeleton's limits but the database.
+    """
+
+    def __init__(
+        self,
+        windows: Windows,
+        *,
+        search: str = "exact",
+        beta: float = 0.05,
+        epsilon: float = 0.01,
+        leaf: str = "gaussian",
+        prediction: str = "blend",
+        pull: float = 0.1,
+        sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
+        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
+        sigma_angles: float | Sequence[float] = 0.02,
+        start_beta: float = 0.05,
+        start_position: float = 0.01,
+        start_rotation: float = 0.02,
+        start_angles: float = 0.02,
+    ) -> None:
+        for name, given, known in (
+            ("search", search, SEARCHES), ("prediction", prediction, PREDICTIONS), ("leaf", leaf, LEAVES),
+        ):  # fmt: skip
+            if given not in known:
+                raise InputError(f"prior: {name} must be one of {', '.join(known)}, found {given!r}")
+        if not (beta > 0.0 and start_beta > 0.0 and 0.0 < epsilon < 1.0 and 0.0 <= pull <= 1.0):
+            raise InputError(
+                "prior: expected beta and start_beta above 0, epsilon between 0 and 1, pull from 0 to 1, "
+                f"found {beta}, {start_beta}, {epsilon}, {pull}"
+            )
+        self.windows = windows
+        self.search, self.leaf, self.beta, self.epsilon, self.start_beta = search, leaf, beta, epsilon, start_beta
+        self.pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
+        self._columns = np.array([POSE_NAMES.index(name) for name in windows.angles])
+        self._noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
+        self._start_noise = self._deviations((start_position,) * 3, (start_rotation,) * 3, start_angles)
+        b = len(windows.sigmas)
+        ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
+        self.space = StateSpace.of(
+            {
+                "root_position": (POSE_NAMES[:3], "m"),
+                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+                "angles": (POSE_NAMES[N_ROOT:], "rad"),
+                "coefficients": (tuple(f"c{k + 1}" for k in range(b)), "σ"),
+                "ahead": (ahead, "σ"),
+            }
+        )
+        build: dict[str, Callable[[Float32Array], KdTree | Tree]]
+        build = {"exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree}
+        self._tree = build[search](windows.coefficients)
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) at a starting pose (P,) with noise, and with the windows of entries that end near it.
+
+        As in C, section 6, by a linear search: an entry counts exp(−½ Σ_a (ψ_a − pose_a)² / (start_beta · s_a²)) over
+        the modelled angles and, where the root is modelled, its pitch and roll, s_a being the database's deviations.
+        """
+        ours, theirs = self._absolute()
+        rows = self.windows.rows[self.windows.ends][:, theirs]
+        squares = (((rows - pose[ours]) / self.windows.scales[theirs]) ** 2).sum(axis=1, dtype=np.float64)
+        odds = np.exp((squares.min() - squares) / (2.0 * self.start_beta)).cumsum()
+        entries = np.searchsorted(odds, rng.random(n) * odds[-1], side="right").clip(max=len(odds) - 1)
+        poses = pose + self._start_noise * rng.standard_normal((n, len(POSE_NAMES)))
+        return np.concatenate([poses, self.windows.memory(self.windows.window_rows(entries))], axis=1)
+
+    def start_after(self, poses: FloatArray, n: int) -> FloatArray:
+        """N equal states (N, D) that have just gone through poses (d + 1, P) at the library's rate, without noise."""
+        rows = pose_rows(poses, self.windows.rate_hz, self.windows.angles, self.windows.root)
+        memory = self.windows.memory(rows[None, ::-1][:, : self.windows.length])
+        return np.repeat(np.concatenate([poses[-1:], memory], axis=1), n, axis=0)
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later.
+
+        Raises InputError when dt_s is not a whole number of the library's frames (to 5 % of one).
+        """
+        frames = dt_s * self.windows.rate_hz
+        if round(frames) < 1 or abs(frames - round(frames)) > 0.05:
+            raise InputError(
+                f"prior: frames {dt_s:.4g} s apart are not a whole number of steps of an implicit prior learned at "
+                f"{self.windows.rate_hz:g} Hz; learn it at a rate that is a multiple of the video's"
+            )
+        for _ in range(round(frames)):
+            entries = self.draw(state[:, self.space.slices["coefficients"]], rng)
+            state = self.predict(state, entries, rng.standard_normal((len(state), len(POSE_NAMES))))
+        return state
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) of states (N, D)."""
+        return np.ascontiguousarray(state[:, : len(POSE_NAMES)])
+
+    def draw(self, probes: FloatArray, rng: np.random.Generator) -> IntArray:
+        """An entry (N,) for each probe (N, b), whitened coefficients."""
+        if isinstance(self._tree, Tree):
+            uniforms = rng.random((len(probes), self._tree.depth + 1))
+            return implicit_tree.draw(self._tree, probes, self.beta, uniforms, self.leaf)
+        uniforms = rng.random(len(probes))
+        order, firsts = group_equal(probes)
+        counts = np.diff(np.append(firsts, len(probes)))
+        found = search(self._tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
+        entries = np.empty(len(probes), dtype=np.int64)
+        entries[order] = found.entries
+        return entries
+
+    def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
+        """The states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
+        windows, n_pose = self.windows, len(POSE_NAMES)
+        ends = windows.ends[entries]
+        before, after = windows.rows[ends].astype(np.float64), windows.rows[ends + 1].astype(np.float64)
+        noise = noise * self._noise
+        pose = state[:, :n_pose].copy()
+        ours, theirs = self._absolute()
+        pose[:, ours] += after[:, theirs] - before[:, theirs] + self.pull * (before[:, theirs] - pose[:, ours])
+        if windows.root:
+            first = 2 * len(windows.angles)
+            change = after[:, first : first + 4] / windows.rate_hz + noise[:, :4]
+            c, s = np.cos(pose[:, 3]), np.sin(pose[:, 3])
+            pose[:, 0] += c * change[:, 0] - s * change[:, 1]
+            pose[:, 1] += s * change[:, 0] + c * change[:, 1]
+            pose[:, 2:4] += change[:, 2:]
+        pose[:, 4:] += noise[:, 4:]
+        after[:, theirs] = pose[:, ours]
+        memory = advance(state[:, n_pose:], after, windows.filters, windows.offset, len(windows.sigmas))
+        return np.concatenate([pose, memory], axis=1)
+
+    def _absolute(self) -> tuple[IntArray, IntArray]:
+        """Columns of a pose, and of a row, that hold the same angle."""
+        n_angles = len(self._columns)
+        if not self.windows.root:
+            return self._columns, np.arange(n_angles)
+        lean = np.array([4, 5])
+        return np.concatenate([self._columns, lean]), np.concatenate([np.arange(n_angles), 2 * n_angles + lean])
+
+    def _deviations(
+        self,
+        position: tuple[float, float, float],
+        rotation: tuple[float, float, float],
+        angles: float | Sequence[float],
+    ) -> FloatArray:
+        n_angles = len(self._columns)
+        for name, given, size in (
+            ("sigma_position", position, 3), ("sigma_rotation", rotation, 3), ("sigma_angles", angles, n_angles),
+        ):  # fmt: skip
+            if np.shape(given) != (size,) and not (name == "sigma_angles" and np.ndim(given) == 0):
+                raise InputError(f"prior: {name} must hold {size} numbers, found {np.size(given)}")
+        deviations = np.zeros(len(POSE_NAMES))
+        if self.windows.root:
+            deviations[:N_ROOT] = (*position, *rotation)
+        deviations[self._columns] = angles
+        deviations *= np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)
+        return deviations
+
+
+def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
+    """An order (N,) that brings equal rows of (N, b) together, and where in it each group of equal rows begins.
+
+    Sorted by the first coefficient only, which tells all but equal rows apart in practice; rows that share it and
+    nothing else are merely searched more often than needed.
+    """
+    order = np.argsort(probes[:, 0], kind="stable")
+    sorted_probes = probes[order]
+    changes = (sorted_probes[1:] != sorted_probes[:-1]).any(axis=1)
+    return order, np.concatenate([[0], np.flatnonzero(changes) + 1])

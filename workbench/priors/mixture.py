@@ -1,0 +1,227 @@
+"""Mixtures of priors: some particles move by one prior, some by another (paper C, section 7; paper A, section 8).
+
+`Mixture` is over one state that all its priors share, `Switching` over priors with states of their own.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.skeleton import POSE_NAMES
+from workbench.errors import InputError
+from workbench.priors.state import Prior, StateSpace
+
+REFERENCE_RATE_HZ = 30.0
+
+
+class Mixture:
+    """K priors over one common state, each of which moves its share of the particles.
+
+        p(s_t | s_t−1) = Σ_k π_k p_k(s_t | s_t−1)
+
+    A state is the common one and, in a last column "component", the index k of the prior that drew it; the next draw
+    does not depend on it. `step` chooses k by π for every particle and then draws s_t from p_k: an exact draw from
+    the mixture, which needs no correction. The k are dealt out (see `deal`), so that each prior moves as many
+    particles as its weight says, to within one.
+
+    `propose` chooses k by other probabilities, the shares κ, for instance to let many particles try an improbable
+    prior. Then a particle stands for the mixture only with the additional weight π_k / κ_k, which `propose` returns
+    (importance sampling of the pairs (k, s_t); the mixture is their marginal).
+
+    priors, weights: by name; the weights π sum to one. All priors have the same columns with the same meaning; the
+    first one decodes them to poses. shares: κ by name; None means π. Only `propose` uses them.
+    Raises InputError when columns differ, when weights or shares are no probabilities, and when a prior with a weight
+    has no share, for which no correction could make up.
+    """
+
+    def __init__(
+        self, priors: Mapping[str, Prior], weights: Mapping[str, float], *, shares: Mapping[str, float] | None = None
+    ) -> None:
+        self.priors = dict(priors)
+        self.weights = _probabilities("weights", priors, weights)
+        self.shares = self.weights if shares is None else _probabilities("shares", priors, shares)
+        if lacking := np.array(list(priors))[(self.weights > 0.0) & (self.shares == 0.0)].tolist():
+            raise InputError(f"prior: the mixture's {lacking[0]!r} has a weight, but no share of the particles")
+        first, *others = priors.items()
+        for name, prior in others:
+            if (prior.space.names, prior.space.units) != (first[1].space.names, first[1].space.units):
+                raise InputError(f"prior: the mixture's {name!r} and {first[0]!r} must have the same columns")
+        self.space = _with_component(first[1].space)
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
+        component = deal(self.weights, n, rng)
+        state = np.empty((n, len(self.space)))
+        state[:, -1] = component
+        for prior, own in self._groups(component):
+            state[own, :-1] = prior.start(pose, int(own.sum()), rng)
+        return state
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw from the mixture for each of (N, D) states, `dt_s` seconds later."""
+        return self._move(state, deal(self.weights, len(state), rng), dt_s, rng)
+
+    def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draws (N, D) by priors chosen by their shares, and the log weights (N,) that correct for it."""
+        moved = self._move(state, deal(self.shares, len(state), rng), dt_s, rng)
+        return moved, self.log_correction(moved)
+
+    def log_correction(self, state: FloatArray) -> FloatArray:
+        """log(π_k / κ_k), (N,), of states (N, D) whose k were chosen by the shares κ; −∞ where π_k is zero."""
+        correction = np.full(len(self.weights), -np.inf)
+        possible = self.weights > 0.0
+        correction[possible] = np.log(self.weights[possible] / self.shares[possible])
+        return correction[_component(state)]
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) of states (N, D)."""
+        return next(iter(self.priors.values())).pose(np.ascontiguousarray(state[:, :-1]))
+
+    def _move(self, state: FloatArray, component: IntArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        moved = np.empty_like(state)
+        moved[:, -1] = component
+        for prior, own in self._groups(component):
+            moved[own, :-1] = prior.step(np.ascontiguousarray(state[own, :-1]), dt_s, rng)
+        return moved
+
+    def _groups(self, component: IntArray) -> Iterator[tuple[Prior, BoolArray]]:
+        """Every prior that has particles, with a mask (N,) of them."""
+        for k, prior in enumerate(self.priors.values()):
+            if (own := component == k).any():
+                yield prior, own
+
+
+@runtime_checkable
+class Enterable(Protocol):
+    """A prior that can take a particle over from another one without losing its velocity."""
+
+    def enter(self, poses: FloatArray, velocities: FloatArray) -> FloatArray:
+        """The states (N, D) of poses (N, P) that move with velocities (N, P), m/s and rad/s."""
+
+
+class Switching:
+    """K priors with states z of their own, among which a particle switches (Isard & Blake, ICCV 1998).
+
+        p(k_t | k_t−1) = (1 − s) [k_t = k_t−1] + s π_k_t
+        z_t ~ p_k(z_t | z_t−1)  where k_t = k_t−1;  elsewhere  z_t ~ p_k(z_t | z'),  z' ~ q_k(z' | φ_t−1, V_t−1)
+
+    What is handed over is what all priors know: the pose φ and its velocity V, the pose's last change over its time
+    (zero at the start). q_k is the new prior's `enter` where it has one and else its `start` around the pose, which
+    forgets the velocity. Here π are not shares of the particles: those are inferred, and a component's total weight
+    is the probability of that kind of motion given the frames.
+
+    A state is the columns of every prior side by side, called "<prior>.<column>", then V ("velocity"), then k
+    ("component"). Columns of priors other than the particle's own are zero. `step` is an exact draw.
+
+    priors, weights: by name; the weights π sum to one. switching: s per frame at 30 Hz; over other times, 1 − s is
+    taken to their power. Raises InputError when these are no probabilities.
+    """
+
+    def __init__(self, priors: Mapping[str, Prior], weights: Mapping[str, float], *, switching: float = 0.05) -> None:
+        if not 0.0 <= switching <= 1.0:
+            raise InputError(f"prior: switching must lie between 0 and 1, found {switching}")
+        self.priors = dict(priors)
+        self.weights = _probabilities("weights", priors, weights)
+        self.switching = switching
+        self.space = _with_component(_side_by_side(priors))
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
+        component = deal(self.weights, n, rng)
+        state = np.zeros((n, len(self.space)))
+        state[:, -1] = component
+        for _, prior, columns, own in self._groups(component):
+            state[own, columns] = prior.start(pose, int(own.sum()), rng)
+        return state
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` > 0 seconds later."""
+        velocity = self.space.slices["velocity"]
+        before, poses = _component(state), self.pose(state)
+        stays = rng.random(len(state)) < (1.0 - self.switching) ** (dt_s * REFERENCE_RATE_HZ)
+        component = np.where(stays, before, deal(self.weights, len(state), rng))
+        moved = np.zeros_like(state)
+        moved[:, -1] = component
+        for k, prior, columns, own in self._groups(component):
+            current = np.ascontiguousarray(state[own, columns])
+            if (new := before[own] != k).any():
+                current[new] = _enter(prior, poses[own][new], state[own, velocity][new], rng)
+            moved[own, columns] = prior.step(current, dt_s, rng)
+        moved[:, velocity] = (self.pose(moved) - poses) / dt_s
+        return moved
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) of states (N, D)."""
+        poses = np.empty((len(state), len(POSE_NAMES)))
+        for _, prior, columns, own in self._groups(_component(state)):
+            poses[own] = prior.pose(np.ascontiguousarray(state[own, columns]))
+        return poses
+
+    def _groups(self, component: IntArray) -> Iterator[tuple[int, Prior, slice, BoolArray]]:
+        """Every prior that has particles: its index, itself, its columns, and a mask (N,) of its particles."""
+        for k, (name, prior) in enumerate(self.priors.items()):
+            if (own := component == k).any():
+                yield k, prior, self.space.slices[name], own
+
+
+def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+    """Components (n,) for n particles, each with the given probabilities (K,), in numbers within one of n times those.
+
+    n equidistant positions with one random offset, shuffled: every single particle's position is uniform on [0, 1),
+    and estimates from all of them vary less than from independent ones.
+    """
+    positions = (rng.permutation(n) + rng.random()) / n
+    last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
+    component: IntArray = np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
+    return component
+
+
+def _enter(prior: Prior, poses: FloatArray, velocities: FloatArray, rng: np.random.Generator) -> FloatArray:
+    if isinstance(prior, Enterable):
+        return prior.enter(poses, velocities)
+    # after resampling, many particles share a parent and so a pose, and finding a start may be dear: once per pose
+    distinct, which = np.unique(poses, axis=0, return_inverse=True)
+    states = np.empty((len(poses), len(prior.space)))
+    for i, pose in enumerate(distinct):
+        states[which == i] = prior.start(pose, int((which == i).sum()), rng)
+    return states
+
+
+def _component(state: FloatArray) -> IntArray:
+    return state[:, -1].astype(np.int64)
+
+
+def _with_component(space: StateSpace) -> StateSpace:
+    last = slice(len(space), len(space) + 1)
+    return StateSpace((*space.names, "component"), (*space.units, ""), {**space.slices, "component": last})
+
+
+def _side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
+    names: list[str] = []
+    units: list[str] = []
+    slices: dict[str, slice] = {}
+    for prior_name, prior in priors.items():
+        first = len(names)
+        names += [f"{prior_name}.{column}" for column in prior.space.names]
+        units += prior.space.units
+        slices[prior_name] = slice(first, len(names))
+        for group, columns in prior.space.slices.items():
+            slices[f"{prior_name}.{group}"] = slice(first + columns.start, first + columns.stop)
+    slices["velocity"] = slice(len(names), len(names) + len(POSE_NAMES))
+    names += [f"{name}_velocity" for name in POSE_NAMES]
+    units += ["m/s"] * 3 + ["rad/s"] * (len(POSE_NAMES) - 3)
+    return StateSpace(tuple(names), tuple(units), slices)
+
+
+def _probabilities(option: str, priors: Mapping[str, Prior], given: Mapping[str, float]) -> FloatArray:
+    """The probabilities (K,) in the order of the priors."""
+    if not priors:
+        raise InputError("prior: a mixture needs at least one prior")
+    if set(given) != set(priors):
+        raise InputError(f"prior: {option} must be given for {', '.join(priors)}, found {', '.join(given) or 'none'}")
+    values = np.array([given[name] for name in priors], dtype=np.float64)
+    if not (values >= 0.0).all() or abs(values.sum() - 1.0) > 1e-9:
+        raise InputError(f"prior: {option} must be zero or positive and sum to one, found {values.tolist()}")
+    return values
