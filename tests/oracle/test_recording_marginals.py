@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic, weighted_quantiles
+from workbench.evaluation.posterior import weighted_quantiles
+from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
 
 FLOOR = np.exp(LOWEST_LOG_MASS)
 

@@ -10,9 +10,11 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[fl
 
     The q-quantile is the smallest value at which the weighted empirical distribution reaches q.
     """
-    order = np.argsort(values, axis=0, kind="stable")
-    ranked = np.take_along_axis(values, order, axis=0)
-    reached = np.cumsum(weights[order], axis=0)
-    reached /= reached[-1]
-    rows = [np.argmax(reached >= min(level, 1.0) - 1e-12, axis=0) for level in levels]
-    return np.stack([ranked[row, np.arange(values.shape[1])] for row in rows])
+    columns = np.ascontiguousarray(values.T)
+    order = np.argsort(columns, axis=1, kind="stable")
+    reached = np.cumsum(weights[order], axis=1)
+    reached /= reached[:, -1:]
+    ranks = np.stack([(reached < level - 1e-12).sum(axis=1) for level in levels])  # 1e-12: the sum's rounding
+    every = np.arange(len(columns))
+    quantiles: FloatArray = columns[every, order[every, ranks.clip(max=len(values) - 1)]]
+    return quantiles

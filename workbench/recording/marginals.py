@@ -21,18 +21,6 @@ def systematic(weights: FloatArray, n: int) -> IntArray:
     return chosen
 
 
-def weighted_quantiles(values: FloatArray, weights: FloatArray, at: tuple[float, ...]) -> FloatArray:
-    """Quantiles (len(at), K) of every column of values (N, K): the smallest value with that share of the weights."""
-    columns = np.ascontiguousarray(values.T)
-    order = np.argsort(columns, axis=1)
-    cumulated = np.cumsum(weights[order], axis=1)
-    cumulated /= cumulated[:, -1:]
-    ranks = np.stack([(cumulated < share).sum(axis=1) for share in at])
-    rows = np.arange(len(columns))
-    found: FloatArray = columns[rows, order[rows, ranks.clip(max=len(values) - 1)]]
-    return found
-
-
 class Marginals:
     """The marginals of K parameters over the frames so far, as histograms on one axis per parameter.
 

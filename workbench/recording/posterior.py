@@ -9,10 +9,11 @@ import rerun as rr
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.datasets.frame import Truth
+from workbench.evaluation.posterior import weighted_quantiles
 from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
 from workbench.recording import colours
-from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, weighted_quantiles
+from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
