@@ -18,9 +18,6 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 
-RENDERER_VERSION = 1
-"""Raised whenever the same scene gives other pictures, so that cached ones are not taken for new ones."""
-
 TEXTURE_GREY = 24.0
 """Standard deviation of the clothes' texture at contrast 1, grey levels before shading."""
 CLUTTER_GREY = 35.0

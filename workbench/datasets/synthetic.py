@@ -22,6 +22,7 @@ from workbench.datasets import render
 from workbench.datasets.frame import Frame, Truth, View
 from workbench.datasets.gait import PATHS, subjects, walker
 from workbench.datasets.image_cache import read_images, write_images
+from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
@@ -182,7 +183,7 @@ class Synthetic:
     def _key(self) -> str:
         """Names the images: a digest of the poses and of every parameter that shows in them."""
         parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("data", "cache", "camera")}
-        digest = hashlib.sha256(json.dumps([render.RENDERER_VERSION, parameters, self.shape.as_dict()]).encode())
+        digest = hashlib.sha256(json.dumps([code_digest(render), parameters, self.shape.as_dict()]).encode())
         camera = self.view_camera
         for array in (
             self._used_motion.poses, camera.matrix, camera.rotation, camera.translation, camera.distortion,

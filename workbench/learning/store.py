@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from types import ModuleType
 
 import h5py
 import numpy as np
 
 from workbench import __version__
+from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import cycles, walking
 from workbench.learning.cycles import CHANNEL_NAMES
@@ -38,14 +38,6 @@ class Provenance:
         code = code_digest(cycles, walking)
         text = json.dumps([FORMAT, code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-def code_digest(*modules: ModuleType) -> str:
-    """A SHA-256 over the source of modules, so that what an older version of them made is not taken for theirs."""
-    digest = hashlib.sha256()
-    for module in modules:
-        digest.update(Path(str(module.__file__)).read_bytes())
-    return digest.hexdigest()
 
 
 def write_model(path: Path, model: WalkingModel, provenance: Provenance) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.datasets.gait import builtin_motions
+from workbench.digest import code_digest
 from workbench.errors import InputError
-from workbench.learning.store import Provenance, code_digest, read_model, write_model
+from workbench.learning.store import Provenance, read_model, write_model
 from workbench.learning.walking import WalkingModel, learn_walking
 from workbench.mocap import asf_amc, clip, retarget
 from workbench.mocap.library import read_library, write_library
