@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 
+from workbench.cli.import_motions import main as import_motions
 from workbench.cli.run import main
 from workbench.recording.reader import read
 
@@ -104,6 +105,16 @@ def test_a_sweep_goes_on_after_a_failed_job(tmp_path, cache):
     statuses = [json.loads((tmp_path / "sweep" / job / "summary.json").read_text())["status"] for job in "01"]
     assert statuses == ["failed", "complete"]
     assert read(tmp_path / "sweep" / "1" / "run.rrd").poses[1].shape == (4, 25)
+
+
+@pytest.mark.slow
+def test_a_library_of_ones_own_and_the_body_of_a_file(tmp_path, cache, data):
+    clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]
+    assert import_motions([*clips, "-o", str(tmp_path / "mine.h5")]) == 0
+    prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02")
+    workbench(tmp_path, *prior, "body=file", f"body.file={clips[1]}", *SMALL, cache=cache)
+    metrics = json.loads((tmp_path / "out" / "summary.json").read_text())["metrics"]
+    assert metrics["error_abs_mm"] < 200  # three frames after the true start, and the file's body is the right one
 
 
 @pytest.mark.slow
