@@ -217,10 +217,10 @@ def test_poses_that_are_none_are_refused(recorded, monkeypatch, poses):
 
 def test_a_file_appears_whole_or_not_at_all(recorded, tmp_path, monkeypatch):
     track = estimated_track(read(recorded))
-    (tmp_path / "out.csv.part").mkdir()
+    (tmp_path / f"out.csv.{os.getpid()}.part").mkdir()
     with pytest.raises(InputError, match=r"out\.csv: cannot be written"):
         export(tmp_path / "out.csv", track)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv.part"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"out.csv.{os.getpid()}.part"]
 
     def refuse(source, target):
         raise PermissionError(13, "Permission denied")
@@ -228,4 +228,4 @@ def test_a_file_appears_whole_or_not_at_all(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(InputError, match=r"out\.bvh: cannot be written: Permission denied"):
         export(tmp_path / "out.bvh", track)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv.part"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"out.csv.{os.getpid()}.part"]

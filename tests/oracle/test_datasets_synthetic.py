@@ -196,7 +196,7 @@ def test_mistakes_are_named(parameters, words):
 
 def test_a_cache_that_cannot_be_written_is_said(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be kept"):
+    with pytest.raises(InputError, match="cannot be written"):
         images(scene(cache=str(tmp_path / "file")))
 
 

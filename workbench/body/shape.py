@@ -1,7 +1,10 @@
 """The shape of one person: where the joints sit, how long and how thick the limbs are."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
+
+import numpy as np
 
 from workbench.errors import InputError
 
@@ -89,3 +92,20 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
         calf_radii=(0.034, 0.023),
     ).scaled(height_m)
     return Shape(**{**average.as_dict(), **given})  # type: ignore[arg-type]
+
+
+def read_shape(place: str, found: Mapping[str, Any]) -> Shape:
+    """The shape whose lengths, m, a file holds by name as `Shape.as_dict` gives them.
+
+    Raises InputError, which names the place, for a length that is missing, not finite, or not one a person can have.
+    """
+    lengths: dict[str, Any] = {}
+    for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
+        value = np.asarray(found.get(name))
+        if value.dtype != np.float64 or value.shape != np.shape(average) or not np.isfinite(value).all():
+            raise InputError(f"{place}: its shape lacks the length {name!r}")
+        lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
+    try:
+        return Shape(**lengths)
+    except InputError as error:  # which knows the length, but not its file
+        raise InputError(f"{place}: {error}") from None

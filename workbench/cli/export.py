@@ -2,14 +2,13 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from workbench.body.kinematics import joints
-from workbench.body.shape import Shape, from_height
+from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.errors import InputError
 from workbench.mocap.export import Track, check_output, export
@@ -66,20 +65,7 @@ def _skeleton(run: Run) -> Skeleton:
     body = run.properties.get("body", {})
     if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
         raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")
-    return person_skeleton(_shape(run.path, run.properties.get("shape", {})))
-
-
-def _shape(path: Path, found: Mapping[str, Any]) -> Shape:
-    lengths: dict[str, Any] = {}
-    for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
-        value = np.asarray(found.get(name))
-        if value.dtype.kind not in "fi" or value.shape != np.shape(average) or not np.isfinite(value).all():
-            raise InputError(f"{path}: the property 'shape' lacks the length {name!r}")
-        lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
-    try:
-        return Shape(**lengths)
-    except InputError as error:  # which knows the length, but not its file
-        raise InputError(f"{path}: {error}") from None
+    return person_skeleton(read_shape(str(run.path), run.properties.get("shape", {})))
 
 
 def _parser() -> argparse.ArgumentParser:

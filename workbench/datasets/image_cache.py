@@ -1,6 +1,5 @@
 """Rendered images kept in compressed files between runs; such a file may be deleted at any time."""
 
-import os
 import warnings
 import zipfile
 import zlib
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.arrays import ByteArray
-from workbench.errors import InputError
+from workbench.files import whole_file
 
 
 def read_images(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
@@ -33,14 +32,5 @@ def write_images(file: Path, images: ByteArray) -> None:
 
     Raises InputError when the folder cannot be written to.
     """
-    part = file.with_name(f"{file.name}.{os.getpid()}.part")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as out:
-            np.savez_compressed(out, images=images)
-        os.replace(part, file)
-    except OSError as error:
-        raise InputError(f"{file}: rendered images cannot be kept there: {error.strerror}") from None
-    finally:
-        if part.exists():
-            part.unlink()
+    with whole_file(file, parents=True) as part, part.open("wb") as out:
+        np.savez_compressed(out, images=images)

@@ -2,11 +2,9 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 import h5py
 import numpy as np
@@ -14,6 +12,7 @@ import numpy as np
 from workbench import __version__
 from workbench.digest import code_digest
 from workbench.errors import InputError
+from workbench.files import whole_file
 from workbench.learning import cycles, walking
 from workbench.learning.cycles import CHANNEL_NAMES
 from workbench.learning.walking import WalkingModel
@@ -39,31 +38,22 @@ class Provenance:
         text = json.dumps([FORMAT, code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    def as_json(self) -> str:
+        """Everything in one line, as the files keep it."""
+        return json.dumps(asdict(self))
+
 
 def write_model(path: Path, model: WalkingModel, provenance: Provenance) -> None:
-    """Write the model to `path`; the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with NamedTemporaryFile(dir=path.parent, prefix=path.name, suffix=".part", delete=False) as part:
-        unfinished = Path(part.name)
-    try:
-        with h5py.File(unfinished, "w") as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["workbench"] = __version__
-            file.attrs["provenance"] = json.dumps(
-                {
-                    "sources": dict(provenance.sources),
-                    "parameters": dict(provenance.parameters),
-                    "licences": list(provenance.licences),
-                }
-            )
-            file.attrs["channels"] = json.dumps(CHANNEL_NAMES)
-            for name in ("mean", "components", "scales"):
-                file[name] = getattr(model, name)
-            for name in ("cycle_rate_hz", "explained", "n_cycles"):
-                file.attrs[name] = getattr(model, name)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    """Write the model to `path`; the file appears whole or not at all. Raises InputError when it cannot be written."""
+    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["workbench"] = __version__
+        file.attrs["provenance"] = provenance.as_json()
+        file.attrs["channels"] = json.dumps(CHANNEL_NAMES)
+        for name in ("mean", "components", "scales"):
+            file[name] = getattr(model, name)
+        for name in ("cycle_rate_hz", "explained", "n_cycles"):
+            file.attrs[name] = getattr(model, name)
 
 
 def read_model(path: Path) -> WalkingModel:

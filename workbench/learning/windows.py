@@ -8,7 +8,6 @@ knows the frame after it, which is what it is asked for.
 
 import json
 import logging
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +23,7 @@ from workbench import __version__
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
+from workbench.files import whole_file
 from workbench.learning.store import Provenance
 from workbench.mocap.motion import Motion
 
@@ -246,23 +246,12 @@ _ARRAYS = ("rows", "ends", "scales", "mean", "basis", "sigmas", "coefficients")
 
 def write_windows(path: Path, windows: Windows, provenance: Provenance) -> None:
     """Write the windows to an HDF5 file with where they come from; the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(path.name + ".part")
-    sources = {
-        "sources": dict(provenance.sources),
-        "parameters": dict(provenance.parameters),
-        "licences": list(provenance.licences),
-    }
-    try:
-        with h5py.File(unfinished, "w") as file:
-            file.attrs.update(format=FORMAT, workbench=__version__, provenance=json.dumps(sources))
-            file.attrs.update(angles=json.dumps(windows.angles), root=windows.root, rate_hz=windows.rate_hz)
-            file.attrs["explained"] = windows.explained
-            for name in _ARRAYS:
-                file[name] = getattr(windows, name)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
+        file.attrs.update(format=FORMAT, workbench=__version__, provenance=provenance.as_json())
+        file.attrs.update(angles=json.dumps(windows.angles), root=windows.root, rate_hz=windows.rate_hz)
+        file.attrs["explained"] = windows.explained
+        for name in _ARRAYS:
+            file[name] = getattr(windows, name)
 
 
 def read_windows(path: Path) -> Windows:

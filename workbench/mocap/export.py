@@ -1,7 +1,6 @@
 """Motions out: a track of joints as a file that Blender (BVH), OpenSim (TRC) or a spreadsheet (CSV) opens."""
 
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.errors import InputError
+from workbench.files import whole_file
 from workbench.mocap.bvh_writer import bvh_text
 from workbench.mocap.motion import Motion
 from workbench.mocap.trc import trc_text
@@ -63,7 +63,8 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
         raise InputError(f"{path}: BVH holds angles, but only joints are known here: write them as .trc or .csv")
     else:
         text = bvh_text(track.skeleton, track.poses, _rate(path, track), "m" if metres else "cm")
-    _write_whole(path, text)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
 
 
 def check_output(path: Path) -> None:
@@ -119,15 +120,3 @@ def _rate(path: Path, track: Track) -> float:
         return frame_rate(track.times_s)
     except InputError as error:  # which knows the times, but not for which file
         raise InputError(f"{path}: {error}") from None
-
-
-def _write_whole(path: Path, text: str) -> None:
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        if part.is_file():
-            part.unlink()

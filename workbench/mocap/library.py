@@ -5,7 +5,6 @@ name, subject, activity, rate_hz, source, sha256 and licence; its group shape ho
 root says format, format_version, workbench_version, and the names of the columns.
 """
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,10 @@ import numpy as np
 
 from workbench import __version__
 from workbench.arrays import FloatArray
-from workbench.body.shape import Shape, from_height
+from workbench.body.shape import Shape, read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
+from workbench.files import whole_file
 from workbench.mocap.motion import Motion
 
 FORMAT = "workbench motion library"
@@ -36,18 +36,11 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
         raise InputError(f"{path}: expected at least one motion to write, found none")
     if short := [motion.name for motion in motions if len(motion) < 2]:
         raise InputError(f"{path}: expected motions of at least two frames, found {short[0]!r} with one")
-    part = path.with_name(path.name + ".part")
-    try:
-        with h5py.File(part, "w") as file:
-            file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, workbench_version=__version__)
-            file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
-            for number, motion in enumerate(motions):
-                _write_motion(file.create_group(f"motions/{number:06d}"), motion)
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(path) as part, h5py.File(part, "w") as file:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, workbench_version=__version__)
+        file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
+        for number, motion in enumerate(motions):
+            _write_motion(file.create_group(f"motions/{number:06d}"), motion)
 
 
 def read_library(path: str | Path) -> tuple[Motion, ...]:
@@ -125,13 +118,4 @@ def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -
 def _read_shape(place: str, group: Any) -> Shape:
     if not isinstance(group, h5py.Group):
         raise InputError(f"{place} lacks the group 'shape'")
-    lengths: dict[str, Any] = {}
-    for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
-        value = np.asarray(group.attrs.get(name))
-        if value.dtype != np.float64 or value.shape != np.shape(average) or not np.isfinite(value).all():
-            raise InputError(f"{place}: its shape lacks the length {name!r}")
-        lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
-    try:
-        return Shape(**lengths)
-    except InputError as error:  # which knows the length, but not its file
-        raise InputError(f"{place}: {error}") from None
+    return read_shape(place, group.attrs)

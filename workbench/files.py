@@ -1,0 +1,28 @@
+"""Files that appear whole or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from workbench.errors import InputError
+
+
+@contextmanager
+def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
+    """A name beside `path` to write to, which becomes `path` when the block ends well and is removed when it does not.
+
+    The name is the process's own, so that several may write the same file. parents: make the folder too.
+    Raises InputError when the file cannot be written.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        if parents:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if part.is_file():
+            part.unlink()
