@@ -55,6 +55,31 @@ def test_image_that_brightens_everywhere(alpha, difference, exponent, n):
     np.testing.assert_allclose(found, np.log(p_limb(alpha, difference, n=n)), atol=n * difference * GREY / SIGMA**2)
 
 
+@pytest.mark.parametrize("alpha", [0.0, 0.8])
+@pytest.mark.parametrize("difference", [0, 11, 60])
+def test_a_still_background_is_paid_for_by_what_it_would_have_said(alpha, difference):
+    """log p of the limb less log p of the same points under no motion, which is 0 where nothing changes."""
+    found = log_prob(ROD, 128 + difference, scenes.root(pitch=alpha), background="still")
+    unmoved = np.log(p_limb(0.0, difference) / p_limb(0.0))
+    atol = 2 * difference * GREY / SIGMA**2
+    np.testing.assert_allclose(found, np.log(p_limb(alpha, difference)) - unmoved, atol=max(atol, 1e-12))
+
+
+def test_before_a_still_background_the_limb_that_moves_beats_the_one_at_rest():
+    """A texture moves with the rod, 6 px or 8 cm to the right; a rod at rest 80 cm beside it sees no change at all."""
+    before = scenes.texture(np.random.default_rng(4), scenes.WIDTH, scenes.HEIGHT)
+    corners = patches(ROD, scenes.root()).corners[0, 0].reshape(-1, 2)
+    (left, top), (right, bottom) = (corners.min(axis=0) - 10).astype(int), (corners.max(axis=0) + 10).astype(int)
+    now = before.copy()
+    now[top:bottom, left + 6 : right + 6] = before[top:bottom, left:right]
+    frames = scenes.frame(0, (scenes.FRONT, before)), scenes.frame(1, (scenes.FRONT, now))
+    at_rest, moved = scenes.root((0.0, 0.8, 0.0)), scenes.root((0.0, 0.08, 0.0))
+    previous, poses = np.concatenate([scenes.root(), at_rest]), np.concatenate([moved, at_rest])
+    paper, still = (ImageMotion(ROD, background=kind).log_prob(*frames, previous, poses) for kind in ("none", "still"))
+    assert abs(paper[0] - paper[1]) < 0.1  # the paper's likelihood cannot tell them apart
+    assert still[0] - still[1] > 2.0
+
+
 def test_k_multiplies_the_exponent():
     found = log_prob(ROD, 128 + 5, scenes.root(), k=2.5)
     np.testing.assert_allclose(found, np.log(p_limb(0.0, 5.0 * np.sqrt(2.5))), atol=2.5 * 5.0 * GREY / SIGMA**2)

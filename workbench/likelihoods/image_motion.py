@@ -11,7 +11,14 @@ from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
-from workbench.likelihoods.image_motion_kernel import Exponent, LimbModel, Occlusion, PosedView, view_log_prob
+from workbench.likelihoods.image_motion_kernel import (
+    Background,
+    Exponent,
+    LimbModel,
+    Occlusion,
+    PosedView,
+    view_log_prob,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +35,12 @@ class ImageMotion:
     k multiplies either, and is 1 in both papers. occlusion: "sample" tests every point against the other limbs'
     patches; "limb" is A's rule, which silences every limb that a nearer one covers in part: in a side view the near
     arm silences the torso; "none" does without. blur_px: standard deviation of the smoothing. seed: of the points.
+
+    background: "none" as in the paper, under which a limb at rest on a still background explains the images as well
+    as the true limb that moves. "still" explains what no limb covers by a background that does not move, for cameras
+    that stand still: with b the share of the points compared, and m_0 the mean (or sum) of their squared changes at
+    the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)), p_still being p_image at α = 0. It is the
+    ratio of foreground to background of the pixels covered, so that only changed pixels that a limb explains count.
 
     Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels,
     and all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the
@@ -46,6 +59,7 @@ class ImageMotion:
     exponent: Exponent = "mean"
     k: float = 1.0
     occlusion: Occlusion = "sample"
+    background: Background = "none"
     blur_px: float = 2.0**0.5
     seed: int = 0
     _outside: dict[str, tuple[int, int]] = field(default_factory=dict, init=False, repr=False)
@@ -60,6 +74,7 @@ class ImageMotion:
             ("exponent", self.exponent in ("mean", "sum"), "mean or sum"),
             ("k", self.k > 0.0, "positive"),
             ("occlusion", self.occlusion in ("sample", "limb", "none"), "sample, limb or none"),
+            ("background", self.background in ("none", "still"), "none or still"),
             ("blur_px", self.blur_px >= 0.0, "at least 0"),
         ):
             if not good:
@@ -73,7 +88,9 @@ class ImageMotion:
     @property
     def model(self) -> LimbModel:
         """The constants that the kernel and its reference share."""
-        return LimbModel(self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion)
+        return LimbModel(
+            self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background
+        )
 
     def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P); −inf where either is not finite.

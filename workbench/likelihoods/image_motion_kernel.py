@@ -21,6 +21,7 @@ from workbench.body.limbs import Limbs
 
 Exponent = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]
+Background = Literal["none", "still"]
 
 # Here and not beside the reference: numba would not notice a change of them in another file.
 MIN_DEPTH = 1e-3
@@ -41,6 +42,7 @@ class LimbModel:
     exponent: Exponent
     k: float
     occlusion: Occlusion
+    background: Background
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,7 @@ class _Model(NamedTuple):
     mean: bool
     k: float
     occlusion: int
+    still_background: bool
 
 
 def view_log_prob(
@@ -92,7 +95,10 @@ def view_log_prob(
     u, v = np.ascontiguousarray(samples.T)
     _run(
         *(_limb_table(limbs), limbs.joints, u, v),
-        _Model(model.sigma, model.epsilon, model.p_occluded, model.exponent == "mean", model.k, occlusion),
+        _Model(
+            *(model.sigma, model.epsilon, model.p_occluded, model.exponent == "mean", model.k, occlusion),
+            model.background == "still",
+        ),
         *(before.image, _camera_row(before.camera), before.frames.rotations, before.frames.positions),
         *(now.image, _camera_row(now.camera), now.frames.rotations, now.frames.positions),
         *(log_prob, outside),
@@ -143,8 +149,12 @@ def _run(
                 hidden[:] = False
                 if model.occlusion != NO_OCCLUSION:
                     _hide(table, limb, u, points, patches_now, covers, model.occlusion == LIMB_OCCLUSION, hidden)
-                squares, n_compared, n_left_out = _compare(image_before, image_now, points, hidden)
+                squares, still_squares, n_compared, n_left_out = _compare(
+                    image_before, image_now, points, hidden, model.still_background
+                )
                 total += _limb_log_prob(model, cos_alpha[limb], squares, n_compared, n)
+                if model.still_background:
+                    total -= _still_log_ratio(model, still_squares, n_compared) * n_compared / n
                 n_outside += n_left_out
             log_prob[i], outside[i] = total, n_outside
 
@@ -166,21 +176,38 @@ def _limb_log_prob(model: Any, cos_alpha: float, squares: float, n_compared: int
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _compare(image_before: Any, image_now: Any, points: Any, hidden: Any) -> tuple[float, int, int]:
-    """Sum of squared differences over the points to compare, their number, and the number outside the images."""
+def _still_log_ratio(model: Any, squares: float, n_compared: int) -> Any:
+    """log p of the points under a background that stands still, less that of points where nothing changed."""
+    exponent = model.k * squares / (2.0 * model.sigma * model.sigma)
+    if model.mean:
+        exponent /= max(n_compared, 1)
+    flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
+    if flat > 0.0:
+        return np.log((flat + peak * np.exp(-exponent)) / (flat + peak))
+    return -exponent
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _compare(image_before: Any, image_now: Any, points: Any, hidden: Any, still: bool) -> tuple[float, float, int, int]:
+    """Over the points to compare: the sum of squared differences, that (if `still`) to the same pixels of the image
+    before, and their number; and the number of points outside the images."""
     right_before, bottom_before = image_before.shape[1] - 1.0, image_before.shape[0] - 1.0
     right_now, bottom_now = image_now.shape[1] - 1.0, image_now.shape[0] - 1.0
-    squares, n_compared, n_outside = 0.0, 0, 0
+    squares, still_squares, n_compared, n_outside = 0.0, 0.0, 0, 0
     for i in range(points.shape[1]):
         a, b, c, d = points[0, i], points[1, i], points[2, i], points[3, i]
         inside_before = a >= 0.0 and a < right_before and b >= 0.0 and b < bottom_before  # false for NaN
         if not (inside_before and c >= 0.0 and c < right_now and d >= 0.0 and d < bottom_now):
             n_outside += 1
         elif not hidden[i]:
-            residual = _bilinear(image_now, c, d) - _bilinear(image_before, a, b)
+            level = _bilinear(image_now, c, d)
+            residual = level - _bilinear(image_before, a, b)
             squares += residual * residual
             n_compared += 1
-    return squares, n_compared, n_outside
+            if still and c < right_before and d < bottom_before:
+                residual = level - _bilinear(image_before, c, d)
+                still_squares += residual * residual
+    return squares, still_squares, n_compared, n_outside
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

@@ -58,14 +58,28 @@ def view_log_prob(
 
     n_compared = compared.sum(axis=-1)
     residuals = grey_levels(now.image, points_now) - grey_levels(before.image, points_before)
-    squares = np.where(compared, residuals, 0.0) ** 2
-    exponent = model.k * squares.sum(axis=-1)
-    if model.exponent == "mean":
-        exponent /= np.maximum(n_compared, 1)
-
-    visible = cos_alpha * n_compared / len(samples)
-    log_p = limb_log_prob(exponent, cos_alpha, visible, model)
+    compared_part = n_compared / len(samples)
+    log_p = limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_part, model)
+    if model.background == "still":
+        changes = grey_levels(now.image, points_now) - grey_levels(before.image, points_now)
+        changes = np.where(inside_image(before.image, points_now), changes, 0.0)
+        log_p -= compared_part * still_log_ratio(_exponent(changes, compared, model), model)
     return log_p.sum(axis=-1), (~inside).sum(axis=(-1, -2))
+
+
+def _exponent(residuals: FloatArray, compared: BoolArray, model: LimbModel) -> FloatArray:
+    """k times the sum or the mean, (N, L), of the squared residuals (N, L, n) of the points compared."""
+    exponent: FloatArray = model.k * (np.where(compared, residuals, 0.0) ** 2).sum(axis=-1)
+    return exponent / np.maximum(compared.sum(axis=-1), 1) if model.exponent == "mean" else exponent
+
+
+def still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
+    """log p of points under a background that stands still, less that of points where nothing changed; at most 0."""
+    peak = np.log((1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma))
+    with np.errstate(divide="ignore"):
+        flat = np.log(model.epsilon / 256.0)
+    ratio: FloatArray = np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
+    return ratio
 
 
 def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
