@@ -31,11 +31,13 @@ def hydra_is_ready():
 
 @pytest.mark.parametrize(("group", "choice"), CHOICES)
 def test_every_choice_composes_and_names_its_component(group, choice):
-    config = compose("config", overrides=[f"{group}={choice}", "paths.data=somewhere"])
+    usual = [] if group == "experiment" else ["experiment=custom"]  # an experiment's keys are those of its own choices
+    config = compose("config", overrides=[*usual, f"{group}={choice}", "paths.data=somewhere"])
     if group != "experiment":
         assert config[group]["_target_"] == schema_of(COMPONENTS[group][choice])._target_
-    for node in COMPONENTS:
-        assert str(config[node]["_target_"]).startswith("workbench.")
+    chosen = [config[node] for node in COMPONENTS if config[node] is not None]
+    assert chosen
+    assert all(str(node["_target_"]).startswith("workbench.") for node in chosen)
 
 
 @pytest.mark.parametrize("group", sorted(COMPONENTS))
@@ -45,9 +47,10 @@ def test_every_component_has_its_yaml(group):
 
 @pytest.mark.parametrize("group", sorted(COMPONENTS))
 def test_a_typo_in_any_group_names_the_key(group):
+    usual = ["study=learn_walk"] if group == "study" else []  # the one group that is empty by default
     with pytest.raises(HydraException, match="no_such_key"):
-        compose("config", overrides=[f"{group}.no_such_key=1"])
-    forced = compose("config", overrides=[f"+{group}.no_such_key=1"])  # this skips the schema
+        compose("config", overrides=[*usual, f"{group}.no_such_key=1"])
+    forced = compose("config", overrides=[*usual, f"+{group}.no_such_key=1"])  # this skips the schema
     with pytest.raises(InputError, match="no_such_key"):
         build(forced[group])
 
@@ -55,6 +58,15 @@ def test_a_typo_in_any_group_names_the_key(group):
 def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():
     assert compose("config").prior.sigma_rotation == [0.0, 0.0, 0.0]
     assert min(compose("config", overrides=["dataset.motion=35_02"]).prior.sigma_rotation) > 0.0
+
+
+@pytest.mark.parametrize("experiment", ["learn_walk", "period_snr", "align_cycles", "impute_gaps"])
+def test_a_study_takes_recorded_walks_where_there_are_any_and_nothing_to_track_with(experiment):
+    config = compose("config", overrides=[f"experiment={experiment}", "paths.data=null"])
+    assert {group for group in COMPONENTS if config[group] is not None} == {"study"}
+    assert config.study.motions == "builtin"
+    config = compose("config", overrides=[f"experiment={experiment}", "paths.data=somewhere"])
+    assert (config.study.motions, config.study.data) == ("cmu", "somewhere")
 
 
 @pytest.mark.parametrize(
@@ -73,4 +85,4 @@ def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():
 def test_only_targets_of_the_workbench_pass(target):
     with pytest.raises(InputError, match=r"a\.b\[0\]\._target_"):
         check_targets(OmegaConf.create({"a": {"b": [{"_target_": target}]}}))
-    check_targets(OmegaConf.create({"a": {"_target_": "workbench.priors.walking.walking"}}))
+    check_targets(OmegaConf.create({"a": {"_target_": "workbench.priors.from_motions.walking"}}))

@@ -93,7 +93,8 @@ def test_absurd_but_finite_poses_do_not_crash():
     ("constant", "value"),
     [
         ("sigma", 0.0), ("sigma", float("nan")), ("epsilon", -0.1), ("epsilon", 1.0), ("p_occluded", 0.0),
-        ("n_samples", 0), ("exponent", "max"), ("k", 0.0), ("occlusion", "yes"), ("background", "moving"), ("blur_px", -1.0),
+        ("n_samples", 0), ("exponent", "max"), ("k", 0.0), ("occlusion", "yes"),
+        ("background", "moving"), ("blur_px", -1.0),
     ],
 )  # fmt: skip
 def test_constants_out_of_range_are_named(constant, value):

@@ -9,12 +9,13 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.frame import Frame, Truth, View
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.errors import held, moved_joints, step_errors
 from workbench.evaluation.posterior import weighted_quantiles
 from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
 
-SKELETON = person(from_height(1.8)).skeleton
+BODY = person(from_height(1.8))
+SKELETON = BODY.skeleton
 CAMERA = plain_camera(640, 480, 700.0, (0.0, -7.0, 1.0), (0.0, 0.0, 1.0))
 
 
@@ -46,12 +47,14 @@ def test_a_shift_of_the_root_is_an_absolute_error_only():
     pose = standing()
     moved = pose + np.eye(25)[0] * 0.03
     truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0])
-    errors = step_errors(step_of(moved[None], truth), SKELETON)
+    errors = step_errors(step_of(moved[None], truth), BODY)
     assert errors["error_abs_mm"] == pytest.approx(30)
     assert errors["error_rel_mm"] == pytest.approx(0, abs=1e-9)
     # 700 px focal length, 7 m away (limbs a little nearer or farther): 30 mm are about 3 px
     assert errors["error_px"] == pytest.approx(3.0, abs=0.15)
-    assert step_errors(step_of(moved[None], truth), SKELETON, 0.5)["error_px"] == pytest.approx(2 * errors["error_px"])
+    assert step_errors(step_of(moved[None], truth), BODY, image_scale=0.5)["error_px"] == pytest.approx(
+        2 * errors["error_px"]
+    )
 
 
 def test_a_bent_elbow_moves_one_joint_of_fourteen():
@@ -59,7 +62,7 @@ def test_a_bent_elbow_moves_one_joint_of_fourteen():
     bent = pose.copy()
     bent[SKELETON.dof("left_elbow_flexion")] = np.pi / 3
     truth = Truth(joints=joints(SKELETON, pose[None])[0])
-    errors = step_errors(step_of(bent[None], truth), SKELETON)
+    errors = step_errors(step_of(bent[None], truth), BODY)
     forearm = 0.146 * 1800
     assert errors["error_rel_mm"] == pytest.approx(forearm / 14)  # 60° moves the wrist by one forearm
     assert "coverage_90" not in errors
@@ -72,10 +75,10 @@ def test_marks_count_where_visible():
     marks[3] += [30.0, 40.0]
     marks[4:] = np.nan
     marks[0] = np.nan
-    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), SKELETON)
+    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), BODY)
     assert errors["error_px"] == pytest.approx(50 / 3)
     visible[3] = False
-    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), SKELETON)
+    errors = step_errors(step_of(pose[None], Truth(marks=marks, marks_visible=visible)), BODY)
     assert errors["error_px"] == pytest.approx(0, abs=1e-9)
     assert "error_abs_mm" not in errors
 
@@ -86,12 +89,40 @@ def test_coverage_counts_the_numbers_inside_the_band():
     poses[:, 5] = 0.0  # held fixed: not counted
     true = standing()
     true[6:12] += 5.0
-    assert step_errors(step_of(poses, Truth(pose=true)), SKELETON)["coverage_90"] == pytest.approx(18 / 24)
+    assert step_errors(step_of(poses, Truth(pose=true)), BODY)["coverage_90"] == pytest.approx(18 / 24)
+
+
+def test_errors_are_over_the_joints_that_can_move():
+    arm = ["left_shoulder_twist", "left_elbow_flexion"]
+    names = [SKELETON.names[joint] for joint in moved_joints(SKELETON, arm)]
+    assert names == ["left_elbow", "left_wrist"]  # those below the joints that turn; they themselves stay
+    assert [SKELETON.names[joint] for joint in moved_joints(SKELETON, ["left_elbow_flexion"])] == ["left_wrist"]
+    assert len(moved_joints(SKELETON, ["root_z"])) == len(moved_joints(SKELETON, ["root_roll"])) == 14
+    pose = standing()
+    bent = pose.copy()
+    bent[SKELETON.dof("left_elbow_flexion")] = np.pi / 3
+    truth = Truth(joints=joints(SKELETON, pose[None])[0])
+    forearm = 0.146 * 1800
+    assert step_errors(step_of(bent[None], truth), BODY, arm)["error_abs_mm"] == pytest.approx(forearm / 2)
+
+
+def test_the_yardstick_is_a_forearm_at_the_persons_depth():
+    pose = standing()
+    truth = Truth(joints=joints(SKELETON, pose[None])[0])
+    errors = step_errors(step_of(pose[None], truth), BODY)
+    # 700 px focal length; the camera is 7 m to the side, and the joints lie symmetrically about that distance
+    assert errors["forearm_px"] == pytest.approx(700 * sum(BODY.shape.forearm_radii) / 7.0)
+
+
+def test_a_run_is_held_by_its_last_five_frames():
+    assert held([90.0, 90.0, 9.0, 9.0, 9.0, 9.0, 9.0], [10.0] * 7)
+    assert not held([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 60.0], [10.0] * 7)
+    assert held([9.0], [10.0])
 
 
 def test_no_truth_no_errors():
     step = step_of(standing()[None], Truth())
-    assert step_errors(step, SKELETON) == {}
+    assert step_errors(step, BODY) == {}
 
 
 def test_quantiles_of_even_weights_are_order_statistics():

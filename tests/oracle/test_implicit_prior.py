@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
 from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
-from workbench.learning.windows import PARTS, learn_windows
+from workbench.learning.windows import learn_windows
 from workbench.priors.implicit import Implicit, group_equal
 from workbench.priors.implicit_search import exact_log_prob
 

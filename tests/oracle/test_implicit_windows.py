@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import axis_rotations
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
 from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
 from workbench.learning.store import Provenance
 from workbench.learning.windows import (
-    PARTS,
     advance,
     advance_reference,
     learn_windows,

@@ -21,6 +21,8 @@ P = len(POSE_NAMES)
 class Line:
     """x_t = a x_t−1 + b + N(0, q²), started at pose[0] + N(0, 0.2²); x is the pose's first number, the rest 0."""
 
+    parameters = ("root_x",)
+
     def __init__(self, a, b, q, name="x"):
         self.a, self.b, self.q = a, b, q
         self.space = StateSpace.of({name: ((name,), "m")})

@@ -22,7 +22,7 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def learned(data, cache):
-    return walking_model("cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+    return walking_model(motions="cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
 
 
 def test_cycles_of_walking_people(data, cache):
@@ -34,7 +34,7 @@ def test_cycles_of_walking_people(data, cache):
 
 
 def test_the_cache_gives_the_same_model(data, cache, learned):
-    again = walking_model("cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+    again = walking_model(motions="cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
     assert (again.components == learned.components).all()
     assert again.cycle_rate_hz == learned.cycle_rate_hz
 
@@ -65,4 +65,4 @@ def test_unseen_people_are_near_the_model(data, learned):
 
 def test_missing_recordings_are_said(cache, tmp_path):
     with pytest.raises(InputError, match=r"index\.csv"):
-        walking_model("cmu", data=str(tmp_path), cache=cache, subjects=SUBJECTS, **OPTIONS)
+        walking_model(motions="cmu", data=str(tmp_path), cache=cache, subjects=SUBJECTS, **OPTIONS)

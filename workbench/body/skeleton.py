@@ -6,12 +6,14 @@ person's left, z up. A limb lies along its frame's z axis (paper A, section 3); 
 The world's z axis points up.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.shape import Shape
+from workbench.errors import InputError
 
 JOINT_NAMES = (
     "pelvis", "neck", "head_centre",
@@ -111,6 +113,29 @@ _PERSON_DOFS = (
 POSE_NAMES = tuple(dof[0] for dof in _PERSON_DOFS)
 """The 25 numbers of a pose, in order: root position, root rotation, 19 joint angles."""
 N_ROOT = 6
+PARTS = {
+    "root": POSE_NAMES[:N_ROOT],
+    "body": POSE_NAMES[N_ROOT:],
+    "upper_body": tuple(name for name in POSE_NAMES[N_ROOT:] if "hip" not in name and "knee" not in name),
+    "lower_body": tuple(name for name in POSE_NAMES if "hip" in name or "knee" in name),
+    "left_arm": tuple(name for name in POSE_NAMES if name.startswith(("left_shoulder", "left_elbow"))),
+    "right_arm": tuple(name for name in POSE_NAMES if name.startswith(("right_shoulder", "right_elbow"))),
+}
+"""Groups of parameters that may be named instead of each of them."""
+
+
+def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
+    """The names of a pose's parameters that `names`, names and keys of PARTS, stand for, in the pose's order.
+
+    Raises InputError, naming the `option` they were given for, when one is unknown.
+    """
+    if unknown := [name for name in names if name not in POSE_NAMES and name not in PARTS]:
+        raise InputError(
+            f"{option}: {unknown[0]!r} is unknown, expected parts of the body ({', '.join(PARTS)}) or some of "
+            f"{', '.join(POSE_NAMES)}"
+        )
+    wanted = {parameter for name in names for parameter in PARTS.get(name, (name,))}
+    return tuple(name for name in POSE_NAMES if name in wanted)
 
 
 def person_skeleton(shape: Shape) -> Skeleton:

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numba
 import numpy as np
@@ -18,18 +19,22 @@ from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.cli.build import build, check_targets
 from workbench.cli.summary import Summary, versions
+from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.evaluation.errors import step_errors
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.inference import Inference
 from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
 from workbench.priors.cyclic import Cyclic
+from workbench.priors.state import Prior
 from workbench.recording.recorder import Recorder
+from workbench.recording.study import StudyRecorder
+from workbench.studies.study import Study
 
 log = logging.getLogger(__name__)
 
-STREAMS = ("start", "resampling", "prior")
+STREAMS = ("start", "resampling", "prior", "study")
 """Names of the run's random streams, spawned from its seed in this order."""
 
 
@@ -39,8 +44,8 @@ class Parts:
 
     dataset: Dataset
     body: Body
-    prior: Cyclic
-    inference: ParticleFilter
+    prior: Prior
+    inference: Inference
     start: FloatArray
 
 
@@ -56,10 +61,13 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
         _set_threads(config.threads)
         # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
         with threadpool_limits(limits=1, user_api="blas"):
-            parts = assemble(config, summary)
-            with _recorder(config, experiment, parts, summary) as recorder:
-                _track(parts, recorder, config, summary, quiet)
-                recorder.set_result(summary.metrics)
+            if config.study is not None:
+                _study(config, summary)
+            else:
+                parts = assemble(config, summary)
+                with _recorder(config, parts, summary) as recorder:
+                    _track(parts, recorder, config, summary, quiet)
+                    recorder.set_result(summary.metrics)
         summary.status = "complete"
     except BaseException as error:
         summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
@@ -70,25 +78,46 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
     return summary
 
 
+def _study(config: DictConfig, summary: Summary) -> None:
+    prior: Prior | None = None
+    if config.prior is not None:
+        with _timed(summary, "prior_learning"):
+            prior = build(config.prior)
+    study: Study = build(config.study, prior=prior)
+    with StudyRecorder(summary.recording, **_labels(config, summary)) as recorder:
+        with _timed(summary, "study"):
+            result = study.run(rng_streams(int(config.seed))["study"])
+        summary.study = result.metrics
+        recorder.log(result)
+
+
 def assemble(config: DictConfig, summary: Summary) -> Parts:
-    """Build dataset, body, prior, likelihood and inference, and find the starting pose."""
+    """Build dataset, body, prior, likelihood and inference, and find the starting pose.
+
+    Raises InputError when the configuration leaves one of them out.
+    """
+    if lacking := [name for name in ("dataset", "body", "prior", "likelihood", "inference") if config[name] is None]:
+        raise InputError(f"config: expected a {lacking[0]} to track with, found none")
     with _timed(summary, "dataset"):
         dataset: Dataset = build(config.dataset)
     with _timed(summary, "prior_learning"):
-        prior: Cyclic = build(config.prior)
+        prior: Prior = build(config.prior)
     body: Body = build(config.body, dataset_shape=dataset.shape)
     likelihood = build(config.likelihood, body=body)
-    inference: ParticleFilter = build(config.inference, prior=prior, likelihood=likelihood)
+    lead_in = dataset.lead_in if isinstance(dataset, Blank) else None
+    inference: Inference = build(config.inference, prior=prior, likelihood=likelihood, body=body, lead_in=lead_in)
     with _timed(summary, "start"):
         start = _start(dataset, body, prior)
     return Parts(dataset, body, prior, inference, start)
 
 
-def _start(dataset: Dataset, body: Body, prior: Cyclic) -> FloatArray:
+def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
     if dataset.start_pose is not None:
         return dataset.start_pose
     if dataset.start_marks is None:
         raise InputError("dataset: no starting pose: mark joints of the first frame, dataset.start_marks=FILE.csv")
+    if not isinstance(prior, Cyclic):
+        raise InputError("prior: a start from marked joints needs a cyclic prior, such as prior=walking")
     camera = next(iter(dataset.frames())).views[0].camera
     fit = start_from_marks(prior, body.skeleton, camera, dataset.start_marks)
     log.info(
@@ -106,7 +135,7 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
     disable = True if quiet else None
     with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
         for step in steps:
-            errors = step_errors(step, parts.body.skeleton, parts.dataset.scale)
+            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale)
             with _timed(summary, "recording"):
                 recorder.log(step, errors)
             summary.add(step, errors)
@@ -125,18 +154,27 @@ def _postfix(step: Step, errors: dict[str, float]) -> str:
     return ", ".join(shown)
 
 
-def _recorder(config: DictConfig, experiment: str, parts: Parts, summary: Summary) -> Recorder:
+def _recorder(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
+    space = parts.prior.space
+    coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
     recorder: Recorder = build(
         config.recorder,
         path=summary.recording,
         body=parts.body,
-        space=parts.prior.space,
-        run_id=f"{experiment}-{summary.started}-{config.seed}",
-        config_yaml=OmegaConf.to_yaml(config, resolve=True),
-        provenance={"experiment": experiment, "seed": int(config.seed), **versions()},
-        coefficient_scale=np.ones(len(parts.prior.model.scales)),
+        space=space,
+        coefficient_scale=np.ones(len(coefficients)),  # every prior counts them in standard deviations
+        **_labels(config, summary),
     )
     return recorder
+
+
+def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
+    """What a recording says about its run."""
+    return {
+        "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
+        "config_yaml": OmegaConf.to_yaml(config, resolve=True),
+        "provenance": {"experiment": summary.experiment, "seed": summary.seed, **versions()},
+    }
 
 
 def rng_streams(seed: int) -> dict[str, np.random.Generator]:

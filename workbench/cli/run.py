@@ -36,9 +36,10 @@ def main() -> int:
 
 
 def prepare_hydra() -> None:
-    """Register what `conf/` refers to: the groups' schemas and the resolver of its experiments."""
+    """Register what `conf/` refers to: the groups' schemas and its resolvers."""
     register_schemas()
     OmegaConf.register_new_resolver("unless_builtin", _unless_builtin, replace=True)
+    OmegaConf.register_new_resolver("recorded_or_builtin", _recorded_or_builtin, replace=True)
 
 
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
@@ -90,6 +91,11 @@ def _sentence(error: BaseException) -> str:
 def _unless_builtin(motion: str, value: object, otherwise: object) -> object:
     """`value` where the motion is a recorded clip, `otherwise` for the built-in walker."""
     return otherwise if motion == "builtin" else value
+
+
+def _recorded_or_builtin(data: str | None) -> str:
+    """The motions to study: recorded walks where there is a folder with recordings."""
+    return "builtin" if data is None else "cmu"
 
 
 if __name__ == "__main__":

@@ -14,28 +14,53 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
 
 from workbench.body import person
+from workbench.datasets.blank import Blank
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
 from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.synthesis import Synthesis
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
-from workbench.priors.walking import walking
+from workbench.priors.from_motions import cyclic, implicit, walking
+from workbench.priors.mixture import Mixture, Switching
+from workbench.priors.smooth import Smooth
 from workbench.recording.recorder import Recorder
+from workbench.studies.database import CoefficientHistograms, Temperature
+from workbench.studies.gaps import ImputeGaps
+from workbench.studies.learning_alignment import AlignCycles
+from workbench.studies.learning_period import PeriodSnr
+from workbench.studies.learning_walk import LearnWalk
 
 COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     "body": {"dataset": person.of_dataset, "height": person.of_height, "file": of_file},
-    "dataset": {"synthetic": Synthetic, "video": Video},
-    "prior": {"walking": walking},
+    "dataset": {"synthetic": Synthetic, "video": Video, "blank": Blank},
+    "prior": {
+        "walking": walking,
+        "cyclic": cyclic,
+        "smooth": Smooth,
+        "implicit": implicit,
+        "mixture": Mixture,
+        "switching": Switching,
+    },
     "likelihood": {"image_motion": ImageMotion, "uniform": Uniform},
-    "inference": {"particle_filter": ParticleFilter},
+    "inference": {"particle_filter": ParticleFilter, "synthesis": Synthesis},
     "recorder": {"rerun": Recorder},
+    "study": {
+        "temperature": Temperature,
+        "coefficient_histograms": CoefficientHistograms,
+        "learn_walk": LearnWalk,
+        "period_snr": PeriodSnr,
+        "align_cycles": AlignCycles,
+        "impute_gaps": ImputeGaps,
+    },
 }
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape"},
     "likelihood": {"body"},
-    "inference": {"prior", "likelihood"},
+    "inference": {"prior", "likelihood", "body", "lead_in"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
+    "study": {"prior"},
 }
 """Parameters that the run fills with live objects; they are no keys of a configuration."""
 
@@ -50,14 +75,15 @@ class PathsSchema:
 
 @dataclass
 class RunSchema:
-    """The top level of a configuration."""
+    """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track."""
 
-    body: Any = MISSING
-    dataset: Any = MISSING
-    prior: Any = MISSING
-    likelihood: Any = MISSING
-    inference: Any = MISSING
-    recorder: Any = MISSING
+    body: Any = None
+    dataset: Any = None
+    prior: Any = None
+    likelihood: Any = None
+    inference: Any = None
+    recorder: Any = None
+    study: Any = None
     seed: int = 0
     threads: int | None = None
     paths: PathsSchema = field(default_factory=PathsSchema)
@@ -103,5 +129,5 @@ def _schema_type(hint: Any) -> Any:
     if origin is Literal:
         return str  # the component itself names the choices it knows
     if origin is Mapping:
-        return dict[inner[0], inner[1]]  # type: ignore[valid-type]
+        return dict[str, inner[1] if inner[1] in (str, int, float, bool) else Any]  # type: ignore[misc]
     return hint

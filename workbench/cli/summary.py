@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.evaluation.errors import held
 from workbench.inference.step import Step
 
 PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
@@ -42,6 +43,7 @@ class Summary:
     frames: int = 0
     log_evidence: float = 0.0
     per_frame: dict[str, list[float]] = field(default_factory=dict)
+    study: Mapping[str, float] | None = None
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Take in one step and its errors."""
@@ -50,15 +52,22 @@ class Summary:
         self.frames += 1
         self.log_evidence = step.log_evidence
         if self.frames > 1:
-            for name, value in {**errors, "ess": step.ess}.items():
+            for name, value in {**errors, **step.diagnostics, "ess": step.ess}.items():
                 self.per_frame.setdefault(name, []).append(value)
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, mean effective sample size, log evidence, coverage, frames."""
+        """The run's numbers: mean errors, mean effective sample size, log evidence, coverage, frames; or a study's."""
+        if self.study is not None:
+            return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
         if "ess" in means:
             means["ess_mean"] = means.pop("ess")
+        if "jump_deg" in means:
+            means["jump_deg_mean"] = means.pop("jump_deg")
+            means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
+        if {"error_px", "forearm_px"} <= means.keys():
+            means["held"] = float(held(self.per_frame["error_px"], self.per_frame["forearm_px"]))
         return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
 
     def write(self, path: Path) -> None:

@@ -2,9 +2,8 @@
 
 import hashlib
 import json
-import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,20 +16,16 @@ from workbench.body.camera import Camera, load_cameras, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape
-from workbench.body.skeleton import POSE_NAMES
+from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.datasets import render
 from workbench.datasets.frame import Frame, Truth, View
-from workbench.datasets.gait import PATHS, subjects, walker
+from workbench.datasets.gait import PATHS
 from workbench.datasets.image_cache import read_images, write_images
+from workbench.datasets.motions import find_motion
 from workbench.digest import code_digest
 from workbench.errors import InputError
-from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import load_motion
 
-_BUILTIN_SECONDS = 60.0
-_BUILTIN_SEED = 1999
-"""Keeps the walkers of motion="builtin" apart from those of `gait.builtin_motions`."""
 _MARGIN = 0.05
 """Part of the image's width and height that the automatic camera keeps free on every side."""
 
@@ -39,15 +34,15 @@ _MARGIN = 0.05
 class Synthetic:
     """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
 
-    motion: "builtin" (a generated walker of 60 s, another person for every seed); a CMU clip such as "35_02", looked up
-    as <data>/cmu/35/35_02.amc; the path of an .amc or .bvh file; or "FILE.h5:clip", a clip of a motion library.
-    data: the folder that holds cmu/. cache: a folder for rendered images; without one every process renders them anew.
-    path: "straight" or "circle", for the builtin walker only. n_frames frames at rate_hz are used, from first_frame
-    on, counted at that rate. camera: a camera file, of which the first camera is used; without one a level camera is
-    placed so that it looks at view_deg (degrees) to the walk's direction (90: side view, 180: from ahead) with focal
-    length focal_px, and the person is person_px tall half-way through, or smaller where the whole walk would not fit
-    into width × height; those five say nothing about a camera from a file. noise: σ of the sensor, grey levels.
-    contrast, clutter: strength of the clothes' texture and of the background, 1 being about 24 and 35 grey levels.
+    motion: see `motions.find_motion`. data: the folder that holds cmu/ and bandai/. cache: a folder for rendered
+    images; without one every process renders them anew. path: "straight" or "circle", for the builtin walker only.
+    moving: names of the pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in
+    the first frame used; None: everything moves. n_frames frames at rate_hz are used, from first_frame on, counted at
+    that rate. camera: a camera file, of which the first camera is used; without one a level camera is placed so that it
+    looks at view_deg (degrees) to the walk's direction (90: side view, 180: from ahead) with focal length focal_px, and
+    the person is person_px tall half-way through, or smaller where the whole walk would not fit into width × height;
+    those five say nothing about a camera from a file. noise: σ of the sensor, grey levels. contrast, clutter: strength
+    of the clothes' texture and of the background, 1 being about 24 and 35 grey levels.
     seed: of the clothes, the background, the noise and the builtin walker.
 
     Raises InputError for parameters out of range, a motion that cannot be found or is too short, and a camera that
@@ -58,6 +53,7 @@ class Synthetic:
     data: str | None = None
     cache: str | None = None
     path: str = "straight"
+    moving: Sequence[str] | None = None
     n_frames: int = 50
     first_frame: int = 0
     rate_hz: float = 30.0
@@ -143,14 +139,19 @@ class Synthetic:
     @cached_property
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
-        motion = _find_motion(self)
+        motion = find_motion(self.motion, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
         end = self.first_frame + self.n_frames
         if end > len(motion):
             raise InputError(
                 f"synthetic: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
                 f"expected at least first_frame + n_frames = {end}"
             )
-        return replace(motion, poses=motion.poses[self.first_frame : end])
+        poses = motion.poses[self.first_frame : end].copy()
+        if self.moving is not None:
+            moving = parameters("synthetic: moving", self.moving)
+            still = [i for i, name in enumerate(POSE_NAMES) if name not in moving]
+            poses[:, still] = poses[0, still]
+        return replace(motion, poses=poses)
 
     @cached_property
     def _body(self) -> Body:
@@ -191,34 +192,6 @@ class Synthetic:
         ):  # fmt: skip
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
-
-
-def _find_motion(scene: Synthetic) -> Motion:
-    """The motion that `scene.motion` names, at the scene's rate."""
-    name, rate_hz = scene.motion, scene.rate_hz
-    if name == "builtin":
-        (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, scene.seed]))
-        return walker(subject, _BUILTIN_SECONDS, rate_hz, scene.path)
-    library, colon, clip = name.rpartition(":")
-    if colon and library.endswith((".h5", ".hdf5")):
-        motions = {motion.name: motion for motion in read_library(library)}
-        if clip not in motions:
-            raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
-        return motions[clip].resampled(rate_hz)
-    if name.lower().endswith((".amc", ".bvh")):
-        return load_motion(Path(name).expanduser()).resampled(rate_hz)
-    cmu = re.fullmatch(r"([0-9]+?)_?([0-9]{2})", name)  # a command line may take 35_02 for the number 3502
-    if cmu is None:
-        raise InputError(
-            f"synthetic: motion must be 'builtin', a CMU clip such as '35_02', FILE.amc, FILE.bvh or LIBRARY.h5:clip, "
-            f"found {name!r}"
-        )
-    if scene.data is None:
-        raise InputError(
-            f"synthetic: motion {name!r} is a CMU clip and needs the folder that holds cmu/: "
-            f"set paths.data or $WORKBENCH_DATA"
-        )
-    return load_motion(Path(scene.data).expanduser() / "cmu" / cmu[1] / f"{cmu[1]}_{cmu[2]}.amc").resampled(rate_hz)
 
 
 def _automatic_camera(scene: Synthetic, motion: Motion, places: FloatArray) -> Camera:

@@ -13,7 +13,7 @@ from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
 from workbench.likelihoods.likelihood import Likelihood
-from workbench.priors.state import Prior
+from workbench.priors.state import Prior, Proposing
 
 
 class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
@@ -33,6 +33,7 @@ class Particles:
 class ParticleFilter:
     """Draw from the posterior at t−1, propagate by the prior, weight by the likelihood, normalise.
 
+    Where the prior draws from a proposal of its own (`Proposing`), its correction enters the weights.
     n_particles: N. resampling: systematic, multinomial or residual. ess_threshold: resample when the effective
     sample size falls to this fraction of N or below; 1 resamples before every frame, as the paper does.
     on_degenerate: what to do when every weight of a frame is zero or undefined: "recover" keeps the prior's
@@ -101,7 +102,11 @@ class ParticleFilter:
             log_weights = np.full(self.n_particles, -np.log(self.n_particles))
         clock.lap("resampling")
         dt_s = frame.time_s - previous.time_s
-        state = self.prior.step(parents.state[ancestors], dt_s, rng_streams["prior"])
+        if isinstance(self.prior, Proposing):
+            state, correction = self.prior.propose(parents.state[ancestors], dt_s, rng_streams["prior"])
+            log_weights = log_weights + correction
+        else:
+            state = self.prior.step(parents.state[ancestors], dt_s, rng_streams["prior"])
         poses = self.prior.pose(state)
         clock.lap("prior")
         log_prob = self.likelihood.log_prob(previous, frame, parents.poses[ancestors], poses)

@@ -37,6 +37,13 @@ def remove_blocks(motion: Motion, fraction: float, rng: np.random.Generator) -> 
     return gone
 
 
+def with_gaps(motion: Motion, fraction: float, rng: np.random.Generator) -> Motion:
+    """The motion with a fraction of its joint angles missing (NaN), in blocks."""
+    poses = motion.poses.copy()
+    poses[:, N_ROOT:][remove_blocks(motion, fraction, rng)] = np.nan
+    return replace(motion, poses=poses)
+
+
 def remove_markers(motion: Motion, fraction: float, rng: np.random.Generator) -> BoolArray:
     """The same for whole markers: all angles of a limb at once, half a cycle at a time."""
     names = POSE_NAMES[N_ROOT:]

@@ -10,10 +10,8 @@ import h5py
 import numpy as np
 
 from workbench import __version__
-from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.learning import cycles, walking
 from workbench.learning.cycles import CHANNEL_NAMES
 from workbench.learning.walking import WalkingModel
 
@@ -25,17 +23,18 @@ class Provenance:
     """Where a learned model comes from.
 
     sources: {name of the source file: its SHA-256}. parameters: those of the learning. licences: the sources' lines.
+    code: a digest of the code that learned it.
     """
 
     sources: Mapping[str, str]
     parameters: Mapping[str, str | float | int | None]
     licences: tuple[str, ...]
+    code: str = ""
 
     @property
     def key(self) -> str:
         """A SHA-256 over the inputs, the parameters and the learning's code: the same key means the same model."""
-        code = code_digest(cycles, walking)
-        text = json.dumps([FORMAT, code, dict(self.sources), dict(self.parameters)], sort_keys=True)
+        text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def as_json(self) -> str:

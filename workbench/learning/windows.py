@@ -20,8 +20,8 @@ import numba
 import numpy as np
 
 from workbench import __version__
-from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES, parameters
 from workbench.errors import InputError
 from workbench.files import whole_file
 from workbench.learning.store import Provenance
@@ -29,17 +29,10 @@ from workbench.mocap.motion import Motion
 
 log = logging.getLogger(__name__)
 
-FORMAT = "workbench motion windows 1"
+FORMAT = "workbench motion windows 2"
 ROOT_CHANNELS = ("forward", "sideways", "up", "turn", "root_pitch", "root_roll")
 """The root in the body's own heading frame: three velocities, m/s, the heading's, rad/s, and the lean itself, rad."""
 
-PARTS = {
-    "body": POSE_NAMES[N_ROOT:],
-    "upper_body": tuple(name for name in POSE_NAMES[N_ROOT:] if "hip" not in name and "knee" not in name),
-    "lower_body": tuple(name for name in POSE_NAMES if "hip" in name or "knee" in name),
-    "left_arm": tuple(name for name in POSE_NAMES if name.startswith(("left_shoulder", "left_elbow"))),
-    "right_arm": tuple(name for name in POSE_NAMES if name.startswith(("right_shoulder", "right_elbow"))),
-}
 _BLOCK = 1 << 14  # windows worked on at a time, so that only the rows, not d copies of them, are ever in memory
 
 
@@ -50,7 +43,9 @@ class Windows:
     angles: names of the A joint angles. root: whether the root's channels are in the rows. rate_hz: frames per second.
     rows: (R, m) float32, the rows of all clips one after the other; windows that overlap share them.
     ends: (n,) the row each window ends at; row `ends + 1` is its successor, of the same clip. A clip's last window has
-    none and is left out. scales: (m,) standard deviation of each channel, in its unit; √Σ of the paper.
+    none and is left out. clips, activities: the C clips' names and what is done in them, in the order of their rows.
+    firsts: (C,) the row each clip begins at.
+    scales: (m,) standard deviation of each channel, in its unit; √Σ of the paper.
     mean: (d, m) Ψ̄ of the scaled windows. basis: (d, m, b) Ũ. sigmas: (b,) σ_l, the standard deviation of component l.
     coefficients: (n, b) float32, *whitened*: c_i,l / σ_l. explained: part of the scaled variance in b components.
 
@@ -62,6 +57,9 @@ class Windows:
     rate_hz: float
     rows: Float32Array
     ends: IntArray
+    clips: tuple[str, ...]
+    activities: tuple[str, ...]
+    firsts: IntArray
     scales: FloatArray
     mean: FloatArray
     basis: FloatArray
@@ -76,6 +74,22 @@ class Windows:
     def length(self) -> int:
         """d, the frames in a window."""
         return len(self.mean)
+
+    @cached_property
+    def clip_of(self) -> IntArray:
+        """(n,): the index of each window's clip."""
+        return np.asarray(np.searchsorted(self.firsts, self.ends, side="right") - 1, dtype=np.int64)
+
+    @cached_property
+    def followers(self) -> IntArray:
+        """(n,): how many recorded frames follow each window in its clip, at least one."""
+        lasts = np.append(self.firsts[1:], len(self.rows)) - 1
+        left: IntArray = lasts[self.clip_of] - self.ends
+        return left
+
+    def only(self, kept: BoolArray) -> "Windows":
+        """The same database and projection with the windows kept (n,) alone to be drawn; their rows stay."""
+        return replace(self, ends=self.ends[kept], coefficients=self.coefficients[kept])
 
     @cached_property
     def filters(self) -> FloatArray:
@@ -114,26 +128,29 @@ def learn_windows(
     *,
     rate_hz: float = 30.0,
     length: int = 10,
-    angles: Sequence[str] = PARTS["body"],
+    angles: Sequence[str] = ("body",),
     root: bool = True,
 ) -> Windows:
     """The windows of all motions at one rate, and their PCA with b = ⌊log₂ n⌋ components (C, section 4, eq. 3–5).
 
-    length: d. angles: names of the joint angles to model. Components without variance are left out, so that b may be
-    smaller on a tiny library. Clips too short for a window and its successor are left out and named in a warning.
-    Raises InputError when an angle is unknown, d or the rate is not positive, or fewer than four windows remain.
+    length: d. angles: names of the joint angles to model, or of parts of the body (`skeleton.PARTS`). Components
+    without variance are left out, so that b may be smaller on a tiny library. Clips too short for a window and its
+    successor are left out and named in a warning. Raises InputError when an angle is unknown, d or the rate is not
+    positive, or fewer than four windows remain.
     """
+    angles = parameters("windows: angles", angles)
     if unknown := [name for name in angles if name not in POSE_NAMES[N_ROOT:]]:
         raise InputError(f"windows: expected joint angles such as {POSE_NAMES[N_ROOT]!r}, found {unknown[0]!r}")
     if not angles or length < 1 or not rate_hz > 0.0:
         raise InputError(f"windows: expected angles, a length and a rate, found {len(angles)}, {length}, {rate_hz}")
-    clips, short = [], []
+    clips, kept, short = [], [], []
     for motion in motions:
         poses = motion.resampled(rate_hz).poses
         if len(poses) < length + 2:  # one frame before the first velocity, one after the last window
             short.append(motion.name)
         else:
             clips.append(pose_rows(poses, rate_hz, angles, root).astype(np.float32))
+            kept.append(motion)
     if short:
         log.warning("windows: %d clips are shorter than %d frames: %s", len(short), length + 2, ", ".join(short))
     ends = _ends([len(clip) for clip in clips], length)
@@ -141,8 +158,12 @@ def learn_windows(
         raise InputError(f"windows: expected motions with at least 4 windows of {length} frames, found {len(ends)}")
     rows = np.concatenate(clips)
     scales, mean, basis, sigmas, explained = _principal_components(rows, ends, length)
-    empty = np.empty((0, len(sigmas)), dtype=np.float32)
-    windows = Windows(tuple(angles), root, rate_hz, rows, ends, scales, mean, basis, sigmas, empty, explained)
+    windows = Windows(
+        angles=angles, root=root, rate_hz=rate_hz, rows=rows, ends=ends,
+        clips=tuple(motion.name for motion in kept), activities=tuple(motion.activity for motion in kept),
+        firsts=np.cumsum([0, *map(len, clips)])[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
+        coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
+    )  # fmt: skip
     return _with_coefficients(windows)
 
 
@@ -241,7 +262,7 @@ def _with_coefficients(windows: Windows) -> Windows:
     return replace(windows, coefficients=coefficients)
 
 
-_ARRAYS = ("rows", "ends", "scales", "mean", "basis", "sigmas", "coefficients")
+_ARRAYS = ("rows", "ends", "firsts", "scales", "mean", "basis", "sigmas", "coefficients")
 
 
 def write_windows(path: Path, windows: Windows, provenance: Provenance) -> None:
@@ -250,6 +271,7 @@ def write_windows(path: Path, windows: Windows, provenance: Provenance) -> None:
         file.attrs.update(format=FORMAT, workbench=__version__, provenance=provenance.as_json())
         file.attrs.update(angles=json.dumps(windows.angles), root=windows.root, rate_hz=windows.rate_hz)
         file.attrs["explained"] = windows.explained
+        file["clips"], file["activities"] = list(windows.clips), list(windows.activities)
         for name in _ARRAYS:
             file[name] = getattr(windows, name)
 
@@ -268,10 +290,12 @@ def read_windows(path: Path) -> Windows:
                 angles=tuple(json.loads(attrs["angles"])),
                 root=bool(attrs["root"]),
                 rate_hz=float(attrs["rate_hz"]),
+                clips=tuple(file["clips"].asstr()[()]),
+                activities=tuple(file["activities"].asstr()[()]),
                 explained=float(attrs["explained"]),
                 **{name: file[name][()] for name in _ARRAYS},
             )
-    except (OSError, KeyError, json.JSONDecodeError) as error:
+    except (OSError, KeyError, TypeError, json.JSONDecodeError) as error:
         raise InputError(f"{path}: expected motion windows in HDF5: {error}") from None
     _check(path, windows)
     return windows
@@ -280,12 +304,14 @@ def read_windows(path: Path) -> Windows:
 def _check(path: Path, windows: Windows) -> None:
     n, m, b = len(windows), 2 * len(windows.angles) + len(ROOT_CHANNELS) * windows.root, len(windows.sigmas)
     shapes = {"rows": (len(windows.rows), m), "scales": (m,), "mean": (windows.length, m)}
-    shapes |= {"basis": (windows.length, m, b), "coefficients": (n, b), "ends": (n,)}
+    shapes |= {"basis": (windows.length, m, b), "coefficients": (n, b), "ends": (n,), "firsts": (len(windows.clips),)}
     for name, shape in shapes.items():
         array = getattr(windows, name)
         if array.shape != shape or not np.isfinite(array).all():
             raise InputError(f"{path}: expected {name} of shape {shape} and finite, found {array.shape}")
     if not (n and (windows.ends >= windows.length - 1).all() and (windows.ends < len(windows.rows) - 1).all()):
         raise InputError(f"{path}: expected windows that end inside the {len(windows.rows)} rows")
+    if len(windows.activities) != len(windows.clips) or (np.diff(windows.firsts, append=len(windows.rows)) <= 0).any():
+        raise InputError(f"{path}: expected clips with an activity and rows each, one after the other")
     if unknown := [name for name in windows.angles if name not in POSE_NAMES[N_ROOT:]]:
         raise InputError(f"{path}: expected names of joint angles, found {unknown[0]!r}")

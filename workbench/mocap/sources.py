@@ -120,14 +120,46 @@ def import_sources(
     return motions, reports
 
 
-def cmu_clips(data: str | Path, subjects: Sequence[str], activity: str = "walk") -> list[Path]:
-    """The AMC files of some subjects of the CMU database, e.g. ("02", "35"), in the order of its index.
+def clip_name(name: str) -> str:
+    """The clip's name that a file's name, a LIBRARY.h5:clip or a CMU clip's number stands for.
+
+    A command line may take 35_02 for the number 3502.
+    """
+    library, colon, clip = name.rpartition(":")
+    if colon and library.endswith((".h5", ".hdf5")):
+        return clip
+    if name.lower().endswith(SUFFIXES):
+        return Path(name).stem
+    number = re.fullmatch(r"([0-9]+?)_?([0-9]{2})", name)
+    return f"{number[1]}_{number[2]}" if number else name
+
+
+def find_clip(data: str | Path, name: str) -> Path:
+    """The file of a CMU clip such as "35_02" or a Bandai clip such as "dataset-1_byebye_normal_001" below `data`.
+
+    Raises InputError when the name has neither form or there is no such file.
+    """
+    name = clip_name(name)
+    if cmu := re.fullmatch(r"(\d+)_\d+", name):
+        file = Path(data).expanduser() / "cmu" / cmu[1] / f"{name}.amc"
+    elif bandai := re.fullmatch(r"(dataset-\d+)_.+", name):
+        file = Path(data).expanduser() / "bandai" / bandai[1] / f"{name}.bvh"
+    else:
+        raise InputError(f"expected a CMU clip such as 35_02 or a Bandai clip, found {name!r}")
+    if not file.is_file():
+        raise InputError(f"{file}: no such motion file")
+    return file
+
+
+def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
+    """The AMC files of some subjects of the CMU database, e.g. ("02", "35"), None: of all, in the order of its index.
 
     data: the folder that holds cmu/ with index.csv and a folder per subject. activity: the index's, exactly.
     Raises InputError when the index, a file or all of a subject's clips of that activity are missing.
     """
     folder = Path(data) / "cmu"
     rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]
+    subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
     if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
         raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
     clips = [folder / row.subject / f"{row.name}.amc" for row in rows if row.subject in subjects]

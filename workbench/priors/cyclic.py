@@ -54,6 +54,7 @@ class Cyclic:
             if len(given) != 3:
                 raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")
         self.model = model
+        self.parameters = POSE_NAMES
         self.sigma_coefficients = sigma_coefficients
         self.sigma_phase = sigma_phase
         self.sigma_phase_speed = sigma_phase_speed

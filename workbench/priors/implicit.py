@@ -1,14 +1,16 @@
 """The implicit prior of paper C: a database of motions, searched at random with the right odds."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 
 import numpy as np
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.windows import Windows, advance, pose_rows
 from workbench.priors import implicit_tree
+from workbench.priors.implicit_fidelity import log_importance
 from workbench.priors.implicit_search import KdTree, kd_tree, search
 from workbench.priors.implicit_tree import LEAVES, Tree, median_tree, sign_tree
 from workbench.priors.state import StateSpace
@@ -27,7 +29,8 @@ class Implicit:
 
     search: "exact" draws from p(c_i | c_t) but for the part `epsilon` of its mass, and looks once for all particles
     with the same coefficients, such as a resampled parent's children; "sign_tree" is the paper's tree, "median_tree"
-    the balanced one; `leaf`, "gaussian" or "uniform", is how those draw in a leaf. beta: temperature.
+    the balanced one; `leaf`, "gaussian" or "uniform", is how those draw in a leaf. beta: temperature. reweight:
+    `propose` weighs a tree's draws by p(c_i | c_t) over the tree's odds (C, footnote 3), at a scan per parent.
 
     prediction: "copy" takes the angles of the pose after the window (the paper's φ_{t+1} = ψ_{i+1} + noise);
     "increment" adds the database's change to the particle's own angles; "blend" does that and draws the angles towards
@@ -40,8 +43,11 @@ class Implicit:
     start_*: standard deviations around the starting pose, in the same units. start_beta: temperature of the search for
     windows to start with. Angles that are not modelled, and the root where it is not, stay as they start.
 
-    Deviations. Velocities and increments that enter a particle's window are the database's, without the noise: it
-    would be multiplied by the frame rate. Nothing keeps the angles inside the skeleton's limits but the database.
+    inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
+    the next search looks for what goes on from there: with 0 a particle that noise has put on the true arm is thrown
+    back to the database's speed every frame, and the onset of a motion is followed late.
+
+    Deviations. Nothing keeps the angles inside the skeleton's limits but the database.
     """
 
     def __init__(
@@ -52,8 +58,10 @@ class Implicit:
         beta: float = 0.05,
         epsilon: float = 0.01,
         leaf: str = "gaussian",
+        reweight: bool = False,
         prediction: str = "blend",
         pull: float = 0.1,
+        inertia: float = 1.0,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
         sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
         sigma_angles: float | Sequence[float] = 0.02,
@@ -67,13 +75,20 @@ class Implicit:
         ):  # fmt: skip
             if given not in known:
                 raise InputError(f"prior: {name} must be one of {', '.join(known)}, found {given!r}")
-        if not (beta > 0.0 and start_beta > 0.0 and 0.0 < epsilon < 1.0 and 0.0 <= pull <= 1.0):
+        if not (beta > 0.0 and start_beta > 0.0 and 0.0 < epsilon < 1.0):
             raise InputError(
-                "prior: expected beta and start_beta above 0, epsilon between 0 and 1, pull from 0 to 1, "
-                f"found {beta}, {start_beta}, {epsilon}, {pull}"
+                "prior: expected beta and start_beta above 0 and epsilon between 0 and 1, "
+                f"found {beta}, {start_beta}, {epsilon}"
             )
-        self.windows = windows
+        if not (0.0 <= pull <= 1.0 and 0.0 <= inertia <= 1.0):
+            raise InputError(f"prior: pull and inertia must lie between 0 and 1, found {pull} and {inertia}")
+        if reweight and search == "exact":
+            raise InputError("prior: reweight is for a tree's draws; the exact search's need no weights")
+        self.windows, self.reweight = windows, reweight
+        moved = (*POSE_NAMES[:N_ROOT], *windows.angles) if windows.root else windows.angles
+        self.parameters = tuple(name for name in POSE_NAMES if name in moved)
         self.search, self.leaf, self.beta, self.epsilon, self.start_beta = search, leaf, beta, epsilon, start_beta
+        self.inertia = inertia
         self.pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
         self._columns = np.array([POSE_NAMES.index(name) for name in windows.angles])
         self._noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
@@ -89,9 +104,22 @@ class Implicit:
                 "ahead": (ahead, "σ"),
             }
         )
-        build: dict[str, Callable[[Float32Array], KdTree | Tree]]
-        build = {"exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree}
-        self._tree = build[search](windows.coefficients)
+        self.tree = _tree(search, windows.coefficients)
+
+    def searching(self, search: str, beta: float) -> "Implicit":
+        """The same prior with another search and temperature."""
+        other = copy(self)
+        other.search, other.beta = search, beta
+        if search != self.search:
+            other.tree = _tree(search, self.windows.coefficients)
+        return other
+
+    def only(self, kept: BoolArray) -> "Implicit":
+        """The same prior, but drawing from the windows kept (n,) alone, with the odds they have among themselves."""
+        restricted = copy(self)
+        restricted.windows = self.windows.only(kept)
+        restricted.tree = _tree(self.search, restricted.windows.coefficients)
+        return restricted
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) at a starting pose (P,) with noise, and with the windows of entries that end near it.
@@ -118,16 +146,28 @@ class Implicit:
 
         Raises InputError when dt_s is not a whole number of the library's frames (to 5 % of one).
         """
+        return self.propose(state, dt_s, rng)[0]
+
+    def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """The draws (N, D) of `step` and their log weights (N,), which are zero without `reweight`."""
+        log_weights = np.zeros(len(state))
+        for _ in range(self.rows_in(dt_s)):
+            probes = state[:, self.space.slices["coefficients"]]
+            entries = self.draw(probes, rng)
+            if self.reweight:
+                log_weights += self._log_importance(probes, entries)
+            state = self.predict(state, entries, rng.standard_normal((len(state), len(POSE_NAMES))))
+        return state, log_weights
+
+    def rows_in(self, dt_s: float) -> int:
+        """The library's frames in dt_s seconds; raises InputError unless it is a whole number (to 5 % of one)."""
         frames = dt_s * self.windows.rate_hz
         if round(frames) < 1 or abs(frames - round(frames)) > 0.05:
             raise InputError(
                 f"prior: frames {dt_s:.4g} s apart are not a whole number of steps of an implicit prior learned at "
                 f"{self.windows.rate_hz:g} Hz; learn it at a rate that is a multiple of the video's"
             )
-        for _ in range(round(frames)):
-            entries = self.draw(state[:, self.space.slices["coefficients"]], rng)
-            state = self.predict(state, entries, rng.standard_normal((len(state), len(POSE_NAMES))))
-        return state
+        return round(frames)
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -135,16 +175,24 @@ class Implicit:
 
     def draw(self, probes: FloatArray, rng: np.random.Generator) -> IntArray:
         """An entry (N,) for each probe (N, b), whitened coefficients."""
-        if isinstance(self._tree, Tree):
-            uniforms = rng.random((len(probes), self._tree.depth + 1))
-            return implicit_tree.draw(self._tree, probes, self.beta, uniforms, self.leaf)
+        if isinstance(self.tree, Tree):
+            uniforms = rng.random((len(probes), self.tree.depth + 1))
+            return implicit_tree.draw(self.tree, probes, self.beta, uniforms, self.leaf)
         uniforms = rng.random(len(probes))
         order, firsts = group_equal(probes)
         counts = np.diff(np.append(firsts, len(probes)))
-        found = search(self._tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
+        found = search(self.tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
         entries = np.empty(len(probes), dtype=np.int64)
         entries[order] = found.entries
         return entries
+
+    def _log_importance(self, probes: FloatArray, entries: IntArray) -> FloatArray:
+        assert isinstance(self.tree, Tree)  # __init__ saw to it
+        order, firsts = group_equal(probes)
+        log_weights = np.empty(len(probes))
+        for own in np.split(order, firsts[1:]):
+            log_weights[own] = log_importance(self.tree, probes[own[0]], entries[own], self.beta, self.leaf)
+        return log_weights
 
     def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
         """The states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
@@ -154,15 +202,18 @@ class Implicit:
         noise = noise * self._noise
         pose = state[:, :n_pose].copy()
         ours, theirs = self._absolute()
+        n_angles = len(self._columns)
         pose[:, ours] += after[:, theirs] - before[:, theirs] + self.pull * (before[:, theirs] - pose[:, ours])
         if windows.root:
             first = 2 * len(windows.angles)
             change = after[:, first : first + 4] / windows.rate_hz + noise[:, :4]
+            after[:, first : first + 4] += self.inertia * windows.rate_hz * noise[:, :4]
             c, s = np.cos(pose[:, 3]), np.sin(pose[:, 3])
             pose[:, 0] += c * change[:, 0] - s * change[:, 1]
             pose[:, 1] += s * change[:, 0] + c * change[:, 1]
             pose[:, 2:4] += change[:, 2:]
         pose[:, 4:] += noise[:, 4:]
+        after[:, n_angles : 2 * n_angles] += self.inertia * windows.rate_hz * noise[:, self._columns]
         after[:, theirs] = pose[:, ours]
         memory = advance(state[:, n_pose:], after, windows.filters, windows.offset, len(windows.sigmas))
         return np.concatenate([pose, memory], axis=1)
@@ -193,6 +244,12 @@ class Implicit:
         deviations[self._columns] = angles
         deviations *= np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)
         return deviations
+
+
+def _tree(search: str, coefficients: Float32Array) -> KdTree | Tree:
+    build: dict[str, Callable[[Float32Array], KdTree | Tree]]
+    build = {"exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree}
+    return build[search](coefficients)
 
 
 def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:

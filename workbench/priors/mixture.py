@@ -49,6 +49,7 @@ class Mixture:
             if (prior.space.names, prior.space.units) != (first[1].space.names, first[1].space.units):
                 raise InputError(f"prior: the mixture's {name!r} and {first[0]!r} must have the same columns")
         self.space = _with_component(first[1].space)
+        self.parameters = _union(priors)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
@@ -126,6 +127,7 @@ class Switching:
         self.weights = _probabilities("weights", priors, weights)
         self.switching = switching
         self.space = _with_component(_side_by_side(priors))
+        self.parameters = _union(priors)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
@@ -187,6 +189,11 @@ def _enter(prior: Prior, poses: FloatArray, velocities: FloatArray, rng: np.rand
     for i, pose in enumerate(distinct):
         states[which == i] = prior.start(pose, int((which == i).sum()), rng)
     return states
+
+
+def _union(priors: Mapping[str, Prior]) -> tuple[str, ...]:
+    moved = {name for prior in priors.values() for name in prior.parameters}
+    return tuple(name for name in POSE_NAMES if name in moved)
 
 
 def _component(state: FloatArray) -> IntArray:

@@ -10,6 +10,7 @@ from scipy.special import log_ndtr, ndtri_exp
 from workbench.arrays import FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.skeleton import parameters as named_parameters
 from workbench.errors import InputError
 from workbench.priors.state import StateSpace
 
@@ -63,13 +64,14 @@ class Smooth:
     the values of the starting pose: the whole body has 25 + 25 numbers, an arm 4 + 4 and 21 that never change. The
     held ones belong to the state so that a prior has no memory of its own and a state alone stands for a pose.
 
-    parameters: names of the moving ones; None moves all of POSE_NAMES. sigma, sigma_velocity: deviations per frame at
-    30 Hz, growing with the square root of the time between frames, by parameter ("left_shoulder_twist"), by
-    parameter of either side ("shoulder_twist") or by body part ("shoulder", "root_position"), the first that is
-    there; what is not given comes from SIGMA and SIGMA_VELOCITY. damping: the rate at which velocities decay, 1/s;
-    0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like sigma. start_pose,
-    start_velocity: deviations of the first poses around the starting pose and of the first velocities around zero,
-    in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere within their limits.
+    parameters: names of the moving ones or of body parts (`skeleton.PARTS`), None for all of POSE_NAMES. sigma,
+    sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
+    ("left_shoulder_twist"), by parameter of either side ("shoulder_twist") or by joint ("shoulder", "root_position"),
+    the first that is there; what is not given comes from SIGMA and SIGMA_VELOCITY. damping: the rate at which
+    velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
+    sigma. start_pose, start_velocity: deviations of the first poses around the starting pose and of the first
+    velocities around zero, in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere
+    within their limits.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
     them. We draw from it normalised, the truncated normal, exactly: the same as redrawing until a draw falls inside,
@@ -97,7 +99,7 @@ class Smooth:
         for name, value in (("damping", damping), ("start_pose", start_pose), ("start_velocity", start_velocity)):
             if not 0.0 <= value < np.inf:
                 raise InputError(f"prior: {name} must be zero or a positive number, found {value}")
-        self.parameters = _known("parameters", POSE_NAMES if parameters is None else parameters, POSE_NAMES)
+        self.parameters = POSE_NAMES if parameters is None else named_parameters("prior: parameters", parameters)
         if not self.parameters:
             raise InputError("prior: parameters must name at least one parameter of the pose, found none")
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -43,6 +43,10 @@ class Prior(Protocol):
     def space(self) -> StateSpace:
         """Names and units of the D columns."""
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the pose's parameters that move; the others stay as they start."""
+
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) spread around a starting pose (P,)."""
 
@@ -51,3 +55,11 @@ class Prior(Protocol):
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) that states (N, D) stand for."""
+
+
+@runtime_checkable
+class Proposing(Protocol):
+    """A prior that draws from a proposal and says by which weights its draws stand for the prior."""
+
+    def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""

@@ -1,4 +1,4 @@
-"""Read a run's recording back, finished or cut off."""
+"""Read a run's or a study's recording back, finished or cut off."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,10 @@ from rerun.error_utils import RerunWarning
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.recording.figures import figure_of
+from workbench.studies.study import Figure
 
-_READ = ["/__properties/**", "/metrics/**", "/estimate/pose", "/posterior/**"]
+_READ = ["/__properties/**", "/metrics/**", "/estimate/pose", "/posterior/**", "/figures/**", "/note"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +48,16 @@ class Run:
 
     properties: by name, then by key: run, config, provenance, body, shape, metrics, each where it was written.
     scalars: every recorded curve by its entity path, e.g. metrics/ess. marginals: None before the first flush.
+    figures, note: a study's, as it made them; of a run that tracks there are none. A study has neither poses nor
+    metrics over frames: its numbers are the property metrics.
     """
 
     path: Path
     properties: Mapping[str, Mapping[str, Any]]
     scalars: Mapping[str, Curve]
     marginals: MarginalPictures | None
+    figures: tuple[Figure, ...] = ()
+    note: str | None = None
 
     @property
     def status(self) -> str:
@@ -77,15 +83,20 @@ class Run:
 
     @property
     def poses(self) -> tuple[IntArray, FloatArray]:
-        """Frames (F,) and expected poses (F, P), exactly as they were tracked; F = 0 when none was written."""
+        """Frames (F,) and expected poses (F, P), exactly as they were tracked; F = 0 when none was written.
+
+        Raises InputError for a study's recording.
+        """
         curve = self.scalars.get("estimate/pose")
+        if "body" not in self.properties:
+            raise InputError(f"{self.path}: expected a run that tracks a person, found a study, which has no poses")
         if curve is None:
             return np.empty(0, dtype=np.int64), np.empty((0, len(self.properties["body"]["pose"])))
         return curve.frames, curve.values
 
 
 def read(path: str | Path) -> Run:
-    """The run recorded at `path`, an .rrd or a .part left by a run that did not end well.
+    """The run or study recorded at `path`, an .rrd or a .part left by a run that did not end well.
 
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message.
     """
@@ -106,7 +117,9 @@ def read(path: str | Path) -> Run:
     if "status" not in properties.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
     scalars = {entity: _curve(found) for entity, found in pieces.items()}
-    return Run(path, properties, scalars, _marginals(static))
+    note = static.get("note")
+    text = None if note is None else str(note["TextDocument:text"][0])
+    return Run(path, properties, scalars, _marginals(static), _figures(static), text)
 
 
 def _chunks(path: Path) -> list[Chunk]:
@@ -163,3 +176,13 @@ def _marginals(static: Mapping[str, Mapping[str, Any]]) -> MarginalPictures | No
         frames=np.array(axes["frames"].as_py()),
         log_mass=log_mass,
     )
+
+
+def _figures(static: Mapping[str, Mapping[str, Any]]) -> tuple[Figure, ...]:
+    """A study's figures, in their order."""
+    found = [
+        {key: value.as_py() for key, value in columns.items()}
+        for entity, columns in static.items()
+        if entity.startswith("figures/") and "kind" in columns
+    ]
+    return tuple(figure_of(columns) for columns in sorted(found, key=lambda columns: columns["order"][0]))

@@ -1,0 +1,146 @@
+"""What a study's recording holds, and when it is published."""
+
+import logging
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from workbench.errors import InputError
+from workbench.recording.reader import read
+from workbench.recording.study import StudyRecorder, grid, pages
+from workbench.studies.study import Bars, Curves, Sticks, StudyResult
+
+CONFIG = "seed: 7\nstudy:\n  missing: 0.3  # ö\n"
+PROVENANCE = {"seed": 7, "version": "0.1.0"}
+METRICS = {"n_cycles": 93.0, "explained": 0.1 + 0.2}
+
+
+def figures():
+    """One of each kind and of each variant, with numbers that float32 or text would not keep."""
+    rng = np.random.default_rng(0)
+    x = np.cumsum(rng.uniform(0.1, 1.0, 40))
+    interrupted = rng.standard_normal(40)
+    interrupted[[0, 7, 8, 9, 11, 39]] = np.nan  # also a single point between two gaps
+    return (
+        Curves(
+            "first page/SNR (left hip)", x, {"ours": rng.standard_normal(40), "with gaps": interrupted}, "s", "°",
+            marks={"found": np.pi, "hip events": np.e}, faint={"z": rng.standard_normal(40), "a": np.full(40, np.nan)},
+        ),
+        Curves("first page/one point", x[:1], {"only": x[:1]}, "pass", "error"),
+        Bars("c3", np.arange(-3.0, 4.0), rng.uniform(size=7), "σ", rng.uniform(size=7)),
+        Bars("counts", np.arange(3.0), np.array([0.0, 2.0, 1.0]), "seconds"),
+        Sticks(
+            "run", rng.standard_normal((5, 4, 3)), np.array([-1, 0, 1, 1]), np.linspace(0.0, 1.0, 5),
+            {"left hand": rng.standard_normal((6, 3)), "right hand": rng.standard_normal((2, 3))},
+        ),
+        Sticks("one", rng.standard_normal((1, 2, 3)), np.array([-1, 0]), np.array([0.5])),
+    )  # fmt: skip
+
+
+def recorder(path, run_id="study"):
+    return StudyRecorder(path, run_id=run_id, config_yaml=CONFIG, provenance=PROVENANCE)
+
+
+def record(path, shown):
+    with recorder(path) as recording:
+        recording.log(StudyResult(METRICS, tuple(shown), "**Paper B, fig. 1.** What is to be seen."))
+    return path
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("study") / "new folder" / "run.rrd", figures())
+
+
+def same(first, second):
+    """Whether two fields are equal bit for bit, in the same order."""
+    if isinstance(first, np.ndarray):
+        return first.shape == second.shape and first.dtype == second.dtype and first.tobytes() == second.tobytes()
+    if isinstance(first, dict):
+        return list(first) == list(second) and all(same(first[key], second[key]) for key in first)
+    return first == second and type(first) is type(second)
+
+
+def test_figures_come_back_bit_for_bit_and_in_order(recorded):
+    found = read(recorded).figures
+    assert [figure.name for figure in found] == [figure.name for figure in figures()]
+    for given, back in zip(figures(), found, strict=True):
+        assert type(given) is type(back)
+        for field in vars(given):
+            assert same(getattr(given, field), getattr(back, field)), (given.name, field)
+
+
+def test_properties_metrics_and_note_come_back(recorded):
+    found = read(recorded)
+    assert found.config == CONFIG
+    assert found.status == "complete"
+    assert found.properties["run"]["id"] == "study"
+    assert found.properties["provenance"] == PROVENANCE
+    assert found.properties["metrics"] == METRICS
+    assert found.note == "**Paper B, fig. 1.** What is to be seen."
+    assert found.metric_names == ()
+    assert found.marginals is None
+    with pytest.raises(InputError, match="a study, which has no poses"):
+        _ = found.poses
+
+
+def test_every_figure_is_drawn_and_nothing_has_a_time(recorded):
+    reader = RrdReader(recorded)
+    found = {(chunk.entity_path, name) for chunk in reader.stream() for name in chunk.to_record_batch().schema.names}
+    assert all(chunk.is_static for chunk in reader.stream())
+    assert len(reader.blueprints()) == 1
+    for entity, name in (
+        (r"/figures/first\ page/SNR\ \(left\ hip\)/curves", "LineStrips2D:strips"),
+        (r"/figures/first\ page/SNR\ \(left\ hip\)/faint", "LineStrips2D:strips"),
+        (r"/figures/first\ page/SNR\ \(left\ hip\)/marks", "LineStrips2D:strips"),
+        (r"/figures/first\ page/SNR\ \(left\ hip\)/legend", "Points2D:labels"),
+        (r"/figures/first\ page/one\ point/points", "Points2D:positions"),
+        ("/figures/c3/bars", "LineStrips2D:strips"),
+        ("/figures/c3/model", "LineStrips2D:strips"),
+        ("/figures/counts/x_name", "Points2D:labels"),
+        ("/figures/run/skeletons", "LineStrips3D:strips"),
+        ("/figures/run/trails/1", "LineStrips3D:strips"),
+        ("/figures/one/skeletons", "LineStrips3D:strips"),
+        ("/note", "TextDocument:text"),
+    ):
+        assert (entity, name) in found
+
+
+def test_published_only_when_the_study_ends_well(tmp_path):
+    with recorder(tmp_path / "run.rrd") as recording:
+        assert recording.part.exists()
+        assert read(recording.part).status == "running"  # what a killed process would leave
+        recording.log(StudyResult(METRICS, figures(), ""))
+        assert not recording.path.exists()
+    assert recording.path.exists()
+    assert not recording.part.exists()
+
+
+def fail_in(recording):
+    with recording:
+        raise KeyboardInterrupt
+
+
+def test_a_study_that_fails_keeps_the_part(tmp_path, caplog):
+    recording = recorder(tmp_path / "run.rrd")
+    with caplog.at_level(logging.WARNING), pytest.raises(KeyboardInterrupt):
+        fail_in(recording)
+    assert str(recording.part) in caplog.text
+    assert not recording.path.exists()
+    found = read(recording.part)
+    assert (found.status, found.config, found.figures, found.note) == ("failed", CONFIG, (), None)
+
+
+def test_two_figures_of_one_name_are_refused(tmp_path):
+    one = figures()[3]
+    with pytest.raises(ValueError, match="distinct names"):
+        record(tmp_path / "run.rrd", [one, one])
+
+
+def test_pages_keep_the_order_and_hold_eight_at_most():
+    names = ["a/1", "a/2", "plain", *[f"b/{k}" for k in range(9)]]
+    found = pages([Bars(name, np.zeros(1), np.zeros(1), "") for name in names])
+    assert [figure.name for _, shown in found for figure in shown] == names
+    assert [(title, len(shown)) for title, shown in found] == [("a", 2), ("figures", 1), ("b", 8), ("b", 1)]
+    assert all(columns * rows >= n and columns <= 4 and rows <= 2 for n in range(1, 9) for columns, rows in [grid(n)])

@@ -1,0 +1,40 @@
+"""Frames without images: what the dataset hands out, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from workbench.datasets.blank import Blank
+from workbench.datasets.motions import find_motion
+from workbench.errors import InputError
+
+
+def test_frames_are_empty_and_evenly_spaced():
+    blank = Blank(n_frames=5, rate_hz=20.0)
+    frames = list(blank.frames())
+    assert len(blank) == len(frames) == 5
+    assert [frame.index for frame in frames] == [0, 1, 2, 3, 4]
+    assert [frame.time_s for frame in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
+    assert all(frame.views == () and frame.truth is None for frame in frames)
+    assert [frame.index for frame in blank.frames()] == [0, 1, 2, 3, 4]  # more than once
+
+
+def test_the_start_is_the_motions_and_the_lead_in_ends_there():
+    motion = find_motion("builtin", data=None, rate_hz=30.0)
+    blank = Blank(first_frame=7)
+    assert (blank.start_pose == motion.poses[7]).all()
+    assert (blank.lead_in.poses == motion.poses[:8]).all()
+    assert blank.lead_in.activity == motion.activity
+    assert np.array_equal(blank.shape.as_dict(), motion.shape.as_dict())
+    assert blank.start_marks is None
+    assert blank.scale == 1.0
+    assert motion.name in blank.name
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"n_frames": 0}, "n_frames"), ({"first_frame": -1}, "first_frame"), ({"rate_hz": 0.0}, "rate_hz"),
+     ({"first_frame": 10**6}, "1000000"), ({"motion": "02_03"}, "paths.data")],
+)  # fmt: skip
+def test_bad_input_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        Blank(**options)

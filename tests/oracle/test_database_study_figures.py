@@ -1,0 +1,180 @@
+"""Studies of the database: probes from clips left out, fidelity and histograms against direct computations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from workbench.body.kinematics import joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.learning.windows import learn_windows
+from workbench.priors.implicit import Implicit
+from workbench.priors.implicit_fidelity import total_variation
+from workbench.priors.implicit_search import exact_log_prob
+from workbench.priors.implicit_tree import log_proposal, sign_tree
+from workbench.priors.smooth import Smooth
+from workbench.studies.database import HEIGHT_M, CoefficientHistograms, Temperature, left_out_probes
+from workbench.studies.study import Bars, Curves, Sticks
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return [motion.resampled(30.0) for motion in builtin_motions(n_subjects=8)]
+
+
+@pytest.fixture(scope="module")
+def prior(motions):
+    return Implicit(learn_windows(motions), beta=0.2)
+
+
+def rng():
+    return np.random.default_rng(3)
+
+
+@pytest.fixture(scope="module")
+def temperature(prior):
+    study = Temperature(prior, clip=prior.windows.clips[2], frame=25, betas=(0.01, 1.0), n_draws=4, n_probes=6)
+    return study.run(rng())
+
+
+@pytest.fixture(scope="module")
+def histograms(prior):
+    return CoefficientHistograms(prior, clip=prior.windows.clips[2], frame=25, components=(1, 3)).run(rng())
+
+
+def test_the_probe_is_the_window_that_ends_at_the_frame(prior, motions):
+    name = prior.windows.clips[2]
+    probes = left_out_probes(prior, name, 25, 6, rng())
+    own = prior.start_after(motions[2].poses[25 - prior.windows.length : 26], 1)
+    assert probes.coefficients[0] == pytest.approx(own[0, prior.space.slices["coefficients"]], abs=1e-4)
+    assert prior.windows.rows[probes.truth, :19] == pytest.approx(motions[2].poses[26, 6:], abs=1e-6)
+    assert name in probes.shown
+    assert "frame 25" in probes.shown
+
+
+@pytest.mark.parametrize("clip", [None, 5])
+def test_no_window_of_a_probes_clip_can_be_drawn(prior, clip):
+    name = None if clip is None else prior.windows.clips[clip]
+    probes = left_out_probes(prior, name, None, 12, rng())
+    left = probes.prior.windows
+    kept = {(left.clip_of[i], tuple(left.coefficients[i])) for i in range(len(left))}
+    assert len(probes.coefficients) == 12
+    for probe in probes.coefficients:
+        (entry,) = np.flatnonzero((prior.windows.coefficients == probe.astype(np.float32)).all(axis=1))
+        assert prior.windows.clip_of[entry] not in {clip for clip, _ in kept}
+    assert len(set(left.clip_of)) == 6  # a quarter of eight clips is left out
+    assert len(probes.prior.tree.order) == len(left)
+
+
+def test_draws_are_recorded_poses_and_the_truth_is_light(temperature, prior, motions):
+    sticks = [figure for figure in temperature.figures if isinstance(figure, Sticks)]
+    assert [figure.name for figure in sticks] == [
+        "draws/sign tree, β = 0.01", "draws/sign tree, β = 1", "draws/our search, β = 0.01", "draws/our search, β = 1",
+    ]  # fmt: skip
+    skeleton = person_skeleton(from_height(HEIGHT_M))
+    still = np.concatenate([motion.poses for motion in motions])
+    still[:, :4] = 0.0  # where someone is and which way they face is not drawn
+    recorded = joints(skeleton, still)
+    for figure in sticks:
+        assert figure.positions.shape == (5, len(skeleton.names), 3)
+        for drawn in figure.positions:
+            assert np.abs(recorded - drawn).max(axis=(1, 2)).min() < 1e-5
+    truth = motions[2].poses[26].copy()
+    truth[:4] = 0.0
+    assert POSE_NAMES[3] == "root_heading"
+    assert sticks[0].positions[-1] == pytest.approx(joints(skeleton, truth[None])[0], abs=1e-5)
+    assert sticks[0].shades[-1] > sticks[0].shades[:-1].max()
+
+
+def test_the_metrics_are_those_of_an_enumeration(temperature, prior):
+    probes = left_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
+    c = probes.prior.windows.coefficients
+    tree = sign_tree(c)
+    apart = [
+        total_variation(np.exp(exact_log_prob(c, probe, 0.2)), np.exp(log_proposal(tree, probe, 0.2)))
+        for probe in probes.coefficients
+    ]
+    assert temperature.metrics["tv_sign_tree"] == pytest.approx(np.mean(apart))
+    assert temperature.metrics["tv_search"] <= prior.epsilon
+    assert 0.0 < temperature.metrics["visited_pct"] < 100.0
+    assert temperature.metrics["distance_sign_tree"] > temperature.metrics["distance_exact"]
+
+
+def test_the_curves_rise_from_the_nearest_entry_to_blind_chance(temperature, prior):
+    variation, visited, distance = (figure for figure in temperature.figures if isinstance(figure, Curves))
+    assert (np.diff(variation.x) > 0.0).all()
+    assert variation.marks["the prior's"] == pytest.approx(np.log10(0.2))
+    at_prior = int(np.argmin(np.abs(variation.x - np.log10(0.2))))
+    assert variation.curves["sign tree"][at_prior] == temperature.metrics["tv_sign_tree"]
+    assert visited.curves["our search"][-1] > visited.curves["our search"][0]
+    probes = left_out_probes(prior, prior.windows.clips[2], 25, 6, rng())
+    squares = ((probes.coefficients[:, None] - probes.prior.windows.coefficients) ** 2).sum(axis=2)
+    assert distance.curves["our search"][0] == pytest.approx(np.median(squares.min(axis=1)), rel=0.1)
+    assert distance.curves["blind chance"][0] == pytest.approx(np.median(squares), rel=0.1)  # 600 draws
+    assert distance.curves["our search"] == pytest.approx(distance.curves["exact odds"], rel=0.1)
+
+
+def test_histograms_are_densities_over_the_probes_gaussian(histograms, prior):
+    probe = left_out_probes(prior, prior.windows.clips[2], 25, 1, rng()).coefficients[0]
+    bars = {figure.name: figure for figure in histograms.figures}
+    assert list(bars) == [f"coefficients/{search}, c{k}" for search in ("sign tree", "our search") for k in (1, 3)]
+    for search, name in (("sign tree", "sign_tree"), ("our search", "search")):
+        for k in (1, 3):
+            figure = bars[f"coefficients/{search}, c{k}"]
+            assert isinstance(figure, Bars)
+            width = figure.x[1] - figure.x[0]
+            assert figure.heights.sum() * width == pytest.approx(1.0)
+            # a bin's mass over its width against the density in its middle: to second order in the width
+            assert figure.model == pytest.approx(norm.pdf(figure.x, probe[k - 1], 1.0), abs=0.1 * width**2)
+            direct = 0.5 * (np.abs(figure.heights - figure.model).sum() * width + 1.0 - figure.model.sum() * width)
+            assert histograms.metrics[f"tv_c{k}_{name}"] == pytest.approx(direct)
+
+
+def test_the_sampling_distance_is_that_of_gaussian_draws(histograms):
+    """Against simulated counts; the formula's normal approximation of binomials is good to a few per cent."""
+    simulated = []
+    for figure in histograms.figures:
+        mass = figure.model * (figure.x[1] - figure.x[0])
+        counts = rng().multinomial(1000, np.append(mass, 1.0 - mass.sum()), size=400)[:, :-1]
+        simulated.append(0.5 * np.abs(counts / 1000 - mass).sum(axis=1).mean())
+    assert histograms.metrics["tv_sampling"] == pytest.approx(np.mean(simulated), rel=0.05)
+
+
+def test_components_the_database_lacks_are_told(prior, caplog):
+    result = CoefficientHistograms(prior, components=(1, 40)).run(rng())
+    assert "[40]" in caplog.text
+    assert "no component 40" in result.note
+    assert len(result.figures) == 2
+
+
+def test_the_same_rng_gives_the_same_figures(prior):
+    study = Temperature(prior, n_probes=2, betas=(0.1,))
+    first, again = (study.run(rng()) for _ in range(2))
+    assert first.metrics == again.metrics
+    assert (first.figures[0].positions == again.figures[0].positions).all()
+
+
+def test_bad_input_is_refused(prior, motions):
+    with pytest.raises(InputError, match="implicit"):
+        Temperature(Smooth()).run(rng())
+    with pytest.raises(InputError, match="nobody"):
+        Temperature(prior, clip="nobody").run(rng())
+    with pytest.raises(InputError, match="between 10 and"):
+        Temperature(prior, clip=prior.windows.clips[0], frame=3).run(rng())
+    with pytest.raises(InputError, match="two clips"):
+        CoefficientHistograms(Implicit(learn_windows(motions[:1]))).run(rng())
+    with pytest.raises(InputError, match="temperatures"):
+        Temperature(prior, betas=(0.1, 0.0))
+    with pytest.raises(InputError, match="components"):
+        CoefficientHistograms(prior, components=(0,))
+
+
+def test_an_arm_alone_is_shown_on_a_still_body(motions):
+    arm = Implicit(learn_windows([replace(m) for m in motions], angles=["right_arm"], root=False))
+    (figure, *_) = Temperature(arm, betas=(1.0,), n_probes=2).run(rng()).figures
+    left = person_skeleton(from_height(HEIGHT_M)).joint("left_ankle")
+    assert np.ptp(figure.positions[:, left], axis=0).max() == 0.0

@@ -1,0 +1,84 @@
+"""Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.learning.training import cyclic_model, database_motions, motion_windows, training_motions
+from workbench.mocap.library import write_library
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Six walkers in one file; the second is called a run."""
+    motions = [replace(motion, name=f"{k + 10}_0{k + 1}", subject=f"{k + 10}")
+               for k, motion in enumerate(builtin_motions(6))]  # fmt: skip
+    motions[1] = replace(motions[1], activity="run")
+    path = tmp_path_factory.mktemp("library") / "six.h5"
+    write_library(path, motions)
+    return str(path)
+
+
+def names(motions):
+    return [motion.name for motion in motions]
+
+
+@pytest.mark.parametrize(
+    ("leave_out", "missing"),
+    [
+        ((), set()),
+        (("12_03",), {"12_03"}),
+        (("1203",), {"12_03"}),  # how a command line reads 12_03
+        (("some/where/12_03.amc",), {"12_03"}),
+        (("six.h5:12_03",), {"12_03"}),
+        (("12", "13_04"), {"12_03", "13_04"}),
+        (("nobody",), set()),
+    ],
+)
+def test_clips_and_subjects_are_left_out_by_any_of_their_names(library, tmp_path, leave_out, missing):
+    found = database_motions(library, data=None, cache=str(tmp_path), leave_out=leave_out)
+    assert set(names(database_motions(library, data=None, cache=str(tmp_path)))) - set(names(found)) == missing
+
+
+def test_activities_choose(library, tmp_path):
+    assert names(database_motions(library, data=None, cache=str(tmp_path), activities=["run"])) == ["11_02"]
+    with pytest.raises(InputError, match="dance"):
+        database_motions(library, data=None, cache=str(tmp_path), activities=["dance"])
+
+
+@pytest.mark.parametrize("motions", ["recorded", "cmu", "bandai"])
+def test_recordings_need_their_folder(tmp_path, motions):
+    with pytest.raises(InputError, match=r"paths\.data"):
+        database_motions(motions, data=None, cache=str(tmp_path))
+
+
+@pytest.mark.parametrize("read", [training_motions, database_motions])
+def test_an_unknown_set_is_named(tmp_path, read):
+    options = {"subjects": ()} if read is training_motions else {}
+    with pytest.raises(InputError, match="everything"):
+        read("everything", data=None, cache=str(tmp_path), **options)
+
+
+def test_windows_from_the_cache_are_those_learned(library, tmp_path):
+    options = {"motions": library, "cache": str(tmp_path), "angles": ["left_arm"], "root": False}
+    learned, read = motion_windows(**options), motion_windows(**options)
+    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 1
+    np.testing.assert_array_equal(learned.coefficients, read.coefficients)
+    assert learned.clips == read.clips
+    fewer = motion_windows(**options, leave_out=["12"])
+    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 2
+    assert set(learned.clips) - set(fewer.clips) == {"12_03"}
+
+
+def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
+    whole = cyclic_model(cache=str(tmp_path), q=2)
+    gappy = cyclic_model(cache=str(tmp_path), q=2, missing=0.2)
+    assert len(list((tmp_path / "models").glob("cyclic-*.h5"))) == 2
+    apart = np.abs(whole.mean[:, 1:] - gappy.mean[:, 1:]).max()
+    # gaps of a fifth of 12 walkers × 5 cycles leave the mean cycle known to a degree or two
+    assert 0.0 < apart < np.radians(2.0)
+    again = cyclic_model(cache=str(tmp_path / "other"), q=2, missing=0.2)
+    np.testing.assert_array_equal(gappy.mean, again.mean)

@@ -1,0 +1,160 @@
+"""The numbers and figures of the studies of learning, against computations of their own."""
+
+import numpy as np
+import pytest
+
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.learning.cycles import CHANNEL_NAMES, walking_cycles
+from workbench.studies.gaps import ImputeGaps, in_gaps
+from workbench.studies.learning_alignment import AlignCycles, fold
+from workbench.studies.learning_period import PeriodSnr
+from workbench.studies.learning_walk import LearnWalk
+
+
+def rng():
+    return np.random.default_rng(0)
+
+
+def by_name(result):
+    return {figure.name: figure for figure in result.figures}
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return LearnWalk(scaling="none").run(rng())
+
+
+@pytest.fixture(scope="module")
+def cycles():
+    return walking_cycles(builtin_motions()).curves
+
+
+def test_explained_variance_is_that_of_the_covariance(learned, cycles):
+    scaled = cycles / np.where(np.arange(cycles.shape[2]) == 0, 30.0, 1.0)  # speed in metres per frame at 30 Hz
+    rows = scaled.reshape(len(cycles), -1)
+    eigenvalues = np.linalg.eigvalsh(np.cov(rows, rowvar=False))[::-1]
+    share = np.cumsum(eigenvalues) / eigenvalues.sum()
+    shown = by_name(learned)["model/explained variance"].curves["explained"]
+    assert shown == pytest.approx(share[: len(shown)], abs=1e-9)
+    d = int(learned.metrics["n_components"])
+    assert share[d - 2] <= 0.95 < share[d - 1]
+    assert learned.metrics["explained"] == pytest.approx(share[d - 1], abs=1e-9)
+    assert learned.metrics["explained_5"] == pytest.approx(share[4], abs=1e-9)
+    assert learned.metrics["n_cycles"] == len(cycles)
+
+
+def test_cycles_and_mean_are_in_degrees_and_closed(learned, cycles):
+    knee = by_name(learned)["cycles/left knee flexion"]
+    expected = np.degrees(cycles[:, :, CHANNEL_NAMES.index("left_knee_flexion")])
+    assert np.array(list(knee.faint.values()))[:, :-1] == pytest.approx(expected)
+    assert knee.curves["mean"][:-1] == pytest.approx(expected.mean(axis=0))
+    assert knee.curves["mean"][-1] == knee.curves["mean"][0]
+    assert (knee.x[0], knee.x[-1], len(knee.x)) == (0.0, 1.0, cycles.shape[1] + 1)
+
+
+def test_an_eigencurve_varies_as_the_cycles_do_along_it(learned, cycles):
+    """The first component's swing, over all channels, is twice the standard deviation of the cycles along it."""
+    scaled = (cycles / np.where(np.arange(cycles.shape[2]) == 0, 30.0, 1.0)).reshape(len(cycles), -1)
+    values, vectors = np.linalg.eigh(np.cov(scaled, rowvar=False))
+    first = 2.0 * np.sqrt(values[-1]) * vectors[:, -1].reshape(cycles.shape[1:])
+    for name in ("left_hip_flexion", "right_elbow_flexion"):
+        figure = by_name(learned)[f"eigencurves/{name.replace('_', ' ')}"]
+        swing = np.radians(figure.curves["+2λ1"] - figure.curves["mean"])[:-1]
+        expected = first[:, CHANNEL_NAMES.index(name)]
+        assert np.abs(swing) == pytest.approx(np.abs(expected), abs=1e-9)  # an eigenvector's sign is free
+        mirrored = np.radians(figure.faint["−2λ1"] - figure.curves["mean"])[:-1]
+        assert mirrored == pytest.approx(-swing, abs=1e-12)
+
+
+def test_a_given_number_of_components_is_taken(cycles):
+    result = LearnWalk(n_components=3, scaling="joints").run(rng())
+    assert result.metrics["n_components"] == 3.0
+    assert by_name(result)["model/explained variance"].marks == {"d =": 3.0}
+
+
+def test_folding_is_the_mean_of_each_bin():
+    at = np.array([0.0, 1.001, 2.5, -0.5, 0.999])
+    folded = fold(np.array([[1.0], [3.0], [10.0], [20.0], [7.0]]), at)
+    assert folded[[0, 32, 63], 0].tolist() == [2.0, 15.0, 7.0]
+    assert np.isnan(folded).sum() == 61
+
+
+def test_alignment_never_gets_worse_and_gathers_the_walks():
+    result = AlignCycles().run(rng())
+    figures = by_name(result)
+    deviations = figures["alignment/error"].curves["all walks"]
+    assert (np.diff(deviations) <= 0.0).all()
+    assert result.metrics["passes"] == len(deviations) - 1
+    spread = {
+        when: np.nanstd(list(figures[f"alignment/left knee flexion {when}"].faint.values()), axis=0).mean()
+        for when in ("before", "after")
+    }
+    assert spread["after"] < 0.5 * spread["before"]  # the built-in walkers differ by their start and a few degrees
+
+
+def test_periods_are_those_of_the_walkers_and_noise_has_none():
+    result = PeriodSnr().run(rng())
+    figures = by_name(result)
+    first = result.figures[0]
+    best = first.x[np.nanargmax(first.curves["accumulated"])]
+    assert best == pytest.approx(first.marks["hip events"], abs=1.0)  # candidates are whole frames
+    noise = figures["period/all walks (thin) and white noise"].curves
+    ratios = [10.0 ** (np.nanmax(curve) - np.nanmedian(curve)) for curve in noise.values()]
+    assert result.metrics["white_noise_peak_ratio"] == pytest.approx(max(ratios))
+    assert max(ratios) < 1.5  # what a flat curve was agreed to be
+    assert result.metrics["period_error_max_pct"] < 2.0
+    assert result.metrics["period_error_max_pct_30"] < 5.0
+    assert result.metrics["n_clips"] == 12
+    deviation = figures["period/deviation from hip events"].curves["all samples"]
+    assert deviation.max() == pytest.approx(result.metrics["period_error_max_pct"])
+
+
+@pytest.fixture(scope="module")
+def imputed():
+    return ImputeGaps(fractions=(0.2,)).run(rng())
+
+
+def test_imputation_is_ranked_as_measured(imputed):
+    metrics, figure = imputed.metrics, imputed.figures[0]
+    assert {label: curve[0] for label, curve in figure.curves.items()} == {
+        "ours": metrics["rmse_deg_20"],
+        "linear": metrics["rmse_deg_20_linear"],
+        "periodic spline": metrics["rmse_deg_20_periodic"],
+        "paper's FPCA": metrics["rmse_deg_20_paper"],
+    }
+    for suffix in ("", "_markers"):
+        assert metrics[f"rmse_deg_20{suffix}"] < metrics[f"rmse_deg_20_paper{suffix}"]
+        assert metrics[f"rmse_deg_20_periodic{suffix}"] < metrics[f"rmse_deg_20_linear{suffix}"]
+
+
+def test_a_filled_walk_shows_the_truth_where_it_was_removed(imputed):
+    figure = next(figure for figure in imputed.figures if "left knee" in figure.name)
+    name = figure.name.removeprefix("gaps/").partition(",")[0]
+    motion = next(motion for motion in builtin_motions() if motion.name == name)
+    truth = np.degrees(motion.poses[:, POSE_NAMES.index("left_knee_flexion")])
+    observed, hidden = figure.curves["observed"], figure.curves["truth"]
+    missing = np.isnan(observed)
+    assert 0.2 <= missing.mean() < 0.3  # blocks are removed until the fraction is reached, the last of 0.5 s at most
+    assert observed[~missing] == pytest.approx(truth[~missing])
+    assert hidden[missing] == pytest.approx(truth[missing])
+    for label in ("ours", "linear", "periodic spline", "paper's FPCA"):
+        shown = np.isfinite(figure.curves[label])
+        assert (shown == in_gaps(missing)).all()
+        assert figure.curves[label][shown & ~missing] == pytest.approx(truth[shown & ~missing])
+
+
+def test_a_gap_is_shown_with_its_neighbours():
+    missing = np.array([0, 0, 1, 1, 0, 0, 0, 1], dtype=bool)
+    assert in_gaps(missing).tolist() == [False, True, True, True, True, False, True, True]
+
+
+@pytest.mark.parametrize("fractions", [(), (0.0,), (0.2, 1.0)])
+def test_fractions_out_of_range_are_refused(fractions):
+    with pytest.raises(InputError, match="fractions"):
+        ImputeGaps(fractions=fractions).run(rng())
+
+
+def test_the_angles_of_a_pose_are_in_order():
+    assert POSE_NAMES[N_ROOT:] == CHANNEL_NAMES[1:]

@@ -1,0 +1,216 @@
+"""Synthesis: draws against the prior's own steps, starts, look-ahead, diagnostics, refusals."""
+
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from workbench.body.limbs import person
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.datasets.frame import Frame
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.inference import synthesis
+from workbench.inference.synthesis import Synthesis, jump_deg
+from workbench.learning.windows import learn_windows
+from workbench.priors.implicit import Implicit
+from workbench.priors.smooth import Smooth
+
+STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
+CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself
+PLAIN = {"smoothing_s": 0.0, "foot_contact": False}
+AT = 30  # the frame that motions start from
+
+
+@pytest.fixture(scope="module")
+def motions():
+    """Four clips at 30 Hz, of two activities."""
+    four = [motion.resampled(30.0) for motion in builtin_motions(n_subjects=4)]
+    return [replace(motion, activity="run" if i % 2 else "walk") for i, motion in enumerate(four)]
+
+
+@pytest.fixture(scope="module")
+def windows(motions):
+    return learn_windows(motions)
+
+
+def until(motion, frame=AT):
+    """What a dataset hands out as the motion before the start."""
+    return replace(motion, poses=motion.poses[: frame + 1])
+
+
+def frames(n, rate_hz=30.0):
+    return [Frame(i, i / rate_hz, ()) for i in range(n)]
+
+
+def streams(seed=0):
+    return {name: np.random.default_rng([seed, i]) for i, name in enumerate(("start", "prior"))}
+
+
+def run(prior, motion, n=20, lead_in=True, rate_hz=30.0, seed=0, **options):
+    before = until(motion)
+    inference = Synthesis(prior, person(motion.shape), before if lead_in else None, **{**PLAIN, **options})
+    return list(inference.run(frames(n, rate_hz), before.poses[-1], streams(seed)))
+
+
+def test_without_noise_a_known_motion_goes_on_as_recorded(windows, motions):
+    steps = run(Implicit(windows, **CERTAIN), motions[1], n=40)
+    poses = np.array([step.expected_pose for step in steps])
+    assert poses == pytest.approx(motions[1].poses[AT : AT + 40], abs=2e-4)  # float32 rows, added up
+
+
+def test_frames_apart_by_several_of_the_librarys_take_several_draws(windows, motions):
+    steps = run(Implicit(windows, **CERTAIN), motions[1], n=10, rate_hz=10.0)
+    poses = np.array([step.expected_pose for step in steps])
+    assert poses == pytest.approx(motions[1].poses[AT : AT + 30 : 3], abs=2e-4)
+
+
+def test_the_lead_in_may_have_another_rate(windows, motions):
+    fast = motions[1].resampled(60.0)
+    lead_in = replace(fast, poses=fast.poses[: 2 * AT + 1])
+    inference = Synthesis(Implicit(windows, **CERTAIN), person(fast.shape), lead_in, **PLAIN)
+    (step,) = inference.run(frames(1), lead_in.poses[-1], streams())
+    (expected,) = run(Implicit(windows, **CERTAIN), motions[1], n=1)
+    # the same window but for what two splines in a row leave, of coefficients in deviations
+    assert step.particles == pytest.approx(expected.particles, abs=0.02)
+
+
+def test_a_step_is_one_particle_of_weight_one(windows, motions):
+    steps = run(Implicit(windows), motions[0])
+    for index, step in enumerate(steps):
+        assert (step.frame.index, step.ess, step.log_evidence) == (index, 1.0, 0.0)
+        assert step.particles.shape == (1, len(step.space))
+        assert np.exp(step.log_weights).sum() == 1.0
+        assert (step.poses[0] == step.expected_pose).all()
+
+
+def test_other_priors_take_their_own_steps(motions):
+    prior = Smooth()
+    steps = run(prior, motions[0], n=5)
+    own = streams()
+    state = prior.start(motions[0].poses[AT], 1, own["start"])
+    for step in steps:
+        assert step.expected_pose == pytest.approx(prior.pose(state)[0])  # times apart are rounded
+        assert step.warnings == ()
+        assert "same_activity" not in step.diagnostics
+        state = prior.step(state, 1 / 30, own["prior"])
+
+
+def test_the_implicit_prior_without_look_ahead_takes_its_own_steps(windows, motions):
+    prior, own = Implicit(windows), streams()["prior"]
+    state = prior.start_after(motions[0].poses[AT - windows.length : AT + 1], 1)
+    for step in run(prior, motions[0], n=10):
+        assert (step.particles == state).all()
+        state = prior.step(state, 1 / 30, own)
+
+
+def test_the_seed_decides(windows, motions):
+    runs = [
+        np.array([step.expected_pose for step in run(Implicit(windows), motions[0], seed=seed, look_ahead=2)])
+        for seed in (1, 1, 2)
+    ]
+    assert (runs[0] == runs[1]).all()
+    assert not (runs[0] == runs[2]).all()
+
+
+def test_a_start_from_the_pose_alone_is_told(windows, motions):
+    prior = Implicit(windows, start_beta=1e-4, start_position=0.0, start_rotation=0.0, start_angles=0.0, **STILL)
+    steps = run(prior, motions[0], lead_in=False)
+    assert "has 0 of the 11 frames" in steps[0].warnings[0]
+    assert all(step.warnings == () for step in steps[1:])
+    assert (steps[0].expected_pose == motions[0].poses[AT]).all()
+    short = Synthesis(prior, person(motions[0].shape), until(motions[0], 9), **PLAIN)
+    (step,) = short.run(frames(1), motions[0].poses[9], streams())
+    assert "has 10 of the 11 frames" in step.warnings[0]
+
+
+def test_jump_is_the_largest_change_of_a_joint_angle(windows, motions):
+    steps = run(Implicit(windows), motions[0])
+    assert "jump_deg" not in steps[0].diagnostics
+    for before, step in pairwise(steps):
+        change = step.expected_pose[N_ROOT:] - before.expected_pose[N_ROOT:]
+        assert step.diagnostics["jump_deg"] == pytest.approx(np.degrees(np.abs(change)).max())
+
+
+def test_the_root_and_whole_turns_are_no_jump():
+    before, after = np.zeros(len(POSE_NAMES)), np.zeros(len(POSE_NAMES))
+    after[:N_ROOT], after[N_ROOT], after[N_ROOT + 1] = 5.0, 2.0 * np.pi + 0.1, -0.2
+    assert jump_deg(before, after) == pytest.approx(np.degrees(0.2))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_same_activity_is_that_of_the_clips_drawn_from(windows, motions, which):
+    steps = run(Implicit(windows, **CERTAIN), motions[which])
+    assert "same_activity" not in steps[0].diagnostics
+    assert [step.diagnostics["same_activity"] for step in steps[1:]] == [1.0] * 19
+    other = replace(motions[which], activity=motions[1 - which].activity)
+    assert [step.diagnostics["same_activity"] for step in run(Implicit(windows, **CERTAIN), other)[1:]] == [0.0] * 19
+
+
+def entries_drawn(prior, motion, monkeypatch, **options):
+    """How many frames follow every window drawn near a clip's end, also of draws that are not kept."""
+    drawn = []
+    own = Implicit.draw
+
+    def spy(self, probes, rng):
+        entries = own(self, probes, rng)
+        drawn.extend(self.windows.followers[entries])
+        return entries
+
+    monkeypatch.setattr(Implicit, "draw", spy)
+    last = until(motion, len(motion) - 8)
+    inference = Synthesis(prior, person(motion.shape), last, **{**PLAIN, **options})
+    list(inference.run(frames(6), last.poses[-1], streams()))
+    return np.array(drawn)
+
+
+def test_look_ahead_never_draws_a_window_that_ends_within_it(windows, motions, monkeypatch):
+    prior = Implicit(windows, **CERTAIN)
+    assert entries_drawn(prior, motions[0], monkeypatch).min() < 4  # such windows are nearest here
+    assert entries_drawn(prior, motions[0], monkeypatch, look_ahead=4).min() >= 4
+    assert prior.windows is windows  # the prior itself is as it was
+
+
+def test_followers_are_the_rows_left_in_the_clip(windows, motions):
+    for entry in (0, 5, len(windows) - 1):
+        clip = windows.clip_of[entry]
+        end_of_clip = windows.firsts[clip] + len(motions[clip]) - 1  # a clip has one row less than frames
+        assert windows.followers[entry] == end_of_clip - 1 - windows.ends[entry]
+    assert windows.followers.min() == 1
+    assert windows.clips == tuple(motion.name for motion in motions)
+
+
+def test_look_ahead_avoids_a_dead_end():
+    """One of two entries leads to a place far from all entries: of candidates, those that drew the other are taken."""
+    n_pose, places = len(POSE_NAMES), np.array([[0.0], [0.1], [0.0], [0.1]])
+
+    def predict(states, entries, noise):
+        moved = states.copy()
+        moved[:, n_pose] = np.where(entries % 2 == 1, 10.0, 0.0)
+        return moved
+
+    prior = SimpleNamespace(
+        beta=0.1, space=SimpleNamespace(slices={"coefficients": slice(n_pose, n_pose + 1)}), predict=predict,
+        windows=SimpleNamespace(coefficients=places), draw=lambda probes, rng: rng.integers(4, size=len(probes)),
+    )  # fmt: skip
+    state, rng = np.zeros((1, n_pose + 1)), np.random.default_rng(0)
+    taken = [synthesis._draw(prior, state, 1, rng)[1] % 2 for _ in range(200)]
+    assert np.mean(taken) < 0.03  # all eight candidates are dead ends once in 256
+    blind = [synthesis._draw(prior, state, 0, rng)[1] % 2 for _ in range(200)]
+    assert 0.3 < np.mean(blind) < 0.7
+
+
+@pytest.mark.parametrize("options", [{"smoothing_s": -1.0}, {"limit_deg": 0.0}, {"look_ahead": -1}])
+def test_numbers_out_of_range_are_refused(windows, motions, options):
+    with pytest.raises(InputError, match="inference: expected"):
+        Synthesis(Implicit(windows), person(motions[0].shape), **options)
+
+
+def test_look_ahead_needs_an_implicit_prior_and_long_clips(windows, motions):
+    body = person(motions[0].shape)
+    with pytest.raises(InputError, match="look_ahead"):
+        Synthesis(Smooth(), body, look_ahead=3)
+    with pytest.raises(InputError, match="10000 frames"):
+        Synthesis(Implicit(windows), body, look_ahead=10000)

@@ -1,0 +1,206 @@
+"""Motion from a prior alone, step by step (paper C, section 5)."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.limbs import Body
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.datasets.frame import Frame
+from workbench.errors import InputError
+from workbench.inference.contact import FootContact, ankle_positions
+from workbench.inference.step import Step
+from workbench.mocap.motion import Motion
+from workbench.priors.implicit import Implicit
+from workbench.priors.state import Prior
+
+CANDIDATES = 8
+"""Draws that a look-ahead tries out for every frame."""
+
+
+class Synthesis:
+    """Draws one motion from a prior, a frame at a time: an inference that looks at no image.
+
+    lead_in: the motion that leads up to the start and ends with it. An implicit prior takes its first window from its
+    last d + 1 poses at the library's rate, as no pose tells the velocities; without them, or where they are too few,
+    it searches windows that end near the pose, as for tracking, and the first step says so. Other priors start from
+    the pose alone.
+
+    smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
+    frame's change of an angle beyond limit_deg (degrees) counts as a jump, is held back as an offset and let go bit by
+    bit. An angle then never changes by more than limit_deg and the part of its offset let go. The prior goes on from
+    its own pose, not from the smoothed one.
+
+    look_ahead: frames, of an implicit prior only; 0: none. Windows that fewer recorded frames follow are never drawn.
+    Of CANDIDATES draws, each followed for so many frames, one is chosen with odds exp(−|c_i − c_t|² / 2β), the square
+    being the mean over the frames ahead: a path that leads away from all that was recorded, a dead end, is not taken.
+
+    foot_contact: hold a planted foot where it is, see `contact.FootContact`; the ground is where the lead-in's lowest
+    ankle was, or without one the starting pose's.
+
+    Raises InputError for numbers out of range and a look-ahead with a prior that has none.
+    """
+
+    def __init__(
+        self,
+        prior: Prior,
+        body: Body,
+        lead_in: Motion | None = None,
+        *,
+        smoothing_s: float = 0.1,
+        limit_deg: float = 25.0,
+        look_ahead: int = 0,
+        foot_contact: bool = True,
+    ) -> None:
+        if not (0.0 <= smoothing_s < np.inf and 0.0 < limit_deg < np.inf and look_ahead >= 0):
+            raise InputError(
+                "inference: expected smoothing_s and look_ahead from 0 and limit_deg above 0, "
+                f"found {smoothing_s}, {look_ahead}, {limit_deg}"
+            )
+        if look_ahead > 0:
+            prior = _with_followers(prior, look_ahead)
+        self.prior, self.skeleton, self.lead_in = prior, body.skeleton, lead_in
+        self.smoothing_s, self.limit = smoothing_s, np.radians(limit_deg)
+        self.look_ahead, self.foot_contact = look_ahead, foot_contact
+
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
+    ) -> Iterator[Step]:
+        """One step of one particle per frame, the first one at the pose `start` (P,).
+
+        rng_streams: generators named "start" and "prior". A step's particle is the prior's own state, its pose the one
+        after smoothing and foot contact. Diagnostics, from the second frame on: jump_deg, the largest change of a
+        joint angle, degrees; of an implicit prior with a lead-in same_activity, 1 where the entries drawn come from
+        clips of the lead-in's activity and 0 where not.
+        """
+        smoother = Smoother(self.smoothing_s, self.limit)
+        contact = FootContact(self.skeleton, self._ground(start))
+        time_s, shown, state = 0.0, start, np.empty((0, 0))
+        for count, frame in enumerate(frames):
+            warnings: tuple[str, ...] = ()
+            diagnostics: dict[str, float] = {}
+            dt_s = frame.time_s - time_s
+            if count == 0:
+                state, warnings = self._start(start, rng_streams["start"])
+            else:
+                state, diagnostics = self._advance(state, dt_s, rng_streams["prior"])
+            pose = smoother.follow(self.prior.pose(state)[0], dt_s)
+            pose = contact.follow(pose, dt_s) if self.foot_contact else pose
+            if count > 0:
+                diagnostics = {"jump_deg": jump_deg(shown, pose), **diagnostics}
+            time_s, shown = frame.time_s, pose
+            yield _step(frame, self.prior, state, pose, diagnostics, warnings)
+
+    def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
+        if not isinstance(self.prior, Implicit):
+            return self.prior.start(pose, 1, rng), ()
+        rate_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
+        poses = np.empty((0, len(pose))) if self.lead_in is None else _backwards(self.lead_in, rate_hz)[:n_poses][::-1]
+        if len(poses) == n_poses:
+            return self.prior.start_after(poses, 1), ()
+        sentence = (
+            f"the motion before the start has {len(poses)} of the {n_poses} frames of an implicit prior's first "
+            "window; started with a recorded window that ends near the pose"
+        )
+        return self.prior.start(pose, 1, rng), (sentence,)
+
+    def _advance(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
+        if not isinstance(self.prior, Implicit):
+            return self.prior.step(state, dt_s, rng), {}
+        same = True
+        for _ in range(self.prior.rows_in(dt_s)):
+            state, entry = _draw(self.prior, state, self.look_ahead, rng)
+            windows = self.prior.windows
+            same &= self.lead_in is not None and windows.activities[windows.clip_of[entry]] == self.lead_in.activity
+        return state, {} if self.lead_in is None else {"same_activity": float(same)}
+
+    def _ground(self, start: FloatArray) -> float:
+        poses = start[None] if self.lead_in is None else self.lead_in.poses
+        return float(ankle_positions(self.skeleton, poses)[..., 2].min())
+
+
+class Smoother:
+    """Holds the jumps of one motion's angles back as offsets and lets go of them, see `Synthesis`.
+
+    limit: rad a frame. Turns by 2π are no change, so that the angles that come out go on without them.
+    """
+
+    def __init__(self, smoothing_s: float, limit: float) -> None:
+        self.smoothing_s, self.limit = smoothing_s, limit
+        self.offset = np.zeros(len(POSE_NAMES) - 3)
+        self._last: FloatArray | None = None
+        self._shown = np.zeros(len(POSE_NAMES) - 3)
+
+    def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
+        """The next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
+        angles = pose[3:]
+        if self._last is None or self.smoothing_s == 0.0:
+            self._last = self._shown = angles
+            return pose
+        change = _turn(angles - self._last)
+        jump = change - change.clip(-self.limit, self.limit)
+        let_go = (1.0 - np.exp(-dt_s / self.smoothing_s)) * self.offset
+        self.offset = self.offset - let_go - jump
+        self._last, self._shown = angles, self._shown + change - jump - let_go
+        return np.concatenate([pose[:3], self._shown])
+
+
+def jump_deg(before: FloatArray, after: FloatArray) -> float:
+    """The largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
+    return float(np.degrees(np.abs(_turn(after[N_ROOT:] - before[N_ROOT:])).max()))
+
+
+def _draw(prior: Implicit, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
+    """The state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead > 0."""
+    states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
+    firsts, entries, _ = _one_frame(prior, states, rng)
+    states, squares = firsts, np.zeros(len(firsts))
+    for _ in range(ahead):
+        states, _, square = _one_frame(prior, states, rng)
+        squares += square / ahead
+    odds = np.exp((squares.min() - squares) / (2.0 * prior.beta)).cumsum()
+    chosen = min(int(np.searchsorted(odds, rng.random() * odds[-1], side="right")), len(odds) - 1) if ahead else 0
+    return firsts[chosen : chosen + 1], int(entries[chosen])
+
+
+def _one_frame(
+    prior: Implicit, states: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """The states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances (N,)."""
+    probes = states[:, prior.space.slices["coefficients"]]
+    entries = prior.draw(probes, rng)
+    squares = ((prior.windows.coefficients[entries] - probes) ** 2).sum(axis=1)
+    return prior.predict(states, entries, rng.standard_normal((len(states), len(POSE_NAMES)))), entries, squares
+
+
+def _with_followers(prior: Prior, frames: int) -> Implicit:
+    if not isinstance(prior, Implicit):
+        raise InputError("inference: look_ahead is for the implicit prior; set inference.look_ahead=0")
+    kept = prior.windows.followers >= frames
+    if not kept.any():
+        raise InputError(f"inference: look_ahead: no window of the database is followed by {frames} frames")
+    return prior.only(kept)
+
+
+def _backwards(motion: Motion, rate_hz: float) -> FloatArray:
+    """The poses (F, P) of a motion at another rate, from the last one back."""
+    return replace(motion, poses=motion.poses[::-1]).resampled(rate_hz).poses
+
+
+def _turn(angles: FloatArray) -> FloatArray:
+    """Angles without whole turns, in [−π, π)."""
+    turned: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    return turned
+
+
+def _step(
+    frame: Frame, prior: Prior, state: FloatArray, pose: FloatArray, diagnostics: Mapping[str, float],
+    warnings: tuple[str, ...],
+) -> Step:  # fmt: skip
+    return Step(
+        frame=frame, space=prior.space, particles=state, poses=pose[None], log_weights=np.zeros(1),
+        ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=0.0,
+        diagnostics=diagnostics, warnings=warnings,
+    )  # fmt: skip

@@ -1,0 +1,145 @@
+"""The recorder of a study: its figures, drawn and as numbers, its note and its metrics in one Rerun file."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeAlias
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from workbench.recording import plot
+from workbench.recording.figures import numbers
+from workbench.recording.file import RecordingFile, arrow
+from workbench.studies.study import Figure, Sticks, StudyResult
+
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
+
+_WINDOW, _TITLE = (1500.0, 690.0), 26.0  # what a page of figures fills of a usual window, and a view's title bar
+_PER_PAGE = 8
+_LEAST_WAY_M = 0.5
+_DARKEST, _LIGHTEST = np.array([70.0, 45.0, 20.0]), np.array([255.0, 190.0, 90.0])
+_TRAIL_COLOURS = [(64, 196, 255), (120, 220, 130), (255, 110, 160), (240, 228, 66)]
+
+
+class StudyRecorder:
+    """Writes a study's result to `path`, an .rrd; a context manager, published as `RecordingFile` says.
+
+    run_id, config_yaml, provenance: as there. The numbers of a figure are components of `figures/<name>`, from which
+    `workbench.recording.reader.read` makes the same figure again, bit for bit; its drawing lies below. The note is at
+    `note`, the metrics are the property `metrics`.
+    """
+
+    def __init__(
+        self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, str | float | int]
+    ) -> None:
+        self._file = RecordingFile(path, run_id=run_id, config_yaml=config_yaml, provenance=provenance)
+        self.path, self.part = self._file.path, self._file.part
+
+    def __enter__(self) -> Self:
+        self._file.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, trace)
+
+    def log(self, result: StudyResult) -> None:
+        """Record all of it, once. Raises ValueError when two figures have one name, OSError when the disk is full."""
+        if len({figure.name for figure in result.figures}) < len(result.figures):
+            raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
+        self._file.check_space()
+        self._file.send_property("metrics", {name: float(value) for name, value in result.metrics.items()})
+        self._file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
+        tabs = []
+        order = 0
+        for title, figures in pages(result.figures):
+            columns, rows = grid(len(figures))
+            views = []
+            for figure in figures:
+                self._file.stream.log(entity(figure), arrow(numbers(figure) | {"order": order}), static=True)
+                views.append(self._draw(figure, _WINDOW[0] / columns, _WINDOW[1] / rows - _TITLE))
+                order += 1
+            tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
+        self._file.stream.send_blueprint(_layout(tabs))
+
+    def _draw(self, figure: Figure, width: float, height: float) -> View:
+        path = entity(figure)
+        title = figure.name.rpartition("/")[2]
+        if isinstance(figure, Sticks):
+            self._file.send(_sticks(path, figure), static=True)
+            return rrb.Spatial3DView(origin=path, name=title, eye_controls=_eye(figure))
+        shown = plot.plot(figure, width, height)
+        self._file.send(plot.drawing(path, shown), static=True)
+        bounds = rrb.VisualBounds2D(x_range=shown.bounds[0], y_range=shown.bounds[1])
+        return rrb.Spatial2DView(origin=path, name=title, background=plot.BACKGROUND, visual_bounds=bounds)
+
+
+def entity(figure: Figure) -> str:
+    """The entity path of a figure."""
+    return str(rr.new_entity_path(["figures", *figure.name.split("/")]))
+
+
+def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
+    """Figures in their order, on pages of at most eight with a title; those named "page/name" share a page."""
+    found: list[tuple[str, list[Figure]]] = []
+    for figure in figures:
+        title = figure.name.rpartition("/")[0] or "figures"
+        if not found or found[-1][0] != title or len(found[-1][1]) == _PER_PAGE:
+            found.append((title, []))
+        found[-1][1].append(figure)
+    return found
+
+
+def grid(n: int) -> tuple[int, int]:
+    """Columns and rows for n figures of one page."""
+    columns = n if n <= 3 else -(-n // 2)
+    return columns, -(-n // columns)
+
+
+def _layout(tabs: Sequence[rrb.Grid]) -> rrb.Blueprint:
+    """Pages of figures, the config as the last one; the note below."""
+    config = rrb.TextDocumentView(origin="/__properties/config", name="config")
+    note = rrb.TextDocumentView(origin="/note", name="note")
+    return rrb.Blueprint(
+        rrb.Vertical(rrb.Tabs(*tabs, config, active_tab=0), note, row_shares=[5.5, 1.0]),
+        rrb.TimePanel(state="hidden"),  # nothing in a study changes over time
+        auto_views=False,
+        collapse_panels=True,
+    )
+
+
+def _sticks(path: str, figure: Sticks) -> Entities:
+    """Skeletons as strips bone by bone, coloured by their shade; trails as curves with their names."""
+    yield path, rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    children = np.flatnonzero(figure.parents >= 0)
+    bones = figure.positions[:, np.stack([figure.parents[children], children], axis=1)]
+    shades = np.rint(_DARKEST + figure.shades[:, None] * (_LIGHTEST - _DARKEST)).astype(np.uint8)
+    yield (
+        f"{path}/skeletons",
+        rr.LineStrips3D(
+            bones.reshape(-1, 2, 3).astype(np.float32),
+            colors=np.repeat(shades, len(children), axis=0),
+            radii=rr.Radius.ui_points(1.2),
+        ),
+    )
+    for k, (label, trail) in enumerate(figure.trails.items()):
+        colour = _TRAIL_COLOURS[k % len(_TRAIL_COLOURS)]
+        yield f"{path}/trails/{k}", rr.LineStrips3D([trail], colors=[colour], radii=rr.Radius.ui_points(1.0))
+        end = rr.Points3D(trail[-1:], colors=[colour], radii=rr.Radius.ui_points(3.0), labels=[label], show_labels=True)
+        yield f"{path}/trails/{k}/end", end
+
+
+def _eye(figure: Sticks) -> rrb.EyeControls3D:
+    """From the side, far enough to see everything: across the way the roots went, or across x where they stayed."""
+    places = np.concatenate([figure.positions.reshape(-1, 3), *figure.trails.values()])
+    middle, reach = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
+    roots = figure.positions[:, int(np.argmin(figure.parents)), :2]
+    _, spread, directions = np.linalg.svd(roots - roots.mean(axis=0))
+    along = directions[0] if spread[0] > _LEAST_WAY_M else np.array([1.0, 0.0])
+    across = np.array([along[1], -along[0], 0.0])
+    position = middle + reach * (0.75 * across + np.array([0.0, 0.0, 0.15]))
+    return rrb.EyeControls3D(position=position, look_target=middle, eye_up=[0.0, 0.0, 1.0])

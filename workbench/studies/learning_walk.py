@@ -1,0 +1,122 @@
+"""How the walking prior is learned (paper A, section 6.2, fig. 3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.learning.cycles import CHANNEL_NAMES, Cycles, walking_cycles
+from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.studies.learning import ANGLES, closed, degrees, phases, title, walks
+from workbench.studies.study import Bars, Curves, Figure, StudyResult
+
+EIGENCURVES = 3
+"""As many as in paper A, fig. 3c."""
+SHARES_SHOWN = 20
+N_BINS = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnWalk:
+    """The cycles, their mean, the eigencurves and the variance they explain.
+
+    motions, data, cache, subjects: as for `training_motions`. variance, n_components, scaling: as for `learn_walking`.
+    Metrics: n_cycles; n_components, d; explained, the part of the variance d components explain; explained_5, what
+    the paper's five do.
+    """
+
+    motions: str = "builtin"
+    data: str | None = None
+    cache: str = "~/.cache/workbench"
+    subjects: Sequence[str] | None = None
+    variance: float = 0.95
+    n_components: int | None = None
+    scaling: str = "none"
+
+    def run(self, rng: np.random.Generator) -> StudyResult:
+        """Learn and show; draws nothing. Raises InputError as `training_motions` and `learn_walking` do."""
+        motions = walks(self.motions, self.data, self.cache, self.subjects)
+        cycles = walking_cycles(motions)
+        model = learn_walking(motions, self.variance, self.n_components, self.scaling)
+        most = min(model.n_cycles - 1, model.mean.size)
+        shares = explained(learn_walking(motions, self.variance, most, self.scaling).scales)
+        d = len(model.scales)
+        metrics = {
+            "n_cycles": float(model.n_cycles),
+            "n_components": float(d),
+            "explained": model.explained,
+            "explained_5": float(shares[min(5, most) - 1]),
+        }
+        figures: tuple[Figure, ...] = (
+            *(_cycles(cycles, model, name) for name in ANGLES),
+            *(_eigencurves(model, name) for name in ANGLES),
+            _shares(shares, self.variance, d),
+            _speed(cycles, model),
+            _durations(cycles),
+        )
+        return StudyResult(metrics, figures, _note(model, cycles, shares, self.variance))
+
+
+def explained(scales: FloatArray) -> FloatArray:
+    """Part of the variance (K,) that the first 1, 2, … of K components with standard deviations (K,) explain."""
+    shares: FloatArray = np.cumsum(scales**2) / np.sum(scales**2)
+    return shares
+
+
+def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:
+    mean, each = _mean_and_each(cycles, model, CHANNEL_NAMES.index(name))
+    x = phases(len(model.mean))
+    return Curves(f"cycles/{title(name)}", x, degrees(mean), "cycle", "degrees", faint=degrees(each))
+
+
+def _speed(cycles: Cycles, model: WalkingModel) -> Curves:
+    mean, each = _mean_and_each(cycles, model, CHANNEL_NAMES.index("torso_speed"))
+    return Curves("model/torso speed", phases(len(model.mean)), mean, "cycle", "metres per second", faint=each)
+
+
+def _mean_and_each(
+    cycles: Cycles, model: WalkingModel, channel: int
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """A channel's mean cycle, and every cycle by its number and clip."""
+    named = enumerate(zip(cycles.sources, cycles.curves, strict=True), start=1)
+    each = {f"{k}, {source}": closed(curve[:, channel]) for k, (source, curve) in named}
+    return {"mean": closed(model.mean[:, channel])}, each
+
+
+def _eigencurves(model: WalkingModel, name: str) -> Curves:
+    """Mean + 2 λ_k of component k; mean − 2 λ_k among the faint. Paper A draws λ_k times the component alone."""
+    channel = CHANNEL_NAMES.index(name)
+    mean = model.mean[:, channel]
+    curves, mirrored = {"mean": closed(mean)}, {}
+    for k in range(min(EIGENCURVES, len(model.scales))):
+        swing = 2.0 * model.scales[k] * model.components[k, :, channel]
+        curves[f"+2λ{k + 1}"] = closed(mean + swing)
+        mirrored[f"−2λ{k + 1}"] = closed(mean - swing)
+    x, faint = phases(len(mean)), degrees(mirrored)
+    return Curves(f"eigencurves/{title(name)}", x, degrees(curves), "cycle", "degrees", faint=faint)
+
+
+def _shares(shares: FloatArray, variance: float, d: int) -> Curves:
+    shown = shares[:SHARES_SHOWN]
+    count = np.arange(1.0, len(shown) + 1.0)
+    curves = {"explained": shown, f"{variance:g}": np.full(len(shown), variance)}
+    marks = {"d =": float(d)} if d <= len(shown) else {}
+    return Curves("model/explained variance", count, curves, "components", "part of the variance", marks=marks)
+
+
+def _durations(cycles: Cycles) -> Bars:
+    heights, edges = np.histogram(cycles.durations_s, bins=N_BINS)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    return Bars("model/cycles by duration", middles, heights.astype(np.float64), "seconds")
+
+
+def _note(model: WalkingModel, cycles: Cycles, shares: FloatArray, variance: float) -> str:
+    needed = int(np.searchsorted(shares, variance, side="right")) + 1
+    return (
+        f"**Paper A, fig. 3.** {model.n_cycles} walking cycles cut out of {len(set(cycles.sources))} clips at gait "
+        f"events: every cycle (thin) and their mean; the eigencurves, that is the mean plus (thin: minus) twice the "
+        f"standard deviation λ of each of the first components; and how much of the variance the components explain. "
+        f"More than {variance:g} of it takes {needed} components (the paper: 5, from 13 cycles of 4 people); the model "
+        f"has {len(model.scales)}, which explain {model.explained:.3f}."
+    )

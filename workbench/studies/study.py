@@ -1,0 +1,73 @@
+"""What a study is and what it gives back: numbers and figures, as plain data that the recording draws."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Curves over one axis, drawn together. curves: {label: (n,)}, NaN where a curve is interrupted. x: (n,),
+    ascending. x_name, y_name: with their units. marks: {label: x} vertical lines. faint: {label: (n,)} more curves,
+    drawn thin behind the others and left out of the legend.
+    """
+
+    name: str
+    x: FloatArray
+    curves: Mapping[str, FloatArray]
+    x_name: str
+    y_name: str
+    marks: Mapping[str, float] = field(default_factory=dict)
+    faint: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """A histogram or bar chart. x: (n,) middles of the bars. heights: (n,). model: (n,) what a model says about the
+    heights, drawn over them, or None.
+    """
+
+    name: str
+    x: FloatArray
+    heights: FloatArray
+    x_name: str
+    model: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sticks:
+    """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,) from 0, dark, to 1,
+    light. trails: {label: (K, 3)} curves in space, m.
+    """
+
+    name: str
+    positions: FloatArray
+    parents: IntArray
+    shades: FloatArray
+    trails: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+Figure: TypeAlias = Curves | Bars | Sticks
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """metrics: the study's numbers, for summary.json. figures: in the order in which they are shown, names distinct;
+    those named "page/name" share a page. note: what is to be seen, a paragraph of Markdown that names the paper's
+    figure.
+    """
+
+    metrics: Mapping[str, float]
+    figures: tuple[Figure, ...]
+    note: str
+
+
+class Study(Protocol):
+    """An experiment without frames."""
+
+    def run(self, rng: np.random.Generator) -> StudyResult:
+        """Do the study; every random draw comes from `rng`."""
