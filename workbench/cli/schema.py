@@ -24,6 +24,7 @@ from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
 from workbench.priors.from_motions import cyclic, implicit, walking
 from workbench.priors.mixture import Mixture, Switching
+from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
 from workbench.recording.recorder import Recorder
 from workbench.studies.database import CoefficientHistograms, Temperature
@@ -42,6 +43,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "implicit": implicit,
         "mixture": Mixture,
         "switching": Switching,
+        "partwise": Partwise,
     },
     "likelihood": {"image_motion": ImageMotion, "uniform": Uniform},
     "inference": {"particle_filter": ParticleFilter, "synthesis": Synthesis},

@@ -126,7 +126,7 @@ class Switching:
         self.priors = dict(priors)
         self.weights = _probabilities("weights", priors, weights)
         self.switching = switching
-        self.space = _with_component(_side_by_side(priors))
+        self.space = _with_component(_with_velocity(side_by_side(priors)))
         self.parameters = _union(priors)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
@@ -205,7 +205,8 @@ def _with_component(space: StateSpace) -> StateSpace:
     return StateSpace((*space.names, "component"), (*space.units, ""), {**space.slices, "component": last})
 
 
-def _side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
+def side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
+    """The columns of every prior, called "<prior>.<column>"; slices "<prior>" and "<prior>.<group>"."""
     names: list[str] = []
     units: list[str] = []
     slices: dict[str, slice] = {}
@@ -216,10 +217,13 @@ def _side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
         slices[prior_name] = slice(first, len(names))
         for group, columns in prior.space.slices.items():
             slices[f"{prior_name}.{group}"] = slice(first + columns.start, first + columns.stop)
-    slices["velocity"] = slice(len(names), len(names) + len(POSE_NAMES))
-    names += [f"{name}_velocity" for name in POSE_NAMES]
-    units += ["m/s"] * 3 + ["rad/s"] * (len(POSE_NAMES) - 3)
     return StateSpace(tuple(names), tuple(units), slices)
+
+
+def _with_velocity(space: StateSpace) -> StateSpace:
+    names = (*space.names, *(f"{name}_velocity" for name in POSE_NAMES))
+    units = (*space.units, *["m/s"] * 3, *["rad/s"] * (len(POSE_NAMES) - 3))
+    return StateSpace(names, units, {**space.slices, "velocity": slice(len(space), len(names))})
 
 
 def _probabilities(option: str, priors: Mapping[str, Prior], given: Mapping[str, float]) -> FloatArray:

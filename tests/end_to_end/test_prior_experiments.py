@@ -1,0 +1,89 @@
+"""The experiments on priors, from their names, at small size and without recordings."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.datasets.arm import bending_arm
+from workbench.datasets.gait import builtin_motions
+from workbench.mocap.library import write_library
+from workbench.recording.reader import read
+
+SMALL = (
+    "dataset.n_frames=4",
+    "dataset.width=160",
+    "dataset.height=120",
+    "dataset.person_px=80",
+    "dataset.focal_px=175",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Holds mine.h5, three arms and three walkers, and a cache."""
+    folder = tmp_path_factory.mktemp("priors")
+    arm = bending_arm(4.0, 30.0)
+    arms = [replace(arm, name=f"arm_{k}", poses=arm.poses[7 * k :]) for k in range(3)]
+    write_library(folder / "mine.h5", [*arms, *builtin_motions(3)])
+    return folder
+
+
+def workbench(folder, tmp_path, *overrides):
+    environment = {**os.environ, "WORKBENCH_CACHE": str(folder / "cache")}
+    environment.pop("WORKBENCH_DATA", None)
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+ARM = ("dataset.motion=mine.h5:arm_1", "dataset.first_frame=8")
+EXPERIMENTS = {
+    "arm_twist": ("inference.n_particles=100",),
+    "walk_cyclic": ("inference.n_particles=100",),
+    "arm_implicit": (*ARM, "prior.motions=mine.h5", "inference.n_particles=50"),
+    "arm_smooth_300": (*ARM, "inference.n_particles=50"),
+    "arm_smooth_3000": (*ARM, "inference.n_particles=60"),
+    "body_implicit": ("dataset.motion=builtin", "prior.motions=builtin", "inference.n_particles=50"),
+    "body_smooth": ("dataset.motion=builtin", "inference.n_particles=50"),
+}
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_on_priors_runs_from_its_name(folder, tmp_path, experiment):
+    summary = workbench(folder, tmp_path, f"experiment={experiment}", *EXPERIMENTS[experiment], *SMALL)
+    assert (summary["status"], summary["experiment"]) == ("complete", experiment)
+    metrics = summary["metrics"]
+    assert {"held", "forearm_px", "error_px", "error_rel_mm", "error_abs_mm"} <= metrics.keys()
+    assert metrics["held"] in (0.0, 1.0)
+    # three frames: the mean over "the last five" is over those three
+    assert metrics["held"] == float(metrics["error_px"] < metrics["forearm_px"])
+    assert read(tmp_path / "out" / "run.rrd").poses[1].shape == (4, 25)
+
+
+def test_the_clip_tracked_is_left_out_of_the_database(folder, tmp_path):
+    workbench(folder, tmp_path, "experiment=arm_implicit", *ARM, "prior.motions=mine.h5", *SMALL)
+    logs = "".join(path.read_text() for path in (tmp_path / "out").glob("*.log"))
+    assert "motion database: 5 clips of 6" in logs
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        ("prior=mixture",),
+        ("prior=switching",),
+        ("prior=partwise", "prior.priors.legs.motions=builtin", "prior.priors.arms.motions=builtin"),
+        ("prior=implicit", "prior.motions=builtin", "prior.search=sign_tree", "prior.reweight=true"),
+    ],
+)
+def test_priors_without_an_experiment_of_their_own_track_too(folder, tmp_path, prior):
+    summary = workbench(folder, tmp_path, "experiment=custom", *prior, "inference.n_particles=40", *SMALL)
+    assert summary["status"] == "complete"
+    assert np.isfinite(summary["metrics"]["error_px"])
