@@ -5,14 +5,28 @@
 DATA holds cmu/ and bandai/. The library is every Bandai clip but each tenth, and the CMU clips of all subjects but
 35, 38 and 39; windows to search for come from what is left out. Larger libraries repeat the clips with noise.
 Times are the minimum of the repeats, everything in one process and in turns. One thread.
+
+The searches. "sign tree" is the paper's, with leaves drawn uniformly or by p(c_i | c_t); "kd-tree (ours)" is what the
+prior uses. The neighbours of cKDTree stand for a search that returns the k nearest and draws among them by p.
+
+The predictions, all without noise, so that an error is that of the expected pose. What each is given of the past:
+implicit: the window of d frames; the mean of N_PARTICLES draws, a search's and a prediction's kinds as named.
+nearest neighbour: the same window, continued as the library's most similar one, angles copied.
+cyclic: the last pose alone, from which `Cyclic.nearest` takes phase and coefficients; the phase's speed is the learned
+mean. It knows walking only, from the library's clips called so, CMU's alone or Bandai's acted ones too; its misfit to
+the last pose counts as error.
+smooth: the last pose and its velocity over the last frame, kept up within the limits: constant velocity.
+zero velocity: the last pose.
 """
 
 import argparse
+import resource
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,41 +34,52 @@ from tqdm import tqdm
 
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import joints
-from workbench.body.skeleton import N_ROOT, person_skeleton
+from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton, person_skeleton
+from workbench.learning.cyclic import learn_cyclic
+from workbench.learning.training import database_motions
 from workbench.learning.windows import Windows, learn_windows
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import import_sources
+from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import fidelity, total_variation
-from workbench.priors.implicit_search import exact_log_prob, kd_tree, search
-from workbench.priors.implicit_tree import draw, median_tree, sign_tree
+from workbench.priors.implicit_search import KdTree, exact_log_prob, kd_tree, search
+from workbench.priors.implicit_tree import Tree, draw, median_tree, sign_tree
+from workbench.priors.smooth import SIGMA, Smooth
+from workbench.priors.state import Prior
 
 LEFT_OUT_PEOPLE = ("35", "38", "39")
 RATE_HZ, N_PARENTS, N_CHILDREN, REPEATS = 30.0, 500, 20, 5
 NEIGHBOURS = 10
 BETAS = (0.01, 0.05, 0.1)
 PREDICTION_BETA, N_PARTICLES, HORIZON, MAX_WINDOWS = 0.05, 50, 10, 150
+CYCLIC_COMPONENTS = 8
+T = TypeVar("T")
+Predict = Callable[[FloatArray], FloatArray]
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--data", type=Path, required=True, help="folder with cmu/ and bandai/")
+    options.add_argument("--cache", default="~/.cache/workbench", help="folder for the imported motions")
     options.add_argument("--sizes", type=int, nargs="*", default=[10_000, 100_000, 1_000_000])
     arguments = options.parse_args()
-    library, left_out = _motions(arguments.data)
+    library, left_out = _motions(arguments.data, arguments.cache)
+    _prediction_table(library, left_out)
     for size in arguments.sizes:
         _search_table(size, library, [motion for clips in left_out.values() for motion in clips])
-    _prediction_table(library, left_out)
 
 
-def _motions(data: Path) -> tuple[list[Motion], dict[str, list[Motion]]]:
-    motions, bad = import_sources([data / "bandai", data / "cmu"], rate_hz=RATE_HZ)
-    print(*bad, sep="\n", end="\n" if bad else "")
+def _motions(data: Path, cache: str) -> tuple[list[Motion], dict[str, list[Motion]]]:
+    motions = [motion.resampled(RATE_HZ) for motion in database_motions("recorded", data=str(data), cache=cache)]
     bandai = [motion for motion in motions if motion.subject.startswith("bandai")]
-    cmu = [motion for motion in motions if not motion.subject.startswith("bandai")]
+    cmu = _of_cmu(motions)
     people = [motion for motion in cmu if motion.subject in LEFT_OUT_PEOPLE]
     library = [m for i, m in enumerate(bandai) if i % 10] + [m for m in cmu if m.subject not in LEFT_OUT_PEOPLE]
     return library, {"people left out (CMU 35, 38, 39)": people, "clips left out (Bandai)": bandai[::10]}
+
+
+def _of_cmu(motions: Sequence[Motion]) -> list[Motion]:
+    return [motion for motion in motions if not motion.subject.startswith("bandai")]
 
 
 def _search_table(size: int, library: Sequence[Motion], left_out: Sequence[Motion]) -> None:
@@ -65,24 +90,31 @@ def _search_table(size: int, library: Sequence[Motion], left_out: Sequence[Motio
     others = learn_windows(left_out)
     probes = windows.project(others.window_rows(rng.choice(len(others), N_PARENTS, replace=False)))
     c = windows.coefficients
-    bytes_held = windows.rows.nbytes + windows.ends.nbytes + c.nbytes
+    held = (windows.rows, windows.ends, c)
     print(f"\nn = {len(windows)}, b = {c.shape[1]} ({100 * windows.explained:.0f} % of the variance), learned in")
-    print(f"{took:.1f} s, {bytes_held / 1e6:.0f} MB; {N_PARENTS} distinct parents, {N_PARENTS * N_CHILDREN} draws")
-    trees, build_times = zip(*(_timed(partial(build, c)) for build in (sign_tree, median_tree, kd_tree)), strict=True)
-    neighbours, build_time = _timed(partial(cKDTree, c))
-    print("built in s: sign tree {:.2f}, median tree {:.2f}, kd-tree {:.2f}".format(*build_times), end="")
-    print(f", cKDTree {build_time:.2f}")
+    print(f"{took:.1f} s, {_megabytes(*held)}; {N_PARENTS} distinct parents, {N_PARENTS * N_CHILDREN} draws")
+    (sign, signed), (median, halved), (kd, split) = (_timed(partial(f, c)) for f in (sign_tree, median_tree, kd_tree))
+    neighbours, indexed = _timed(partial(cKDTree, c))
+    print(f"built besides: sign tree {signed:.2f} s, {_megabytes(sign.order, sign.starts, sign.splits)};", end=" ")
+    print(f"median tree {halved:.2f} s, {_megabytes(median.order, median.starts, median.splits)};")
+    print(f"kd-tree {split:.2f} s, {_megabytes(kd.coefficients, kd.order, kd.starts, kd.boxes)};", end=" ")
+    print(f"cKDTree {indexed:.2f} s, {_megabytes(neighbours.data, neighbours.indices)} and its nodes")
+    print(f"most memory this process has held: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     print("β     search            µs a draw   TV to exact   |c_i − c_t|²   visited %")
     for beta in BETAS:
-        _print_rows(beta, c, probes, trees, neighbours, rng)
+        _print_rows(beta, c, probes, (sign, median, kd), neighbours, rng)
+
+
+def _megabytes(*arrays: np.ndarray) -> str:
+    return f"{sum(array.nbytes for array in arrays) / 1e6:.0f} MB"
 
 
 def _print_rows(
     beta: float,
     c: Float32Array,
     probes: FloatArray,
-    trees: Sequence[object],
-    neighbours: object,
+    trees: tuple[Tree, Tree, KdTree],
+    neighbours: cKDTree,
     rng: np.random.Generator,
 ) -> None:
     sign, median, kd = trees
@@ -103,13 +135,13 @@ def _print_rows(
     results = [report(sign, leaf="uniform"), report(sign), report(median), report(kd)]
     for (name, microseconds), result in zip(times.items(), results, strict=False):
         print(
-            f"{beta:<6}{name:<18}{microseconds:>9.2f}{result.total_variation:>14.4f}"
+            f"{beta:<6}{name:<18}{microseconds:>9.2f}{result.total_variation:>14.2g}"
             f"{result.distance:>15.1f}{100 * result.visited:>12.1f}"
         )
     exact, effective = results[-1].exact_distance, results[-1].effective
-    print(f"{beta:<6}{'exact scan':<18}{times['exact scan']:>9.2f}{0.0:>14.4f}{exact:>15.1f}{100.0:>12.1f}")
+    print(f"{beta:<6}{'exact scan':<18}{times['exact scan']:>9.2f}{0.0:>14.2g}{exact:>15.1f}{100.0:>12.1f}")
     name = f"cKDTree, k = {NEIGHBOURS}"
-    print(f"{beta:<6}{name:<18}{times[name]:>9.2f}{_neighbours_variation(neighbours, c, asked, beta):>14.4f}", end="")
+    print(f"{beta:<6}{name:<18}{times[name]:>9.2f}{_neighbours_variation(neighbours, c, asked, beta):>14.2g}", end="")
     print(f"   (the exact p is spread over {effective:.0f} entries)")
 
 
@@ -118,7 +150,7 @@ def _scan(c: Float32Array, probe: FloatArray, beta: float, uniforms: FloatArray)
     return np.searchsorted(odds, uniforms * odds[-1])
 
 
-def _neighbours_variation(neighbours: object, c: Float32Array, probes: FloatArray, beta: float) -> float:
+def _neighbours_variation(neighbours: cKDTree, c: Float32Array, probes: FloatArray, beta: float) -> float:
     """Total variation when p is cut off after the k nearest neighbours."""
     variations = []
     for probe in probes:
@@ -151,21 +183,13 @@ def _enlarged(library: Sequence[Motion], size: int, rng: np.random.Generator) ->
 
 def _prediction_table(library: Sequence[Motion], left_out: dict[str, list[Motion]]) -> None:
     windows = learn_windows(library)
-    still = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
-    make = partial(Implicit, windows, **still)
-    methods = {
-        "implicit, copy": partial(_rolled_out, make(beta=PREDICTION_BETA, prediction="copy")),
-        "implicit, increment": partial(_rolled_out, make(beta=PREDICTION_BETA, prediction="increment")),
-        "implicit, blend": partial(_rolled_out, make(beta=PREDICTION_BETA)),
-        "sign tree, copy": partial(_rolled_out, make(beta=PREDICTION_BETA, prediction="copy", search="sign_tree")),
-        "nearest neighbour": partial(_rolled_out, make(beta=1e-9, prediction="copy")),
-        "zero velocity": lambda past: np.repeat(past[:, -1:], HORIZON, axis=1),
-        "constant velocity": _constant_velocity,
-    }
+    walks = [motion for motion in library if motion.activity == "walk"]
+    methods = _methods(windows, walks)
     for group, motions in left_out.items():
         tracks, skeletons = _tracks(motions, windows)
         past, future = tracks[:, : windows.length + 1], tracks[:, windows.length + 1 :]
-        print(f"\n{group}: {len(tracks)} windows of {len(motions)} clips, n = {len(windows)}, β = {PREDICTION_BETA}")
+        print(f"\n{group}: {len(tracks)} windows of {len(motions)} clips, n = {len(windows)}, β = {PREDICTION_BETA},")
+        print(f"cyclic: {CYCLIC_COMPONENTS} components, {len(walks)} walks in all, {len(_of_cmu(walks))} of CMU")
         print(f"method                 1 frame: deg     mm    {HORIZON} frames: deg     mm")
         for name, predict in tqdm(methods.items(), disable=None, leave=False):
             predicted = predict(past)
@@ -174,7 +198,33 @@ def _prediction_table(library: Sequence[Motion], left_out: dict[str, list[Motion
             tqdm.write(f"{name:<22}{degrees[0]:>13.2f}{mm[0]:>8.0f}{degrees[1]:>17.2f}{mm[1]:>8.0f}")
 
 
-def _tracks(motions: Sequence[Motion], windows: Windows) -> tuple[FloatArray, list[object]]:
+def _methods(windows: Windows, walks: Sequence[Motion]) -> dict[str, Predict]:
+    still_root, still = dict.fromkeys(("sigma_position", "sigma_rotation"), (0.0,) * 3), dict.fromkeys(SIGMA, 0.0)
+
+    def implicit(beta: float = PREDICTION_BETA, **options: str) -> Predict:
+        prior = Implicit(windows, beta=beta, sigma_angles=0.0, **still_root, **options)
+        return lambda past: _rolled_out(prior, np.array([prior.start_after(poses, N_PARTICLES) for poses in past]))
+
+    def cyclic(known: Sequence[Motion]) -> Predict:
+        model = learn_cyclic(known, CYCLIC_COMPONENTS)
+        prior = Cyclic(model, sigma_coefficients=0.0, sigma_phase=0.0, sigma_phase_speed=0.0, **still_root)
+        return lambda past: _rolled_out(prior, np.array([[prior.nearest(poses[-1])] for poses in past]))
+
+    smooth = Smooth(sigma=still, sigma_velocity=still)
+    return {
+        "implicit, copy": implicit(prediction="copy"),
+        "implicit, increment": implicit(prediction="increment"),
+        "implicit, blend": implicit(),
+        "sign tree, copy": implicit(prediction="copy", search="sign_tree"),
+        "cyclic, CMU's walks": cyclic(_of_cmu(walks)),
+        "cyclic, all walks": cyclic(walks),
+        "smooth": lambda past: _rolled_out(smooth, smooth.enter(past[:, -1], RATE_HZ * (past[:, -1] - past[:, -2]))),
+        "nearest neighbour": implicit(1e-9, prediction="copy"),
+        "zero velocity": lambda past: np.repeat(past[:, -1:], HORIZON, axis=1),
+    }
+
+
+def _tracks(motions: Sequence[Motion], windows: Windows) -> tuple[FloatArray, list[Skeleton]]:
     """Up to MAX_WINDOWS stretches (W, d + 1 + HORIZON, P) of the motions, evenly chosen, and their people."""
     length = windows.length + 1 + HORIZON
     found = [(m, s) for m in motions for s in range(0, len(m) - length + 1, 10)]
@@ -182,29 +232,22 @@ def _tracks(motions: Sequence[Motion], windows: Windows) -> tuple[FloatArray, li
     return np.array([m.poses[s : s + length] for m, s in found]), [person_skeleton(m.shape) for m, _ in found]
 
 
-def _rolled_out(prior: Implicit, past: FloatArray) -> FloatArray:
-    """The expected poses (W, HORIZON, P) after the pasts (W, d + 1, P)."""
+def _rolled_out(prior: Prior, starts: FloatArray) -> FloatArray:
+    """The expected poses (W, HORIZON, P) after states (W, N, D), or (W, D) one for each window."""
     rng = np.random.default_rng(0)
-    state = np.concatenate([prior.start_after(poses, N_PARTICLES) for poses in past])
-    expected = []
+    state, expected = starts.reshape(-1, starts.shape[-1]), []
     for _ in range(HORIZON):
-        state = prior.step(state, 1.0 / prior.windows.rate_hz, rng)
-        expected.append(prior.pose(state).reshape(len(past), N_PARTICLES, -1).mean(axis=1))
+        state = prior.step(state, 1.0 / RATE_HZ, rng)
+        expected.append(prior.pose(state).reshape(len(starts), -1, len(POSE_NAMES)).mean(axis=1))
     return np.stack(expected, axis=1)
 
 
-def _constant_velocity(past: FloatArray) -> FloatArray:
-    ahead = np.arange(1, HORIZON + 1)[None, :, None]
-    predicted: FloatArray = past[:, -1:] + ahead * (past[:, -1:] - past[:, -2:-1])
-    return predicted
-
-
-def _joint_error_mm(skeletons: Sequence[object], predicted: FloatArray, true: FloatArray) -> float:
+def _joint_error_mm(skeletons: Sequence[Skeleton], predicted: FloatArray, true: FloatArray) -> float:
     apart = [joints(s, p[None]) - joints(s, t[None]) for s, p, t in zip(skeletons, predicted, true, strict=True)]
     return 1e3 * float(np.linalg.norm(np.concatenate(apart), axis=-1).mean())
 
 
-def _timed(build: Callable[[], object]) -> tuple[object, float]:
+def _timed(build: Callable[[], T]) -> tuple[T, float]:
     build()  # compiles
     start = time.perf_counter()
     return build(), time.perf_counter() - start

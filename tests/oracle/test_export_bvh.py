@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import bvhio
 import numpy as np
 import pytest
 
@@ -83,7 +84,7 @@ def test_our_reader_finds_the_same_joints(tmp_path, unit):
 
 
 def test_another_program_finds_the_same_joints(tmp_path):
-    bvhio = pytest.importorskip("bvhio", reason="an independent reader of BVH with kinematics of its own")
+    """bvhio, from PyPI, has kinematics of its own."""
     poses = random_poses(6)
     path = tmp_path / "out.bvh"
     path.write_text(bvh_text(SKELETON, poses, 30.0))

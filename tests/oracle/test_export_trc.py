@@ -5,6 +5,7 @@ import io
 
 import numpy as np
 import pytest
+import trc
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
@@ -73,13 +74,17 @@ def test_joints_come_back_as_opensim_reads_them(unit, per_metre):
 
 
 def test_another_program_reads_them(tmp_path):
-    trc = pytest.importorskip("trc", reason="trc-data-reader, an independent reader of TRC")
+    """trc-data-reader, from PyPI."""
     given, path = track(), tmp_path / "walk.trc"
     path.write_text(trc_text(path.name, JOINT_NAMES, given.positions, 25.0))
     data = trc.TRCData()
     data.load(str(path))
-    assert (data["FileName"], data["NumFrames"], data["DataRate"], data["Units"]) == ("walk.trc", 7, 25.0, "mm")
+    header = {"PathFileType": "4", "DataFormat": "(X/Y/Z)", "FileName": "walk.trc", "DataRate": 25.0,
+              "CameraRate": 25.0, "NumFrames": 7, "NumMarkers": 15, "Units": "mm", "OrigDataRate": 25.0,
+              "OrigDataStartFrame": 1, "OrigNumFrames": 7}  # fmt: skip
+    assert {key: data[key] for key in header} == header
     assert data["Markers"] == list(JOINT_NAMES)
+    assert data["Frame#"] == list(range(1, 8))
     assert data["Time"] == pytest.approx(np.arange(7) / 25.0)
     places = np.stack([np.array(data[name]) for name in JOINT_NAMES], axis=1)
     np.testing.assert_allclose(places[..., [2, 0, 1]] / 1000.0, given.positions, atol=0.51e-7)

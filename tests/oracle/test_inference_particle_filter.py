@@ -213,3 +213,13 @@ def test_one_particle_runs():
 def test_wrong_options_are_named(options):
     with pytest.raises(InputError, match=next(iter(options))):
         ParticleFilter(LinearPrior(), Constant(0.0), **options)
+
+
+def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_prior_proposed():
+    class Proposes(LinearPrior):
+        def propose(self, state, dt_s, rng):
+            return self.step(state, dt_s, rng), np.linspace(-2.0, 1.0, len(state))
+
+    inference = ParticleFilter(Proposes(), Constant(-np.inf), n_particles=40)
+    for step in inference.run(frames(3), MEAN0, streams(5)):
+        assert np.exp(step.log_weights).sum() == pytest.approx(1.0)

@@ -71,8 +71,9 @@ def _tell(error: BaseException) -> int:
 
 
 def _report(summary: Summary) -> None:
+    width = max(map(len, summary.metrics), default=0)
     for name, value in summary.metrics.items():
-        log.info("%-18s %10.2f", name, value)
+        log.info("%-*s %10.4g", width, name, value)
     log.info("look at it: rerun %s", os.path.relpath(summary.recording))
 
 

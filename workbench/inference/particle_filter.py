@@ -13,7 +13,7 @@ from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
 from workbench.likelihoods.likelihood import Likelihood
-from workbench.priors.state import Prior, Proposing
+from workbench.priors.state import Prior, propose
 
 
 class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
@@ -102,28 +102,27 @@ class ParticleFilter:
             log_weights = np.full(self.n_particles, -np.log(self.n_particles))
         clock.lap("resampling")
         dt_s = frame.time_s - previous.time_s
-        if isinstance(self.prior, Proposing):
-            state, correction = self.prior.propose(parents.state[ancestors], dt_s, rng_streams["prior"])
-            log_weights = log_weights + correction
-        else:
-            state = self.prior.step(parents.state[ancestors], dt_s, rng_streams["prior"])
+        state, correction = propose(self.prior, parents.state[ancestors], dt_s, rng_streams["prior"])
         poses = self.prior.pose(state)
         clock.lap("prior")
         log_prob = self.likelihood.log_prob(previous, frame, parents.poses[ancestors], poses)
         clock.lap("likelihood")
-        log_weights, gained, warnings = self._weigh(frame, log_weights, log_prob)
+        log_weights, gained, warnings = self._weigh(frame, log_weights, correction, log_prob)
         return Particles(state, poses, log_weights, ancestors), gained, warnings + self.likelihood.warnings()
 
     def _weigh(
-        self, frame: Frame, log_weights: FloatArray, log_prob: FloatArray
+        self, frame: Frame, log_weights: FloatArray, correction: FloatArray, log_prob: FloatArray
     ) -> tuple[FloatArray, float, tuple[str, ...]]:
-        """Normalised log weights, log p(frame | frames before), and what went wrong."""
+        """Normalised log weights, log p(frame | frames before), and what went wrong.
+
+        correction: (N,) log weights of the prior's proposal.
+        """
         undefined = np.isnan(log_prob) | (log_prob == np.inf)
         warnings: tuple[str, ...] = ()
         if undefined.any():
             warnings = (f"frame {frame.index}: the likelihood of {undefined.sum()} particles is undefined; dropped",)
             log_prob = np.where(undefined, -np.inf, log_prob)
-        weighted = log_weights + log_prob
+        weighted = log_weights + correction + log_prob
         gained = float(logsumexp(weighted))
         if np.isfinite(gained):
             return weighted - gained, gained, warnings

@@ -110,6 +110,7 @@ class Implicit:
         """The same prior with another search and temperature."""
         other = copy(self)
         other.search, other.beta = search, beta
+        other.reweight = self.reweight and search != "exact"
         if search != self.search:
             other.tree = _tree(search, self.windows.coefficients)
         return other
@@ -146,15 +147,20 @@ class Implicit:
 
         Raises InputError when dt_s is not a whole number of the library's frames (to 5 % of one).
         """
-        return self.propose(state, dt_s, rng)[0]
+        return self._move(state, dt_s, rng, weigh=False)[0]
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """The draws (N, D) of `step` and their log weights (N,), which are zero without `reweight`."""
+        return self._move(state, dt_s, rng, weigh=self.reweight)
+
+    def _move(
+        self, state: FloatArray, dt_s: float, rng: np.random.Generator, *, weigh: bool
+    ) -> tuple[FloatArray, FloatArray]:
         log_weights = np.zeros(len(state))
         for _ in range(self.rows_in(dt_s)):
             probes = state[:, self.space.slices["coefficients"]]
             entries = self.draw(probes, rng)
-            if self.reweight:
+            if weigh:
                 log_weights += self._log_importance(probes, entries)
             state = self.predict(state, entries, rng.standard_normal((len(state), len(POSE_NAMES))))
         return state, log_weights
@@ -261,4 +267,4 @@ def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
     order = np.argsort(probes[:, 0], kind="stable")
     sorted_probes = probes[order]
     changes = (sorted_probes[1:] != sorted_probes[:-1]).any(axis=1)
-    return order, np.concatenate([[0], np.flatnonzero(changes) + 1])
+    return order, np.flatnonzero(np.append(True, changes)[: len(order)])

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
-from workbench.priors.state import Prior, StateSpace
+from workbench.priors.state import Prior, StateSpace, propose
 
 REFERENCE_RATE_HZ = 30.0
 
@@ -62,12 +62,15 @@ class Mixture:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from the mixture for each of (N, D) states, `dt_s` seconds later."""
-        return self._move(state, deal(self.weights, len(state), rng), dt_s, rng)
+        return self._move(state, deal(self.weights, len(state), rng), dt_s, rng)[0]
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draws (N, D) by priors chosen by their shares, and the log weights (N,) that correct for it."""
-        moved = self._move(state, deal(self.shares, len(state), rng), dt_s, rng)
-        return moved, self.log_correction(moved)
+        """Draws (N, D) by priors chosen by their shares, and the log weights (N,) that correct for it.
+
+        A prior that draws from a proposal of its own does so, and its correction is in the weights.
+        """
+        moved, own_correction = self._move(state, deal(self.shares, len(state), rng), dt_s, rng)
+        return moved, self.log_correction(moved) + own_correction
 
     def log_correction(self, state: FloatArray) -> FloatArray:
         """log(π_k / κ_k), (N,), of states (N, D) whose k were chosen by the shares κ; −∞ where π_k is zero."""
@@ -80,12 +83,15 @@ class Mixture:
         """The poses (N, P) of states (N, D)."""
         return next(iter(self.priors.values())).pose(np.ascontiguousarray(state[:, :-1]))
 
-    def _move(self, state: FloatArray, component: IntArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        moved = np.empty_like(state)
+    def _move(
+        self, state: FloatArray, component: IntArray, dt_s: float, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        moved, log_weights = np.empty_like(state), np.zeros(len(state))
         moved[:, -1] = component
         for prior, own in self._groups(component):
-            moved[own, :-1] = prior.step(np.ascontiguousarray(state[own, :-1]), dt_s, rng)
-        return moved
+            common = np.ascontiguousarray(state[own, :-1])
+            moved[own, :-1], log_weights[own] = propose(prior, common, dt_s, rng)
+        return moved, log_weights
 
     def _groups(self, component: IntArray) -> Iterator[tuple[Prior, BoolArray]]:
         """Every prior that has particles, with a mask (N,) of them."""
@@ -140,19 +146,23 @@ class Switching:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` > 0 seconds later."""
+        return self.propose(state, dt_s, rng)[0]
+
+    def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draws (N, D), by the proposals of the priors that have one, and the log weights (N,) that correct for it."""
         velocity = self.space.slices["velocity"]
         before, poses = _component(state), self.pose(state)
         stays = rng.random(len(state)) < (1.0 - self.switching) ** (dt_s * REFERENCE_RATE_HZ)
         component = np.where(stays, before, deal(self.weights, len(state), rng))
-        moved = np.zeros_like(state)
+        moved, log_weights = np.zeros_like(state), np.zeros(len(state))
         moved[:, -1] = component
         for k, prior, columns, own in self._groups(component):
             current = np.ascontiguousarray(state[own, columns])
             if (new := before[own] != k).any():
                 current[new] = _enter(prior, poses[own][new], state[own, velocity][new], rng)
-            moved[own, columns] = prior.step(current, dt_s, rng)
+            moved[own, columns], log_weights[own] = propose(prior, current, dt_s, rng)
         moved[:, velocity] = (self.pose(moved) - poses) / dt_s
-        return moved
+        return moved, log_weights
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""

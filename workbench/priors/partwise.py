@@ -8,7 +8,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.priors.mixture import side_by_side
-from workbench.priors.state import Prior, Proposing
+from workbench.priors.state import Prior, propose
 
 
 class Partwise:
@@ -47,11 +47,8 @@ class Partwise:
         """Draws (N, D), by the proposals of the parts that have one, and the log weights (N,) that correct for it."""
         moved, log_weights = [], np.zeros(len(state))
         for part, prior in self.priors.items():
-            if isinstance(prior, Proposing):
-                drawn, correction = prior.propose(self._part(state, part), dt_s, rng)
-                log_weights = log_weights + correction
-            else:
-                drawn = prior.step(self._part(state, part), dt_s, rng)
+            drawn, correction = propose(prior, self._part(state, part), dt_s, rng)
+            log_weights = log_weights + correction
             moved.append(drawn)
         return np.concatenate(moved, axis=1), log_weights
 

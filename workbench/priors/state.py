@@ -63,3 +63,10 @@ class Proposing(Protocol):
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""
+
+
+def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """By the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of zero."""
+    if isinstance(prior, Proposing):
+        return prior.propose(state, dt_s, rng)
+    return prior.step(state, dt_s, rng), np.zeros(len(state))

@@ -21,6 +21,9 @@ SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
 )
 """The joint angles whose posterior is recorded beside that of the state's columns."""
+UNSEEN = ("held", "ahead")
+"""Slices of a state whose columns nobody estimates: held parameters never change, "ahead" is the implicit's memory."""
+_FAVOURITES = 4
 _BAND = (0.05, 0.95)
 _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
@@ -33,15 +36,17 @@ _CURVES = (
 
 
 class Posterior:
-    """Collects the marginals of the state's columns and of SHOWN_ANGLES, frame by frame.
+    """Collects the marginals of the state's columns, but those of UNSEEN slices, and of SHOWN_ANGLES, frame by frame.
 
     names, units: one per parameter, the state's columns first.
     """
 
     def __init__(self, space: StateSpace, skeleton: Skeleton, scale: FloatArray | None, n_bins: int) -> None:
         angles = [name for name in SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
-        self.names = (*space.names, *angles)
-        self.units = (*space.units, *["rad"] * len(angles))
+        self._columns = _estimated(space)
+        self.names = (*(space.names[i] for i in self._columns), *angles)
+        self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
+        self._varying = self.names  # of the first particles, once they are known
         self.frames: list[int] = []
         self._skeleton = skeleton
         self._angles = [skeleton.dof(name) for name in angles]
@@ -53,15 +58,23 @@ class Posterior:
 
     @property
     def favourites(self) -> tuple[str, ...]:
-        """Up to four parameters worth a picture of their own: flexion of hips and knees if there are any."""
-        return tuple([name for name in SHOWN_ANGLES if name in self.names] or self.names)[:4]
+        """Up to four parameters worth a picture of their own, of those in which the first particles differ.
+
+        Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
+        """
+        shown = [name for name in SHOWN_ANGLES if name in self._varying]
+        if len(shown) < _FAVOURITES:
+            shown = [name for name in self._skeleton.dof_names if name in self._varying]
+        return tuple(shown or self._varying)[:_FAVOURITES]
 
     def add(self, step: Step) -> dict[str, float]:
         """Take one step in; returns the numbers of its bands, {entity path: value}."""
-        values = np.hstack([step.particles, step.poses[:, self._angles]])
+        values = np.hstack([step.particles[:, self._columns], step.poses[:, self._angles]])
         weights = np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
             raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
+        if not self.frames and (differ := np.ptp(values, axis=0) > 0.0).any():
+            self._varying = tuple(np.array(self.names)[differ].tolist())
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
         low, high = weighted_quantiles(values, weights, _BAND)
@@ -115,6 +128,13 @@ class Posterior:
             return {}
         dofs = self._skeleton.dof_names
         return {_band(name, "truth"): known.pose[dofs.index(name)] for name in self.names if name in dofs}
+
+
+def _estimated(space: StateSpace) -> list[int]:
+    """The columns outside the UNSEEN slices, also outside those of a prior within a mixture, "<prior>.held"."""
+    unseen = [part for group, part in space.slices.items() if group.rpartition(".")[2] in UNSEEN]
+    hidden = {i for part in unseen for i in range(len(space))[part]}
+    return [i for i in range(len(space)) if i not in hidden]
 
 
 def _band(name: str, row: str) -> str:

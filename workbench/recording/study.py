@@ -53,6 +53,9 @@ class StudyRecorder:
             raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
         self._file.check_space()
         self._file.send_property("metrics", {name: float(value) for name, value in result.metrics.items()})
+        # as curves of one point too, on the timeline of every other run, which tools that go to a frame expect
+        self._file.stream.set_time("frame", sequence=0)
+        self._file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
         self._file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
         tabs = []
         order = 0
@@ -141,5 +144,5 @@ def _eye(figure: Sticks) -> rrb.EyeControls3D:
     _, spread, directions = np.linalg.svd(roots - roots.mean(axis=0))
     along = directions[0] if spread[0] > _LEAST_WAY_M else np.array([1.0, 0.0])
     across = np.array([along[1], -along[0], 0.0])
-    position = middle + reach * (0.75 * across + np.array([0.0, 0.0, 0.15]))
+    position = middle + 1.15 * reach * (0.75 * across + np.array([0.0, 0.0, 0.15]))
     return rrb.EyeControls3D(position=position, look_target=middle, eye_up=[0.0, 0.0, 1.0])

@@ -1,0 +1,277 @@
+"""What every prior keeps: names, shapes, seeds, untouched inputs, a pose per state, and which parameters move."""
+
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_module
+
+from workbench.body.skeleton import POSE_NAMES
+from workbench.cli.build import build
+from workbench.cli.run import prepare_hydra
+from workbench.cli.schema import COMPONENTS
+from workbench.datasets.gait import builtin_motions
+from workbench.learning.windows import learn_windows
+from workbench.priors import from_motions
+from workbench.priors.implicit import PREDICTIONS, SEARCHES, Implicit
+from workbench.priors.mixture import Enterable, Mixture, Switching
+from workbench.priors.partwise import Partwise
+from workbench.priors.smooth import Smooth
+from workbench.priors.state import Proposing
+
+P, DT = len(POSE_NAMES), 1 / 30
+ARM = [f"left_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion")]
+YAMLS = sorted(path.name for path in files("workbench.conf").joinpath("prior").iterdir() if path.suffix == ".yaml")
+MANY = 4000
+"""Particles where a mean is tested. All tolerances are five standard errors unless they say what else they hold."""
+
+
+@cache
+def walk():
+    return builtin_motions()[0].resampled(1 / DT)
+
+
+@cache
+def windows(angles, root):
+    return learn_windows(builtin_motions(n_subjects=4), angles=angles, root=root)
+
+
+def implicit(parts, root, search, prediction, **options):
+    return Implicit(windows(parts, root), search=search, prediction=prediction, **options)
+
+
+def mixture(**options):
+    calm, lively = Smooth(damping=3.0, **options), Smooth(sigma_velocity={"elbow": 4.0}, **options)
+    return Mixture({"calm": calm, "lively": lively}, {"calm": 0.5, "lively": 0.5}, shares={"calm": 0.2, "lively": 0.8})
+
+
+def switching(**options):
+    priors = {"free": Smooth(**options), "known": Smooth(damping=5.0, **options)}
+    return Switching(priors, {"free": 0.2, "known": 0.8}, switching=0.3)
+
+
+MADE = {
+    "walking": lambda folder: from_motions.walking(motions="builtin", cache=folder, n_components=4),
+    "cyclic": lambda folder: from_motions.cyclic(motions="builtin", cache=folder, q=4),
+    "smooth": lambda folder: Smooth(),
+    "smooth arm": lambda folder: Smooth(parameters=ARM, start_uniform=["left_shoulder_twist"]),
+    "mixture": lambda folder: mixture(),
+    "mixture arm": lambda folder: mixture(parameters=ARM),
+    "switching arm": lambda folder: switching(parameters=ARM),
+    "partwise": lambda folder: Partwise(
+        {"legs": Smooth(parameters=["lower_body"]), "arm": implicit(("left_arm",), False, "exact", "blend")}
+    ),
+    "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", reweight=True, beta=1.0),
+} | {
+    f"implicit {where}, {search}, {prediction}": lambda folder, how=(parts, root, search, prediction): implicit(*how)
+    for (where, parts, root), search, prediction in product(
+        [("body", ("body",), True), ("arm", ("left_arm",), False)], SEARCHES, PREDICTIONS
+    )
+}
+
+
+def composed(name, folder):
+    """As `workbench prior=NAME` builds it, but for databases, which are of built-in motions here."""
+    prepare_hydra()
+    overrides = ["experiment=custom", f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        config = compose("config", overrides=overrides).prior
+    for node in (config, *config.get("priors", {}).values()):
+        if "motions" in node:
+            node.motions = "builtin"
+    return build(config)
+
+
+@pytest.fixture(scope="module")
+def cache_folder(tmp_path_factory):
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+NAMES = [*MADE, *YAMLS]
+WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "partwise", "reweighted"))]
+WITH_PROPOSAL = [name for name in NAMES if name.startswith(("implicit", "partwise", "mixture"))]
+WITH_ROOT = [name for name in NAMES if "arm" not in name and name not in ("partwise", "reweighted")]
+WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("switching")]
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def prior(request, cache_folder):
+    name = request.param
+    return composed(name, cache_folder) if name in YAMLS else MADE[name](cache_folder)
+
+
+def run(prior, pose, n, seed, n_steps=3):
+    rng = np.random.default_rng(seed)
+    states = [prior.start(pose, n, rng)]
+    for _ in range(n_steps):
+        states.append(prior.step(states[-1], DT, rng))
+    return states
+
+
+def children(prior, dt_s=DT):
+    """MANY states of one parent (1, D), and that: stepped before, so that it has a velocity where it can."""
+    parent = run(prior, walk().poses[0], 1, seed=2, n_steps=1)[-1]
+    return parent, prior.step(np.repeat(parent, MANY, axis=0), dt_s, generator(3))
+
+
+def only(names):
+    """Tests of what not every prior has."""
+    return pytest.mark.parametrize("prior", names, indirect=True, scope="module")
+
+
+def generator(seed):
+    return np.random.default_rng(seed)
+
+
+def test_every_prior_that_a_configuration_can_name_is_here():
+    assert {f"{name}.yaml" for name in COMPONENTS["prior"]} == {*YAMLS}
+
+
+@pytest.mark.parametrize("n", [1, 2, 37])
+def test_shapes_and_finite_numbers(prior, n):
+    for state in run(prior, walk().poses[0], n, seed=0):
+        poses = prior.pose(state)
+        for array, width in ((state, len(prior.space)), (poses, P)):
+            assert array.shape == (n, width)
+            assert array.dtype == np.float64
+            assert array.flags.c_contiguous
+            assert np.isfinite(array).all()
+
+
+def test_every_column_has_one_name_and_a_unit_and_groups_are_inside(prior):
+    space = prior.space
+    assert len(set(space.names)) == len(space.names) == len(space.units) == len(space)
+    for columns in space.slices.values():
+        assert 0 <= columns.start <= columns.stop <= len(space)
+    in_groups = {i for columns in space.slices.values() for i in range(len(space))[columns]}
+    assert in_groups == set(range(len(space)))
+
+
+def test_exactly_the_parameters_move(prior):
+    """Each one in some particle; the others keep the starting pose's numbers bit for bit."""
+    pose = walk().poses[0]
+    assert prior.parameters == tuple(name for name in POSE_NAMES if name in prior.parameters)
+    moving = np.isin(POSE_NAMES, prior.parameters)
+    poses = [prior.pose(state) for state in run(prior, pose, 50, seed=1)]
+    for found in poses:
+        assert (found[:, ~moving] == pose[~moving]).all()
+        assert (np.ptp(found[:, moving], axis=0) > 0.0).all()
+    for before, after in pairwise(poses):
+        assert (before[:, moving] != after[:, moving]).any(axis=0).all()
+
+
+def test_columns_called_held_never_change(prior):
+    first, *_, last = run(prior, walk().poses[0], 20, seed=1)
+    for group, columns in prior.space.slices.items():
+        if group == "held":
+            assert (first[:, columns] == last[:, columns]).all()
+
+
+def test_the_same_seed_gives_the_same_states_and_another_seed_others(prior):
+    first, again, other = (run(prior, walk().poses[0], 20, seed)[-1] for seed in (5, 5, 6))
+    assert first.tobytes() == again.tobytes()
+    assert (first != other).any()
+
+
+def test_no_memory_but_the_state(prior):
+    """Stepping two particle sets in turn gives what stepping each alone gives: a prior keeps nothing of a run."""
+    alone = [run(prior, walk().poses[i], 10, seed=i)[-1] for i in (0, 5)]
+    generators = [generator(i) for i in (0, 5)]
+    states = [prior.start(walk().poses[i], 10, rng) for i, rng in zip((0, 5), generators, strict=True)]
+    for _ in range(3):
+        states = [prior.step(state, DT, rng) for state, rng in zip(states, generators, strict=True)]
+    for state, expected in zip(states, alone, strict=True):
+        assert (state == expected).all()
+        assert (prior.pose(state) == prior.pose(expected)).all()
+
+
+def test_inputs_are_left_alone(prior):
+    rng, pose = generator(0), walk().poses[0].copy()
+    state = prior.start(pose, 10, rng)
+    kept = state.copy()
+    state.flags.writeable = pose.flags.writeable = False
+    prior.pose(prior.step(state, DT, rng))
+    if isinstance(prior, Proposing):
+        prior.propose(state, DT, rng)
+    assert (state == kept).all()
+    assert (pose == walk().poses[0]).all()
+
+
+def test_the_start_is_around_the_pose(prior):
+    """Parameters that start uniform aside; and 0.1: what a cyclic model misses, or a limit cuts off, of a pose."""
+    pose = walk().poses[0]
+    poses = prior.pose(prior.start(pose, MANY, generator(1)))
+    apart = np.abs(poses.mean(axis=0) - pose)
+    calm = [i for i, name in enumerate(POSE_NAMES) if name != "left_shoulder_twist"]
+    assert (apart[calm] <= 5 * poses.std(axis=0)[calm] / np.sqrt(MANY) + 0.1).all()
+
+
+def test_a_pose_depends_on_its_own_state_alone(prior):
+    state = run(prior, walk().poses[0], 6, seed=4)[-1]
+    for i in range(6):
+        assert (prior.pose(state[i : i + 1])[0] == prior.pose(state)[i]).all()
+
+
+def test_particles_are_stepped_one_by_one_alike(prior):
+    """The order of the particles says nothing: identical parents have identically distributed children."""
+    poses = prior.pose(children(prior)[1])
+    halves = poses[: MANY // 2], poses[MANY // 2 :]
+    error = poses.std(axis=0) * np.sqrt(4 / MANY)
+    assert (np.abs(halves[0].mean(axis=0) - halves[1].mean(axis=0)) <= 5 * error + 1e-12).all()
+
+
+@only([name for name in NAMES if name not in WITH_DATABASE])  # in which there must be a window to look up
+def test_no_particles_make_no_children(prior):
+    none = np.empty((0, len(prior.space)))
+    moved = prior.step(none, DT, generator(0))
+    assert moved.shape == none.shape
+    assert prior.pose(moved).shape == (0, P)
+
+
+@only(WITH_ROOT)
+def test_twice_the_time_moves_the_root_twice_as_far(prior):
+    """Within a quarter, for speeds may change from frame to frame: not as far, √2 or four times as far."""
+    ways = []
+    for dt_s in (DT, 2 * DT):
+        parent, state = children(prior, dt_s)
+        ways.append(np.linalg.norm((prior.pose(state) - prior.pose(parent)).mean(axis=0)[:3]))
+    assert ways[1] / ways[0] == pytest.approx(2.0, rel=0.25)
+
+
+@only(WITH_NOISE_ALONE)
+def test_noise_grows_with_the_root_of_time(prior):
+    once, twice = (children(prior, dt_s)[1] for dt_s in (DT, 2 * DT))
+    noisy = np.ptp(once, axis=0) > 0.0
+    noisy &= np.array(prior.space.names) != "component"
+    assert noisy.any()
+    # the ratio of two deviations is known to 1/√MANY
+    ratios = twice.std(axis=0)[noisy] / once.std(axis=0)[noisy]
+    assert ratios == pytest.approx(np.sqrt(2.0), rel=5 / np.sqrt(MANY))
+
+
+@only(WITH_PROPOSAL)
+def test_a_proposal_stands_for_the_prior(prior):
+    """Draws of `propose`, by their weights, have the mean and the variance of those of `step`."""
+    assert isinstance(prior, Proposing)
+    parent = np.repeat(run(prior, walk().poses[0], 1, seed=2)[-1], MANY, axis=0)
+    state, log_weights = prior.propose(parent, DT, generator(8))
+    assert log_weights.shape == (MANY,)
+    if not isinstance(prior, Mixture):  # which deals by shares
+        assert (log_weights == 0.0).all()
+    drawn = prior.step(parent, DT, generator(9))
+    for power in (1, 2):
+        weighted, plain = np.exp(log_weights)[:, None] * (state - parent) ** power, (drawn - parent) ** power
+        error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / MANY)
+        assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-12).all()
+
+
+def test_who_can_take_over_a_moving_pose(cache_folder):
+    entering = Smooth()
+    assert isinstance(entering, Enterable)
+    assert not isinstance(MADE["walking"](cache_folder), Enterable)
+    poses, velocities = walk().poses[:6], walk().velocities[:6]
+    state = entering.enter(poses, velocities)
+    assert (entering.pose(state) == poses).all()
+    assert (state[:, entering.space.slices["velocity"]] == velocities).all()
