@@ -79,16 +79,19 @@ def test_properties_metrics_and_note_come_back(recorded):
     assert found.properties["provenance"] == PROVENANCE
     assert found.properties["metrics"] == METRICS
     assert found.note == "**Paper B, fig. 1.** What is to be seen."
-    assert found.metric_names == ()
+    assert found.metric_names == tuple(sorted(METRICS))
+    for name, value in METRICS.items():  # as curves of one point, too
+        assert [list(column) for column in found.metric(name)] == [[0], [value]]
     assert found.marginals is None
     with pytest.raises(InputError, match="a study, which has no poses"):
         _ = found.poses
 
 
-def test_every_figure_is_drawn_and_nothing_has_a_time(recorded):
+def test_every_figure_is_drawn_and_only_the_metrics_have_a_frame(recorded):
     reader = RrdReader(recorded)
     found = {(chunk.entity_path, name) for chunk in reader.stream() for name in chunk.to_record_batch().schema.names}
-    assert all(chunk.is_static for chunk in reader.stream())
+    timed = {chunk.entity_path for chunk in reader.stream() if not chunk.is_static}
+    assert timed == {f"/metrics/{name}" for name in METRICS}
     assert len(reader.blueprints()) == 1
     for entity, name in (
         (r"/figures/first\ page/SNR\ \(left\ hip\)/curves", "LineStrips2D:strips"),

@@ -179,7 +179,7 @@ def test_a_start_outside_the_limits_is_told_and_begins_inside(caplog):
     ("options", "message"),
     [
         ({"parameters": ["left_elbow"]}, "parameters: 'left_elbow' is unknown"),
-        ({"parameters": [*ARM, ARM[0]]}, "named twice"),
+        ({"start_uniform": [ARM[3], ARM[3]]}, "named twice"),
         ({"parameters": []}, "at least one"),
         ({"sigma": {"arm": 0.1}}, "sigma: 'arm' is unknown"),
         ({"sigma": {"elbow": -0.1}}, r"sigma\.elbow"),

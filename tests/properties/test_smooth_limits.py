@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from workbench.body.skeleton import POSE_NAMES
 from workbench.priors.smooth import Smooth, truncated_normal
 
-NAMES = ("left_knee_flexion", "root_heading")
+NAMES = ("root_heading", "left_knee_flexion")
 finite = st.floats(-50.0, 50.0)
 limits = st.tuples(finite, st.floats(1e-6, 10.0)).map(lambda pair: [pair[0], pair[0] + pair[1]])
 deviations = st.floats(0.0, 100.0)
