@@ -120,6 +120,16 @@ def test_a_run_is_held_by_its_last_five_frames():
     assert held([9.0], [10.0])
 
 
+def test_flexion_errors_are_those_of_both_legs():
+    pose = standing()
+    bent = pose.copy()
+    bent[SKELETON.dof("left_knee_flexion")], bent[SKELETON.dof("right_knee_flexion")] = np.radians([3.0, 4.0])
+    bent[SKELETON.dof("left_hip_flexion")] = np.radians(-2.0)
+    errors = step_errors(step_of(bent[None], Truth(pose=pose)), BODY)
+    assert errors["knee_deg"] == pytest.approx(np.sqrt((9 + 16) / 2))
+    assert errors["hip_deg"] == pytest.approx(np.sqrt(4 / 2))
+
+
 def test_no_truth_no_errors():
     step = step_of(standing()[None], Truth())
     assert step_errors(step, BODY) == {}

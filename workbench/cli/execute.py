@@ -24,8 +24,10 @@ from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.evaluation.errors import step_errors
 from workbench.inference.inference import Inference
+from workbench.inference.least_squares import LeastSquares
 from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
+from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.state import Prior
 from workbench.recording.recorder import Recorder
@@ -46,7 +48,7 @@ class Parts:
     body: Body
     prior: Prior
     inference: Inference
-    start: FloatArray
+    start: FloatArray | None
 
 
 def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = False) -> Summary:
@@ -104,18 +106,31 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
         prior: Prior = build(config.prior)
     body: Body = build(config.body, dataset_shape=dataset.shape)
     likelihood = build(config.likelihood, body=body)
-    lead_in = dataset.lead_in if isinstance(dataset, Blank) else None
-    inference: Inference = build(config.inference, prior=prior, likelihood=likelihood, body=body, lead_in=lead_in)
+    live = {
+        "prior": prior,
+        "likelihood": likelihood,
+        "body": body,
+        "lead_in": dataset.lead_in if isinstance(dataset, Blank) else None,
+        "model": prior.model if isinstance(prior, Activity) else None,
+    }
+    inference: Inference = build(config.inference, **live)
     with _timed(summary, "start"):
-        start = _start(dataset, body, prior)
+        start = None if isinstance(inference, LeastSquares) and _unknown(dataset) else _start(dataset, body, prior)
     return Parts(dataset, body, prior, inference, start)
+
+
+def _unknown(dataset: Dataset) -> bool:
+    return dataset.start_pose is None and dataset.start_marks is None
 
 
 def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
     if dataset.start_pose is not None:
         return dataset.start_pose
     if dataset.start_marks is None:
-        raise InputError("dataset: no starting pose: mark joints of the first frame, dataset.start_marks=FILE.csv")
+        raise InputError(
+            "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
+            "the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
+        )
     if not isinstance(prior, Cyclic):
         raise InputError("prior: a start from marked joints needs a cyclic prior, such as prior=walking")
     camera = next(iter(dataset.frames())).views[0].camera
@@ -155,7 +170,7 @@ def _postfix(step: Step, errors: dict[str, float]) -> str:
 
 
 def _recorder(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
-    space = parts.prior.space
+    space = parts.inference.space
     coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
     recorder: Recorder = build(
         config.recorder,

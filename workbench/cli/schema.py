@@ -15,27 +15,40 @@ from omegaconf import MISSING
 
 from workbench.body import person
 from workbench.datasets.blank import Blank
+from workbench.datasets.point_files import PointFiles
+from workbench.datasets.points import Points
+from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
+from workbench.inference.least_squares import LeastSquares
 from workbench.inference.particle_filter import ParticleFilter
 from workbench.inference.synthesis import Synthesis
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
-from workbench.priors.from_motions import cyclic, implicit, walking
+from workbench.priors.from_motions import activity, cyclic, implicit, walking
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
 from workbench.recording.recorder import Recorder
 from workbench.studies.database import CoefficientHistograms, Temperature
 from workbench.studies.gaps import ImputeGaps
+from workbench.studies.learning_activities import LearnWalkRun
 from workbench.studies.learning_alignment import AlignCycles
 from workbench.studies.learning_period import PeriodSnr
 from workbench.studies.learning_walk import LearnWalk
 
 COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     "body": {"dataset": person.of_dataset, "height": person.of_height, "file": of_file},
-    "dataset": {"synthetic": Synthetic, "video": Video, "blank": Blank},
+    "dataset": {
+        "synthetic": Synthetic,
+        "video": Video,
+        "blank": Blank,
+        "points": Points,
+        "stereo": Stereo,
+        "point_files": PointFiles,
+    },
     "prior": {
         "walking": walking,
         "cyclic": cyclic,
@@ -44,14 +57,16 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "mixture": Mixture,
         "switching": Switching,
         "partwise": Partwise,
+        "activity": activity,
     },
-    "likelihood": {"image_motion": ImageMotion, "uniform": Uniform},
-    "inference": {"particle_filter": ParticleFilter, "synthesis": Synthesis},
+    "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
+    "inference": {"particle_filter": ParticleFilter, "synthesis": Synthesis, "least_squares": LeastSquares},
     "recorder": {"rerun": Recorder},
     "study": {
         "temperature": Temperature,
         "coefficient_histograms": CoefficientHistograms,
         "learn_walk": LearnWalk,
+        "learn_walk_run": LearnWalkRun,
         "period_snr": PeriodSnr,
         "align_cycles": AlignCycles,
         "impute_gaps": ImputeGaps,
@@ -60,7 +75,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape"},
     "likelihood": {"body"},
-    "inference": {"prior", "likelihood", "body", "lead_in"},
+    "inference": {"prior", "likelihood", "body", "lead_in", "model", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
     "study": {"prior"},
 }

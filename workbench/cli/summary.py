@@ -13,6 +13,9 @@ import numpy as np
 from workbench.evaluation.errors import held
 from workbench.inference.step import Step
 
+RMS = ("knee_deg", "hip_deg")
+"""Errors that a run sums up by their root mean square, not their mean."""
+
 PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
 
@@ -41,6 +44,7 @@ class Summary:
     error: str | None = None
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
+    steps_s: float = 0.0
     log_evidence: float = 0.0
     per_frame: dict[str, list[float]] = field(default_factory=dict)
     study: Mapping[str, float] | None = None
@@ -49,6 +53,7 @@ class Summary:
         """Take in one step and its errors."""
         for stage, seconds in step.timing_s.items():
             self.timing[stage] = self.timing.get(stage, 0.0) + seconds
+            self.steps_s += seconds
         self.frames += 1
         self.log_evidence = step.log_evidence
         if self.frames > 1:
@@ -61,6 +66,7 @@ class Summary:
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
+        means |= {name: float(np.sqrt(np.mean(np.square(self.per_frame[name])))) for name in RMS if name in means}
         if "ess" in means:
             means["ess_mean"] = means.pop("ess")
         if "jump_deg" in means:
@@ -70,14 +76,26 @@ class Summary:
             means["held"] = float(held(self.per_frame["error_px"], self.per_frame["forearm_px"]))
         return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
 
+    @property
+    def _cost(self) -> dict[str, float]:
+        """Wall times, which are not among the metrics that a recording keeps: they differ between equal runs.
+
+        jacobian_cost_ratio: of F with its Jacobian to F alone, where an inference measures that (paper D, section 4.1).
+        """
+        found = {"ms_per_frame": 1e3 * self.steps_s / self.frames} if self.frames else {}
+        if self.timing.get("residual", 0.0) > 0.0:
+            found["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
+        return found
+
     def write(self, path: Path) -> None:
         """Write summary.json; numbers that are not finite become null, as JSON has none."""
         path.parent.mkdir(parents=True, exist_ok=True)
+        numbers = {**self.metrics, **self._cost}
         content = {
             "status": self.status,
             "experiment": self.experiment,
             "seed": self.seed,
-            "metrics": {name: value if np.isfinite(value) else None for name, value in self.metrics.items()},
+            "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
             "started": self.started,

@@ -22,23 +22,29 @@ class Truth:
     """Ground truth of one frame, each part where it is known.
 
     pose: (P,). joints: (J, 3), m, in the skeleton's order of joints. marks: (J, 2) marked pixels in the first view,
-    NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a hidden joint.
+    NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a hidden joint. activity: what the
+    person does, such as "walk".
     """
 
     pose: FloatArray | None = None
     joints: FloatArray | None = None
     marks: FloatArray | None = None
     marks_visible: BoolArray | None = None
+    activity: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One time step's observations. index: the frame's number in its source; time_s: its time, s."""
+    """One time step's observations. index: the frame's number in its source; time_s: its time, s.
+
+    points: (K, 3) observed points of the person's surface, m, in the world, where there are some.
+    """
 
     index: int
     time_s: float
     views: tuple[View, ...]
     truth: Truth | None = None
+    points: FloatArray | None = None
 
 
 class Dataset(Protocol):

@@ -6,6 +6,7 @@ import numpy as np
 
 from workbench.datasets.arm import bending_arm
 from workbench.datasets.gait import subjects, walker
+from workbench.datasets.running import runner, runners
 from workbench.errors import InputError
 from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
@@ -20,13 +21,16 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
     """The motion called `name`, at `rate_hz`.
 
     "builtin": a generated walker of 60 s on a "straight" or "circle" path, another person for every seed;
-    "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such as "dataset-1_guide_normal_001",
-    looked up below the folder `data`; the path of an .amc or .bvh file; "FILE.h5:clip", a clip of a motion library.
-    Raises InputError when there is no such motion.
+    "builtin_run": a generated runner; "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such
+    as "dataset-1_guide_normal_001", looked up below the folder `data`; the path of an .amc or .bvh file;
+    "FILE.h5:clip", a clip of a motion library. Raises InputError when there is no such motion.
     """
     if name == "builtin":
         (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, seed]))
         return walker(subject, _BUILTIN_SECONDS, rate_hz, path)
+    if name == "builtin_run":
+        (athlete,) = runners(1, np.random.default_rng([_BUILTIN_SEED, seed]))
+        return runner(athlete, _BUILTIN_SECONDS, rate_hz)
     if name == "builtin_arm":
         return bending_arm(_BUILTIN_SECONDS, rate_hz)
     library = name.rpartition(":")[0]
@@ -39,8 +43,9 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
         return load_motion(Path(name).expanduser()).resampled(rate_hz)
     if data is None:
         raise InputError(
-            f"dataset: motion must be builtin, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a recorded clip "
-            f"such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); found {name!r}"
+            f"dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
+            f"recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
+            f"found {name!r}"
         )
     try:
         return load_motion(find_clip(data, name)).resampled(rate_hz)

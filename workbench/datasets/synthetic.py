@@ -12,12 +12,13 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import ByteArray, FloatArray
-from workbench.body.camera import Camera, load_cameras, plain_camera
+from workbench.body.camera import Camera, load_cameras
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape
 from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.datasets import render
+from workbench.datasets.automatic_camera import automatic_camera, standing_height
 from workbench.datasets.frame import Frame, Truth, View
 from workbench.datasets.gait import PATHS
 from workbench.datasets.image_cache import read_images, write_images
@@ -25,9 +26,6 @@ from workbench.datasets.motions import find_motion
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.motion import Motion
-
-_MARGIN = 0.05
-"""Part of the image's width and height that the automatic camera keeps free on every side."""
 
 
 @dataclass(frozen=True)
@@ -127,13 +125,28 @@ class Synthetic:
         """The camera: from the file, or placed automatically."""
         places = joints(self._body.skeleton, self._used_motion.poses)
         if self.camera is None:
-            return _automatic_camera(self, self._used_motion, places)
+            return self._automatic_camera(places)
         camera = load_cameras(Path(self.camera).expanduser())[0]
         pixels = camera.project(places)
         with np.errstate(invalid="ignore"):
             inside = (pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])
         if not inside.all(axis=-1).any():
             raise InputError(f"{self.camera}: camera {camera.name!r} never sees the person of motion {self.motion!r}")
+        return camera
+
+    def _automatic_camera(self, places: FloatArray) -> Camera:
+        tall = standing_height(self._used_motion, places)
+        wanted = self.focal_px * tall / self.person_px
+        camera, distance = automatic_camera(
+            self._used_motion, places, width=self.width, height=self.height, focal_px=self.focal_px,
+            view_deg=self.view_deg, distance_m=wanted,
+        )  # fmt: skip
+        if distance > 1.01 * wanted:
+            warnings.warn(
+                f"synthetic: the person is {self.focal_px * tall / distance:.0f} px tall instead of "
+                f"{self.person_px:g}, so that the whole motion fits into the image",
+                stacklevel=2,
+            )
         return camera
 
     @cached_property
@@ -192,45 +205,3 @@ class Synthetic:
         ):  # fmt: skip
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
-
-
-def _automatic_camera(scene: Synthetic, motion: Motion, places: FloatArray) -> Camera:
-    """A level camera at the height of the belly that keeps all joints (F, J, 3) in view; see `Synthetic`.
-
-    Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
-    """
-    angle = _walk_direction(motion) + np.radians(scene.view_deg)
-    forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
-    middle = motion.poses[len(motion) // 2]
-    standing = places[len(motion) // 2, :, 2]
-    tall = np.ptp(standing) + motion.shape.head_radius + motion.shape.calf_radii[1]
-
-    sideways, depth = places @ right, places @ forward - middle[:3] @ forward
-    centre = 0.5 * (sideways.min() + sideways.max())
-    level = motion.poses[:, 2].mean() + 0.1 * tall
-    thickness = motion.shape.head_radius
-    half_width, half_height = np.array([scene.width, scene.height]) * (0.5 - _MARGIN)
-    wanted = scene.focal_px * tall / scene.person_px
-    distance = max(
-        wanted,
-        ((np.abs(sideways - centre) + thickness) * scene.focal_px / half_width - depth).max(),
-        ((np.abs(places[..., 2] - level) + thickness) * scene.focal_px / half_height - depth).max(),
-        1.0 - depth.min(),  # nobody comes nearer than a metre
-    )
-    if distance > 1.01 * wanted:
-        warnings.warn(
-            f"synthetic: the person is {scene.focal_px * tall / distance:.0f} px tall instead of "
-            f"{scene.person_px:g}, so that the whole motion fits into the image",
-            stacklevel=2,
-        )
-    target = centre * right + (middle[:3] @ forward) * forward + [0.0, 0.0, level]
-    x, y, z = target - distance * forward
-    return plain_camera(scene.width, scene.height, scene.focal_px, (x, y, z), tuple(target), name="automatic")
-
-
-def _walk_direction(motion: Motion) -> float:
-    """The angle, rad, from the world's x to where the person gets, or faces where they stay within 10 cm."""
-    way = motion.poses[-1, :2] - motion.poses[0, :2]
-    if np.linalg.norm(way) < 0.1:
-        return float(motion.poses[len(motion) // 2, POSE_NAMES.index("root_heading")])
-    return float(np.arctan2(way[1], way[0]))

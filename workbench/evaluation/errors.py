@@ -27,8 +27,8 @@ def step_errors(
     moving pelvis onto pelvis. error_px: mean distance in the first view's image, in pixels of the unscaled image
     (`image_scale` is the factor the image was resized by); where joints were marked by hand, over the visible marks.
     forearm_px: width of a forearm in the same pixels, the yardstick of `held`, where the true joints are known.
-    coverage_90: fraction of the pose's numbers whose truth lies in the posterior's 5–95 % band. Nothing is returned
-    without truth.
+    coverage_90: fraction of the pose's numbers whose truth lies in the posterior's 5–95 % band. knee_deg, hip_deg: see
+    `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned without truth.
     """
     truth = step.frame.truth
     if truth is None:
@@ -47,6 +47,23 @@ def step_errors(
         errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
     if truth.pose is not None:
         errors["coverage_90"] = _coverage(step, truth.pose)
+        errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
+    if truth.activity is not None and step.activity is not None:
+        errors["activity_accuracy"] = float(step.activity == truth.activity)
+    return errors
+
+
+def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
+    """knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has it.
+
+    Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away.
+    """
+    errors = {}
+    for joint in ("knee", "hip"):
+        columns = [i for i, name in enumerate(skeleton.dof_names) if name.endswith(f"_{joint}_flexion")]
+        if columns:
+            apart = (pose[columns] - truth[columns] + np.pi) % (2.0 * np.pi) - np.pi
+            errors[f"{joint}_deg"] = float(np.degrees(np.sqrt(np.mean(apart**2))))
     return errors
 
 

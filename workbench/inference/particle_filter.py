@@ -59,6 +59,7 @@ class ParticleFilter:
         if on_degenerate not in ("recover", "stop"):
             raise InputError(f"inference: on_degenerate must be 'recover' or 'stop', found {on_degenerate!r}")
         self.prior = prior
+        self.space = prior.space
         self.likelihood = likelihood
         self.n_particles = n_particles
         self.resample = RESAMPLING[resampling]

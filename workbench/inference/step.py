@@ -12,12 +12,13 @@ from workbench.priors.state import StateSpace
 class Step:
     """The posterior at one frame as N weighted particles, and its summaries.
 
-    particles: (N, D) states, columns named by `space`. poses: (N, P) the same particles decoded.
-    log_weights: (N,), normalised (their exponentials sum to one). ancestors: (N,) index of each particle's parent
-    among the previous step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of
-    the heaviest particle. ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far).
-    diagnostics: scalars worth a curve. warnings: sentences for the person who runs this.
-    timing_s: seconds spent per stage.
+    particles: (N, D) states, columns named by `space`. poses: (N, P) the same particles decoded. log_weights: (N,),
+    normalised (their exponentials sum to one). ancestors: (N,) index of each particle's parent among the previous
+    step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of the heaviest particle.
+    ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far). activity: what the person is told to do,
+    such as "walk", by inferences that tell it. attachment: (K,) the part of the body that each of the frame's points
+    belongs to, as a number, -1 for none. diagnostics: scalars worth a curve. warnings: sentences for the person who
+    runs this. timing_s: seconds spent per stage.
     """
 
     frame: Frame
@@ -30,6 +31,8 @@ class Step:
     map_pose: FloatArray
     ess: float
     log_evidence: float
+    activity: str | None = None
+    attachment: IntArray | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     timing_s: Mapping[str, float] = field(default_factory=dict)

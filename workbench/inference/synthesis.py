@@ -62,6 +62,7 @@ class Synthesis:
         if look_ahead > 0:
             prior = _with_followers(prior, look_ahead)
         self.prior, self.skeleton, self.lead_in = prior, body.skeleton, lead_in
+        self.space = prior.space
         self.smoothing_s, self.limit = smoothing_s, np.radians(limit_deg)
         self.look_ahead, self.foot_contact = look_ahead, foot_contact
 

@@ -57,18 +57,18 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64) -> Cycles:
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
-def gait_events(motion: Motion) -> FloatArray:
+def gait_events(motion: Motion, shortest_s: float = SHORTEST_S) -> FloatArray:
     """Where the left thigh is furthest ahead, in frames: peaks of the low-passed difference of the hip flexions.
 
-    A parabola through each peak places it between the frames.
+    No two are nearer in time than about shortest_s. A parabola through each peak places it between the frames.
     """
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") for side in ("left", "right"))
     swing = motion.poses[:, left] - motion.poses[:, right]
     low_pass = butter(2, GAIT_CUTOFF_HZ, fs=motion.rate_hz, output="sos")
-    if len(swing) < SHORTEST_S * motion.rate_hz:
+    if len(swing) < shortest_s * motion.rate_hz:
         return np.empty(0)
     smooth = sosfiltfilt(low_pass, swing, padtype="even")
-    peaks, _ = find_peaks(smooth, distance=max(1.0, SHORTEST_S * motion.rate_hz), prominence=LEAST_SWING_RAD)
+    peaks, _ = find_peaks(smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD)
     before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
     events: FloatArray = peaks + 0.5 * (before - after) / (before - 2.0 * at + after)
     return events

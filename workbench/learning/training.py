@@ -9,9 +9,22 @@ from typing import TypeVar
 import numpy as np
 
 from workbench.datasets.gait import builtin_motions
+from workbench.datasets.running import builtin_runs
 from workbench.digest import code_digest
 from workbench.errors import InputError
-from workbench.learning import alignment, cycles, cyclic, functional_pca, period, slices, walking, windows
+from workbench.learning import activities as activity_models
+from workbench.learning import (
+    activity_cycles,
+    alignment,
+    cycles,
+    cyclic,
+    functional_pca,
+    period,
+    slices,
+    walking,
+    windows,
+)
+from workbench.learning.activities import ActivityModel, learn_activities, read_activities, write_activities
 from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.gaps import with_gaps
 from workbench.learning.store import Provenance, read_model, write_model
@@ -113,6 +126,45 @@ def motion_windows(
     )
 
 
+def activity_model(
+    *,
+    motions: str = "builtin",
+    data: str | None = None,
+    cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (),
+    activities: Sequence[str] = ("walk", "run"),
+    angles: Sequence[str] = ("body",),
+    variance: float = 0.9,
+    n_components: int | None = None,
+    most_per_clip: int = 4,
+) -> ActivityModel:
+    """The motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as for
+    `learn_activities`, most_per_clip as for `activity_cycles`.
+
+    Raises InputError when the motions cannot be read or hold too few cycles.
+    """
+    chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
+    provenance = _provenance(
+        chosen,
+        code_digest(cycles, retarget, activity_cycles, activity_models),
+        angles=",".join(angles),
+        variance=variance,
+        n_components=n_components,
+        most_per_clip=most_per_clip,
+    )
+
+    def learn() -> ActivityModel:
+        whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip)
+        return learn_activities(whole, angles=angles, variance=variance, n_components=n_components)
+
+    return _cached(
+        Path(cache).expanduser() / "models" / f"activities-{provenance.key[:16]}.h5",
+        read_activities,
+        learn,
+        lambda path, model: write_activities(path, model, provenance),
+    )
+
+
 def training_motions(
     motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None
 ) -> tuple[Motion, ...]:
@@ -128,7 +180,8 @@ def training_motions(
 def database_motions(
     motions: str, *, data: str | None, cache: str, leave_out: Sequence[str] = (), activities: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Any motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
+    """Any motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" (generated walks and runs)
+    or a library FILE.h5.
 
     leave_out: names of clips, of their files or of whole subjects. activities: keep only these; none keeps all.
     Raises InputError when they cannot be read or none is left.
@@ -139,6 +192,7 @@ def database_motions(
         found = _imported(find_sources([folder / name for name in names]), Path(cache).expanduser(), motions)
     else:
         found = _builtin_or_library(motions, "recorded, cmu, bandai")
+        found += builtin_runs() if motions == "builtin" else ()
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion

@@ -1,6 +1,7 @@
 """Priors that a configuration can name together with the motions they are learned from."""
 
-from workbench.learning.training import cyclic_model, motion_windows, walking_model
+from workbench.learning.training import activity_model, cyclic_model, motion_windows, walking_model
+from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.learned import learned
@@ -13,3 +14,6 @@ cyclic = learned("cyclic", __name__, cyclic_model, Cyclic)
 
 implicit = learned("implicit", __name__, motion_windows, Implicit)
 """Paper C: a database of motions as a prior."""
+
+activity = learned("activity", __name__, activity_model, Activity)
+"""Paper D: one model of walking and running, which least squares fits and a particle filter samples."""

@@ -8,3 +8,9 @@ MODEL = (235, 235, 235)
 TRAIL = (120, 120, 120)
 LIGHTEST_PARTICLE = (66, 28, 80)
 HEAVIEST_PARTICLE = (196, 140, 110)
+PARTS = (
+    (230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167),
+    (166, 206, 227), (178, 223, 138), (251, 154, 153), (202, 178, 214), (255, 255, 153),
+)  # fmt: skip
+"""Body parts of observed points, after Okabe & Ito and ColorBrewer's paired colours."""
+NO_PART = (110, 110, 110)

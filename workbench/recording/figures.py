@@ -7,13 +7,13 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.errors import InputError
-from workbench.studies.study import Bars, Curves, Figure, Sticks
+from workbench.studies.study import Bars, Curves, Figure, Scatter, Sticks
 
 
 def numbers(figure: Figure) -> dict[str, Any]:
     """The figure as flat columns of strings, float64 and int64, none of them empty.
 
-    kind: Curves, Bars or Sticks. The others are the figure's fields; of {label: array} there are the columns
+    kind: Curves, Bars, Scatter or Sticks. The others are the figure's fields; of {label: array} there are the columns
     <field>_labels, <field> (all arrays, one after the other) and <field>_sizes.
     """
     columns: dict[str, Any] = {"kind": type(figure).__name__, "name": figure.name}
@@ -23,6 +23,8 @@ def numbers(figure: Figure) -> dict[str, Any]:
     elif isinstance(figure, Bars):
         columns |= {"x": figure.x, "heights": figure.heights, "x_name": figure.x_name}
         columns |= {} if figure.model is None else {"model": figure.model}
+    elif isinstance(figure, Scatter):
+        columns |= {"x_name": figure.x_name, "y_name": figure.y_name} | _flat("points", figure.points)
     else:
         columns |= {"x": figure.x, "x_name": figure.x_name, "y_name": figure.y_name}
         columns |= _flat("curves", figure.curves) | _flat("faint", figure.faint) | _flat("marks", figure.marks)
@@ -39,12 +41,15 @@ def figure_of(columns: Mapping[str, Sequence[Any]]) -> Figure:
     if kind == "Bars":
         model = _floats(columns["model"]) if "model" in columns else None
         return Bars(name, _floats(columns["x"]), _floats(columns["heights"]), columns["x_name"][0], model)
+    if kind == "Scatter":
+        points = {label: values.reshape(-1, 2) for label, values in _mapping(columns, "points").items()}
+        return Scatter(name, points, columns["x_name"][0], columns["y_name"][0])
     if kind == "Curves":
         marks = {label: float(value[0]) for label, value in _mapping(columns, "marks").items()}
         names = {"x_name": columns["x_name"][0], "y_name": columns["y_name"][0]}
         curves, faint = _mapping(columns, "curves"), _mapping(columns, "faint")
         return Curves(name, _floats(columns["x"]), curves, **names, marks=marks, faint=faint)
-    raise InputError(f"recording: expected a figure of Curves, Bars or Sticks, found {kind!r}")
+    raise InputError(f"recording: expected a figure of Curves, Bars, Scatter or Sticks, found {kind!r}")
 
 
 def _flat(field: str, values: Mapping[str, FloatArray | float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Curves and bars as drawings with axes, ticks and a legend of our own.
+"""Curves, bars and scattered points as drawings with axes, ticks and a legend of our own.
 
 Rerun's views of time series share one time line, which cannot be a period, a phase and a count at once, and name no
 axes. So a figure is drawn in a 2-D view, one unit a point of the screen in a window of the usual size, with y down.
@@ -13,10 +13,11 @@ import rerun as rr
 
 from workbench.arrays import BoolArray, FloatArray
 from workbench.recording import colours
-from workbench.studies.study import Bars, Curves
+from workbench.studies.study import Bars, Curves, Scatter
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 Rgb: TypeAlias = tuple[int, int, int]
+Drawn: TypeAlias = Curves | Bars | Scatter
 
 BACKGROUND = (13, 14, 16)
 _GRID, _FRAME, _TEXT, _FAINT = (38, 40, 44), (90, 92, 96), (190, 190, 190), (78, 84, 94)
@@ -36,7 +37,7 @@ class Plot:
     they span, whose upper left corner is the origin. legend: (text, colour, place (2,)).
     """
 
-    figure: Curves | Bars
+    figure: Drawn
     low: FloatArray
     high: FloatArray
     size: FloatArray
@@ -56,7 +57,7 @@ class Plot:
         return placed
 
 
-def plot(figure: Curves | Bars, width: float, height: float) -> Plot:
+def plot(figure: Drawn, width: float, height: float) -> Plot:
     """Lay the figure out for a view of that size, in points of the screen."""
     inner = width - _LEFT - _RIGHT
     entries, n_rows = _legend(figure, inner)
@@ -69,6 +70,8 @@ def drawing(path: str, shown: Plot) -> Entities:
     yield from _axes(path, shown)
     if isinstance(shown.figure, Bars):
         yield from _bars(path, shown, shown.figure)
+    elif isinstance(shown.figure, Scatter):
+        yield from _scatter(path, shown, shown.figure)
     else:
         yield from _curves(path, shown, shown.figure)
     texts, shades, places = zip(*shown.legend, strict=True)
@@ -85,8 +88,10 @@ def ticks(low: float, high: float, most: int) -> FloatArray:
     return found
 
 
-def _ranges(figure: Curves | Bars) -> tuple[FloatArray, FloatArray]:
+def _ranges(figure: Drawn) -> tuple[FloatArray, FloatArray]:
     """Ends (2,) of the axes: x as it is, y with a margin, from zero where the values come near it."""
+    if isinstance(figure, Scatter):
+        return _scatter_ranges(figure)
     if isinstance(figure, Bars):
         half = 0.5 * _bar_width(figure)
         ends = (figure.x[0] - half, figure.x[-1] + half)
@@ -104,13 +109,24 @@ def _ranges(figure: Curves | Bars) -> tuple[FloatArray, FloatArray]:
     return np.array([ends[0] - x_margin, bottom]), np.array([ends[1] + x_margin, high + margin])
 
 
-def _legend(figure: Curves | Bars, width: float) -> tuple[tuple[tuple[str, Rgb, tuple[float, float]], ...], int]:
+def _scatter_ranges(figure: Scatter) -> tuple[FloatArray, FloatArray]:
+    """Ends (2,) of both axes, with a margin beyond the points."""
+    places = np.concatenate([np.zeros((0, 2)), *figure.points.values()])
+    places = places[np.isfinite(places).all(axis=1)]
+    low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(2), np.zeros(2))
+    margin = np.where(high > low, 0.06 * (high - low), 0.5)
+    return low - margin, high + margin
+
+
+def _legend(figure: Drawn, width: float) -> tuple[tuple[tuple[str, Rgb, tuple[float, float]], ...], int]:
     """The y axis' name, then labels in their curves' colours, in rows above the plot; and how many rows."""
     if isinstance(figure, Bars):
         entries = [("data", _COLOURS[0])] + ([] if figure.model is None else [("model", colours.MODEL)])
     else:
         entries = [(figure.y_name, _TEXT)]
-        entries += [(label, _colour(k)) for k, label in enumerate(figure.curves)]
+        labels = figure.points if isinstance(figure, Scatter) else figure.curves
+        entries += [(label, _colour(k)) for k, label in enumerate(labels)]
+    if isinstance(figure, Curves):
         entries += [(f"{label} {x:.4g}", _mark_colour(k)) for k, (label, x) in enumerate(figure.marks.items())]
     placed: list[tuple[str, Rgb, tuple[float, float]]] = []
     left, row = -_LEFT + 10.0, 0
@@ -171,6 +187,14 @@ def _bars(path: str, shown: Plot, figure: Bars) -> Entities:
         yield f"{path}/bars", _lines(strokes, [_COLOURS[0]] * len(strokes), 1.1, 0.0, in_ui_points=False)
     if figure.model is not None:
         yield f"{path}/model", _lines([shown.place(figure.x, figure.model)], [colours.MODEL], 1.2, 10.0)
+
+
+def _scatter(path: str, shown: Plot, figure: Scatter) -> Entities:
+    for k, points in enumerate(figure.points.values()):
+        known = points[np.isfinite(points).all(axis=1)]
+        if len(known):
+            places, radii = shown.place(known[:, 0], known[:, 1]), rr.Radius.ui_points(1.8)
+            yield f"{path}/points/{k}", rr.Points2D(places, colors=_colour(k), radii=radii, draw_order=10.0 + k)
 
 
 def _bar_width(figure: Bars) -> float:

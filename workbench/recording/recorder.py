@@ -151,9 +151,11 @@ class Recorder:
             self._file.send(images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every]))
             self._file.send(images.overlay(shown, "estimate", expected, figure.chains))
             self._file.send(images.overlay(shown, "truth", true, figure.chains))
-        if not step.frame.views:
+        if step.frame.points is not None:
+            self._file.send(scene.points(step.frame.points, step.attachment))
+        if not step.frame.views and step.frame.points is None:
             self._trails.add(expected[0])
-        else:
+        if step.frame.views:
             first = self._picture(step.frame.views[0].camera)
             self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
 

@@ -22,6 +22,7 @@ from workbench.recording import colours
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
+POINTS = "world/points"
 _ELLIPSOIDS_PER_CONE = 11  # with fewer the rings show, with more nothing is gained
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
@@ -88,6 +89,14 @@ def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Entiti
     """Particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
     colors = np.repeat(shades, len(drawn.chains), axis=0)
     yield PARTICLES, rr.LineStrips3D.from_fields(strips=_strips(drawn, positions), colors=colors)
+
+
+def points(positions: FloatArray, attachment: IntArray | None) -> Entities:
+    """Observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
+    numbers = np.full(len(positions), -1) if attachment is None else attachment
+    shades = np.array([*colours.PARTS, colours.NO_PART], dtype=np.uint8)
+    order = np.where(numbers < 0, len(colours.PARTS), numbers % len(colours.PARTS))
+    yield POINTS, rr.Points3D(positions, colors=shades[order], radii=rr.Radius.ui_points(1.75))
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:

@@ -39,6 +39,16 @@ class Bars:
 
 
 @dataclass(frozen=True, eq=False)
+class Scatter:
+    """Points in the plane. points: {label: (n, 2)}, x and y of each. x_name, y_name: with their units."""
+
+    name: str
+    points: Mapping[str, FloatArray]
+    x_name: str
+    y_name: str
+
+
+@dataclass(frozen=True, eq=False)
 class Sticks:
     """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,) from 0, dark, to 1,
     light. trails: {label: (K, 3)} curves in space, m.
@@ -51,7 +61,7 @@ class Sticks:
     trails: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
-Figure: TypeAlias = Curves | Bars | Sticks
+Figure: TypeAlias = Curves | Bars | Scatter | Sticks
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,108 @@
+"""Learning walking and running together, through the command line."""
+
+import json
+import logging
+import sys
+
+import numpy as np
+import pytest
+
+from workbench.cli.run import main
+from workbench.recording.reader import read
+from workbench.studies.learning_activities import style
+from workbench.studies.study import Curves, Scatter
+
+METRICS = {"n_examples", "n_clips", "cycle_rate_hz_walk", "cycle_rate_hz_run"} | {
+    f"{name}{part}"
+    for name in ("n_components_90", "activity_accuracy", "activity_accuracy_2", "unseen_style_deg")
+    for part in ("", "_legs")
+}
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capfd):
+    """Run the command in this process: (exit code, what it told, its folder)."""
+
+    def command(folder, *overrides):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
+        monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+        arguments = ["workbench", "experiment=learn_walk_run", *overrides, f"hydra.run.dir={tmp_path / folder}"]
+        monkeypatch.setattr(sys, "argv", arguments)
+        try:
+            code = main()
+        except SystemExit as end:
+            code = end.code
+        logging.captureWarnings(False)
+        return code, "".join(capfd.readouterr()), tmp_path / folder
+
+    return command
+
+
+def test_the_study_runs_from_its_name_and_leaves_a_recording(run):
+    code, told, folder = run("out")
+    assert code == 0, told
+    assert "96 cycles (builtin) of 24 clips" in told
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    assert metrics.keys() == METRICS
+    assert np.isfinite(list(metrics.values())).all()
+    # generated people walk and run alike: nothing is near the border
+    assert metrics["activity_accuracy"] == metrics["activity_accuracy_2_legs"] == 1.0
+    assert metrics["cycle_rate_hz_walk"] < metrics["cycle_rate_hz_run"]
+    recorded = read(folder / "run.rrd")
+    assert recorded.properties["metrics"] == metrics
+    assert "Paper D" in recorded.note
+    figures = {figure.name: figure for figure in recorded.figures}
+    assert len(figures) == 11
+    cloud = figures["model/first two components, whole body"]
+    assert isinstance(cloud, Scatter)
+    assert {label: points.shape for label, points in cloud.points.items()} == {"walk": (48, 2), "run": (48, 2)}
+    knee = figures["eigenvectors/left knee flexion"], figures["eigenvectors/left knee flexion, derivative"]
+    assert all(isinstance(figure, Curves) for figure in knee)
+    for label, curve in knee[0].curves.items():
+        slope = np.gradient(curve, knee[0].x)[1:-1]
+        # central differences of 257 points: a third derivative of 6 waves, (2π 6)³ / 6 / 256², 14 % of the curve's size
+        assert knee[1].curves[label][1:-1] == pytest.approx(slope, abs=0.14 * np.abs(curve).max())
+
+
+def test_the_same_command_gives_the_same_bits_at_any_number_of_threads(run):
+    found = []
+    for folder, override in (("a", "threads=1"), ("b", "seed=3")):
+        code, told, out = run(folder, override, "study.most_per_clip=1")
+        assert code == 0, told
+        found.append(read(out / "run.rrd"))
+    assert found[0].properties["metrics"] == found[1].properties["metrics"]
+    clouds = [recorded.figures[0].points for recorded in found]
+    assert all(clouds[0][label].tobytes() == clouds[1][label].tobytes() for label in clouds[0])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["study.most_per_clips=4"], "most_per_clips"),
+        (["study.most_per_clip=0"], "1 cycle"),
+        (["study.motions=bandai"], "paths.data"),
+        (["study.activities=[swim]"], "swim"),
+        (["study.leave_out=[runner_00]", "study.motions=everything"], "everything"),
+    ],
+)
+def test_wrong_input_is_one_clear_sentence(run, overrides, words):
+    code, told, folder = run("out", *overrides)
+    assert code == 2
+    assert words in told
+    assert "Traceback" not in told
+    assert not (folder / "run.rrd").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("dataset-2_run_active_017", "active"),
+        ("dataset-1_walk_not-confident_001", "not-confident"),
+        ("35_02", "35"),
+        ("walker_03_straight", "walker_03"),
+        ("mine", "mine"),
+    ],
+)
+def test_styles_are_read_from_names(source, expected):
+    assert style(source) == expected

@@ -1,0 +1,101 @@
+"""The activity prior: what it decodes, its Jacobian, its start, and that its noise is the Gaussian it says."""
+
+import numpy as np
+import pytest
+
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.learning.training import activity_model
+from workbench.priors.activity import Activity
+
+DT = 1 / 14
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return activity_model(cache=str(tmp_path_factory.mktemp("cache")), n_components=3)
+
+
+def states(prior, n, seed=0):
+    rng = np.random.default_rng(seed)
+    state = rng.standard_normal((n, len(prior.space)))
+    state[:, prior.space.slices["phase"]] = rng.random((n, 1))
+    return state
+
+
+def test_it_decodes_the_models_angles_on_its_own_root(model):
+    prior = Activity(model)
+    state = states(prior, 5)
+    poses = prior.pose(state)
+    slices = prior.space.slices
+    np.testing.assert_array_equal(poses[:, :3], state[:, slices["root_position"]])
+    np.testing.assert_array_equal(poses[:, 3:N_ROOT], state[:, slices["root_rotation"]])
+    columns = [POSE_NAMES.index(name) for name in model.angles]
+    for k in range(5):  # one by one, from the model's definition
+        expected = model.angles_at(state[k, slices["coefficients"]], state[k, slices["phase"]][0])
+        np.testing.assert_allclose(poses[k, columns], expected, rtol=1e-12)
+
+
+def test_the_jacobian_is_that_of_finite_differences(model):
+    prior = Activity(model)
+    state = states(prior, 4)
+    jacobian = prior.pose_jacobian(state)
+    for column in range(len(prior.space)):
+        step = np.zeros(len(prior.space))
+        step[column] = 1e-6
+        difference = (prior.pose(state + step) - prior.pose(state - step)) / 2e-6
+        np.testing.assert_allclose(jacobian[:, :, column], difference, atol=1e-7)
+
+
+def test_without_noise_phase_and_root_go_on(model):
+    prior = Activity(
+        model, sigma_coefficients=0.0, sigma_phase=0.0, sigma_phase_speed=0.0, sigma_position=0.0,
+        sigma_rotation=(0.0, 0.0, 0.0), sigma_velocity=0.0,
+    )  # fmt: skip
+    state = states(prior, 6)
+    moved = prior.step(state, DT, np.random.default_rng(1))
+    slices = prior.space.slices
+    expected = state.copy()
+    expected[:, slices["phase"]] = (state[:, slices["phase"]] + DT * state[:, slices["phase_speed"]]) % 1.0
+    expected[:, slices["root_position"]] += DT * state[:, slices["root_velocity"]]
+    np.testing.assert_allclose(moved, expected, atol=1e-15)
+
+
+def test_coefficients_keep_their_standard_normal_distribution(model):
+    """x' = a x + b n with a² = 1 − s², b² = s² a frame: after any number of frames the variance is still one."""
+    prior = Activity(model, sigma_coefficients=0.4)
+    rng = np.random.default_rng(2)
+    state = states(prior, 40_000, seed=3)
+    for _ in range(5):
+        state = prior.step(state, 1 / 30, rng)
+    variance = state[:, prior.space.slices["coefficients"]].var(axis=0)
+    assert variance == pytest.approx(1.0, abs=5 * np.sqrt(2 / 40_000))
+
+
+def test_the_start_lies_at_the_pose_that_the_model_can_take(model):
+    prior = Activity(model)
+    truth = states(prior, 1, seed=4)[0]
+    pose = prior.pose(truth[None])[0]
+    found = prior.nearest(pose)
+
+    def cost(state):
+        """What `nearest` minimises: angles to 0.1 rad, coefficients to their own deviation."""
+        left = (prior.pose(state[None])[0] - pose)[N_ROOT:] / 0.1
+        return (left**2).sum() + (state[prior.space.slices["coefficients"]] ** 2).sum()
+
+    rounded = truth.copy()
+    rounded[prior.space.slices["phase"]] = np.round(truth[prior.space.slices["phase"]] * 64) / 64
+    assert cost(found) <= cost(rounded) + 1e-9  # the truth at the nearest of the phases tried is one candidate
+    assert cost(found) < 0.1 * cost(prior.nearest(np.zeros(len(POSE_NAMES))))
+    cloud = prior.start(pose, 2000, np.random.default_rng(5))
+    assert np.abs(prior.pose(cloud).mean(axis=0)[:3] - pose[:3]).max() < 5 * 0.02 / np.sqrt(2000)
+    assert set(np.unique(cloud[:, prior.space.slices["phase_speed"]])) <= set(model.cycle_rate_hz)
+
+
+def test_what_the_model_does_not_say_stays(model, tmp_path):
+    legs = activity_model(cache=str(tmp_path), n_components=2, angles=["lower_body"])
+    prior = Activity(legs)
+    pose = np.linspace(0.1, 0.2, len(POSE_NAMES))
+    state = prior.step(prior.start(pose, 10, np.random.default_rng(6)), DT, np.random.default_rng(7))
+    held = [POSE_NAMES.index(name) for name in POSE_NAMES[N_ROOT:] if name not in legs.angles]
+    np.testing.assert_array_equal(prior.pose(state)[:, held], np.repeat(pose[None, held], 10, axis=0))
+    assert set(prior.parameters) == {*POSE_NAMES[:N_ROOT], *legs.angles}

@@ -1,0 +1,184 @@
+"""Fits frame by frame, residual functions and the automatic start against known truth."""
+
+import numpy as np
+import pytest
+from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_residuals, walk
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.errors import InputError
+from workbench.inference.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.frame_fit import (
+    Gaussian,
+    Smoothness,
+    fit_frame,
+    follow,
+    global_motion,
+    pose_prior,
+    track_poses,
+)
+from workbench.inference.motion_fit import fit_motion, fit_problem
+from workbench.inference.phase_grid import best_lines, find_phase, start_from_points
+from workbench.inference.residuals import Loss, joint_residual, keypoint_residual
+
+SQUARED, ROBUST = Loss("squared", 1.0), Loss("geman_mcclure", 3.0)
+CAMERA = plain_camera(640, 480, 700.0, (3.0, -3.0, 1.2), (1.3, 2.0, 0.9))
+
+
+def keypoint_residuals(states):
+    return [
+        keypoint_residual(WALKER, CAMERA, EVERY_JOINT, np.column_stack([seen, np.linspace(0.3, 1.0, 8)]), 2.0)
+        for seen in CAMERA.project(joints(WALKER, decoder().poses(states)))
+    ]
+
+
+@pytest.mark.parametrize("make", [joint_residuals, keypoint_residuals])
+def test_derivatives_of_residuals_are_those_of_finite_differences(make):
+    _, states = walk(3)
+    for residual, pose in zip(make(states), decoder().poses(disturbed(states)), strict=True):
+        step = 1e-6 * np.eye(10)
+        exact = np.stack([(residual(pose + move)[0] - residual(pose - move)[0]) / 2e-6 for move in step], axis=1)
+        np.testing.assert_allclose(residual(pose)[1], exact, rtol=1e-6, atol=1e-6 * np.abs(exact).max())
+
+
+def test_the_decoder_differentiates_its_poses():
+    _, states = walk(4)
+    step = 1e-6
+    moves = step * np.eye(states.shape[1])
+    exact = [(decoder().poses(states + move) - decoder().poses(states - move)) / (2 * step) for move in moves]
+    np.testing.assert_allclose(decoder().jacobian(states), np.stack(exact, axis=-1), rtol=1e-6, atol=1e-8)
+
+
+def test_marked_keypoints_over_frames_recover_the_motion():
+    times, states = walk(9)
+    # a mark's deviation of 2 px is 1 cm at the walker's 3.5 m; the priors pull less than that
+    problem = fit_problem(decoder(), keypoint_residuals(states), times, Loss("huber", 1.0), Smoothness(style=0.01), 1)
+    found, _, _ = fit_motion(problem, disturbed(states), tolerance=1e-10, max_iterations=60)
+    truth = joints(WALKER, decoder().poses(states))
+    assert np.abs(joints(WALKER, decoder().poses(found)) - truth).max() < 0.01
+
+
+def test_the_root_is_found_in_every_frame_from_the_one_before():
+    _, states = walk(12)
+    truth = states.copy()
+    states[:, -6:] = states[0, -6:] + np.array([0.05, -0.05, 0.03, 0.05, -0.05, 0.05])  # what follows is not known
+    truth[:, 3] += 2.0 * np.arange(12) / 14.0  # at a runner's speed, 23 cm a frame
+    found = global_motion(decoder(), joint_residuals(truth), ROBUST, states)
+    np.testing.assert_allclose(found, truth, atol=1e-4)
+
+
+def test_root_phase_and_style_are_followed():
+    _, states = walk(20, rate_hz=1.1)
+    states[10:, 2] += 0.02 * np.arange(10)  # the pace quickens
+    found = follow(decoder(), joint_residuals(states), ROBUST, states[:4], Smoothness())
+    # where the phase bends by one deviation of its prior, at most that is held back; four frames on nothing is
+    np.testing.assert_allclose(found[:, 2], states[:, 2], atol=0.02)
+    np.testing.assert_allclose(found[14:, 2], states[14:, 2], atol=0.002)
+    np.testing.assert_allclose(found[:, 3:], states[:, 3:], atol=0.01)
+
+
+def test_poses_are_tracked_without_a_model():
+    _, states = walk(6)
+    truth = decoder().poses(states)
+    poses, covariances, searches = track_poses(PoseDecoder(WALKER), joint_residuals(states), SQUARED, truth[0] + 0.02)
+    np.testing.assert_allclose(poses, truth, atol=1e-4)
+    assert all(np.all(np.diff(search.costs) < 0.0) for search in searches)
+    assert np.linalg.eigvalsh(covariances).min() > 0.0
+
+
+def test_what_nothing_tells_of_keeps_its_place_and_is_uncertain():
+    _, states = walk(1)
+    pose = decoder().poses(states)[0]
+    foot = np.array([WALKER.joint("left_ankle")])
+    seen = joint_residual(WALKER, foot, joints(WALKER, pose[None])[0, foot] + 0.02, 0.01)
+    poses, covariances, _ = track_poses(PoseDecoder(WALKER), [seen], SQUARED, pose)
+    right = [WALKER.dof("right_hip_flexion"), WALKER.dof("right_knee_flexion")]
+    np.testing.assert_array_equal(poses[0, right], pose[right])
+    np.testing.assert_allclose(np.diagonal(covariances[0])[right], 1.0)
+
+
+def test_a_frame_under_a_gaussian_prior_is_the_closed_form():
+    rng = np.random.default_rng(0)
+    slopes, seen = rng.standard_normal((14, 10)), rng.standard_normal(14)
+    prior = Gaussian(rng.standard_normal(10), rng.standard_normal((6, 10)))
+    found = fit_frame(
+        PoseDecoder(WALKER), lambda pose: (slopes @ pose - seen, slopes), SQUARED, np.zeros(10), prior=prior,
+        tolerance=1e-14,
+    )  # fmt: skip
+    normal = slopes.T @ slopes + prior.whitening.T @ prior.whitening
+    right = slopes.T @ seen + prior.whitening.T @ prior.whitening @ prior.mean
+    np.testing.assert_allclose(found.x, np.linalg.solve(normal, right), atol=1e-6)
+    np.testing.assert_allclose(found.quadratic.normal.dense(), normal, rtol=1e-12)
+
+
+def test_the_pose_prior_is_the_gaussian_of_the_models_poses():
+    rng = np.random.default_rng(1)
+    draws = decoder().states(rng.standard_normal((40_000, 2)), rng.random(40_000), np.zeros(6))
+    angles = decoder().poses(draws)[:, 6:] + 0.05 * rng.standard_normal((40_000, 4))
+    prior = pose_prior(decoder())
+    np.testing.assert_allclose(prior.mean[6:], angles.mean(axis=0), atol=0.01)
+    whitened = (angles - prior.mean[6:]) @ prior.whitening[:, 6:].T
+    # the sample's covariance of 40 000 draws is good to √(2/40 000), 0.007; five times that
+    np.testing.assert_allclose(np.cov(whitened.T), np.eye(4), atol=0.035)
+    np.testing.assert_array_equal(prior.whitening[:, :6], 0.0)
+
+
+def test_lines_through_a_table_of_costs():
+    times, phase, rate = np.arange(8) / 14.0, 0.9, 1.2
+    phases = np.arange(12) / 12.0
+    costs = 1.0 - np.cos(2.0 * np.pi * (phases - (phase + rate * times)[:, None]))
+    (cost, line), *others = best_lines(costs, times, np.array([0.8, 1.0, 1.2, 1.4]))
+    np.testing.assert_allclose((line - phase - rate * times + 0.5) % 1.0 - 0.5, 0.0, atol=1.0 / 48.0)
+    assert len(others) == 3
+    assert all(cost < other for other, _ in others)
+
+
+def recovered(seed):
+    """Whether the phase of a walk at 0.8 or 1.2 of the model's pace is found, to 0.1 cycles, in all first frames."""
+    rng = np.random.default_rng(seed)
+    _, states = walk(8, rate_hz=rng.choice([0.8, 1.2]), phase=rng.random(), alpha=0.5 * rng.standard_normal(2))
+    start = decoder().poses(states)[0]
+    start[:6] += rng.standard_normal(6) * np.array([*[0.03] * 3, *[0.05] * 3])
+    poses = MotionDecoder(WALKER, decoder().model, start)
+    residuals = joint_residuals(states, sigma_m=0.02, noise_m=0.03, outliers=0.15, seed=seed)
+    found = find_phase(poses, residuals, np.arange(8) / 14.0, ROBUST, Smoothness(), start[:6])
+    return np.abs((found[:, 2] - states[:, 2] + 0.5) % 1.0 - 0.5).max() < 0.1
+
+
+def test_the_phase_is_found_by_itself():
+    assert all(recovered(seed) for seed in range(3))
+
+
+@pytest.mark.slow
+def test_the_phase_is_found_by_itself_in_40_trials():
+    assert np.mean([recovered(seed) for seed in range(40)]) >= 0.95
+
+
+def test_too_few_frames_with_something_in_them_are_an_error():
+    times, states = walk(8)
+    residuals = joint_residuals(states)
+    empty = joint_residual(WALKER, EVERY_JOINT[:0], np.empty((0, 3)), 0.01)
+    with pytest.raises(InputError, match="only 3 of the first 8 frames show anything"):
+        find_phase(decoder(), [*residuals[:3], *[empty] * 5], times, ROBUST, Smoothness(), states[0, -6:])
+
+
+def test_points_tell_where_a_person_is_and_faces():
+    times, states = walk(8)
+    rng = np.random.default_rng(2)
+    seen = joints(WALKER, decoder().poses(states))
+    clouds = [np.repeat(cloud, 20, axis=0) + 0.05 * rng.standard_normal((160, 3)) for cloud in seen]
+    clouds[3] = np.empty((0, 3))
+    pose = start_from_points(WALKER, clouds, times)
+    assert np.linalg.norm(pose[:3] - states[0, 3:6]) < 0.2
+    assert abs(pose[3] - np.arctan2(0.4, 1.2)) < 0.3
+    with pytest.raises(InputError, match="too little to tell where they face"):
+        start_from_points(WALKER, [clouds[0]] * 8, times)
+    with pytest.raises(InputError, match="expected points in two"):
+        start_from_points(WALKER, [clouds[0]], times[:1])
+
+
+def test_a_model_of_another_skeleton_is_an_error():
+    model = decoder().model
+    model.angles = ("tail_flexion",)
+    with pytest.raises(InputError, match="no joint angle called 'tail_flexion'"):
+        MotionDecoder(WALKER, model, np.zeros(10))

@@ -1,0 +1,160 @@
+"""Least squares on points of the surface: accuracy against known motion, and what it says of points it cannot use."""
+
+import numpy as np
+import pytest
+from least_squares_scenes import SineModel
+
+from workbench.body.kinematics import forward, joints
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.body.surface import person_surface
+from workbench.datasets.frame import Frame
+from workbench.errors import InputError
+from workbench.inference.decoding import MotionDecoder
+from workbench.inference.least_squares import LeastSquares
+from workbench.inference.residuals import surface_residual
+
+BODY, T = person(from_height(1.75)), 10
+SURFACE = person_surface(BODY)
+SIDE = np.array([0.0, -1.0, 0.0])  # where the camera stands
+
+
+def truth(rate_hz=1.1):
+    """Poses (T, 25) of a walk along x at 14 Hz."""
+    decoder = MotionDecoder(BODY.skeleton, SineModel(), np.zeros(25))
+    times = np.arange(T) / 14.0
+    roots = np.array([0.0, 0.0, 0.95, 0.0, 0.05, 0.0]) + times[:, None] * np.array([1.4, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return decoder.poses(decoder.states(np.array([0.5, -0.5]), 0.3 + rate_hz * times, roots))
+
+
+def seen(pose, rng, n=400, sigma_m=0.02, outliers=0.15):
+    """Points (n, 3) on the side of the ellipsoids towards the camera, on the skin, with noise in depth and outliers."""
+    frames = forward(BODY.skeleton, pose[None])
+    sizes = np.sort(SURFACE.half_sizes, axis=1)[:, 1:].prod(axis=1)
+    chosen = rng.choice(len(SURFACE), size=6 * n, p=sizes / sizes.sum())
+    unit = rng.standard_normal((6 * n, 3))
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    rotations = frames.rotations[0][SURFACE.joints[chosen]]
+    axes = rotations @ SURFACE.axes[chosen]
+    centres = frames.positions[0][SURFACE.joints[chosen]] + np.einsum("kij,kj->ki", rotations, SURFACE.centers[chosen])
+    points = centres + np.einsum("kij,kj->ki", axes, unit * SURFACE.half_sizes[chosen])
+    # neighbours in a chain overlap: what lies inside one of them is not on the skin
+    facing = np.einsum("kij,kj->ki", axes, unit / SURFACE.half_sizes[chosen]) @ SIDE > 0.0
+    off = np.abs(surface_residual(BODY.skeleton, SURFACE, points, "distance", 1.0)(pose)[0])
+    points = points[facing & (off < 0.01)][:n]
+    points = points + sigma_m * rng.standard_normal((len(points), 1)) * SIDE
+    wrong = rng.random(len(points)) < outliers
+    points[wrong] = pose[:3] + rng.uniform(-1.0, 1.0, (wrong.sum(), 3))
+    return points
+
+
+def frames(poses, seed=0, **noise):
+    rng = np.random.default_rng(seed)
+    return [Frame(5 + t, t / 14.0, (), points=seen(pose, rng, **noise)) for t, pose in enumerate(poses)]
+
+
+def streams():
+    return {name: np.random.default_rng(k) for k, name in enumerate(("start", "prior"))}
+
+
+def error_mm(poses, truth):
+    return 1e3 * np.linalg.norm(joints(BODY.skeleton, poses) - joints(BODY.skeleton, truth), axis=2).mean()
+
+
+def run(inference, shown, start=None):
+    return list(inference.run(shown, start, streams()))
+
+
+@pytest.mark.parametrize("given", [{}, {"style": "steady"}, {"frames_per_style": 4}, {"kind": "field", "sigma": 0.5,
+                         "scale": 0.5}], ids=["frame", "steady", "groups", "field"])  # fmt: skip
+def test_a_walk_is_found_in_points_without_a_start(given):
+    poses = truth()
+    steps = run(LeastSquares(BODY, SineModel(), n_particles=50, **given), frames(poses))
+    # the points lie within 1 cm of the skin before noise, and 400 of them average a noise of 2 cm to millimetres
+    assert error_mm(np.array([step.expected_pose for step in steps]), poses) < 15.0
+    assert [step.frame.index for step in steps] == list(range(5, 15))
+    assert all(step.warnings == () for step in steps)
+    assert all(0.5 < step.diagnostics["inliers"] < 0.95 for step in steps)
+
+
+def test_given_ends_of_the_phase_are_used():
+    poses = truth()
+    start = poses[0] + 0.03
+    phases = (0.3, 0.3 + 1.1 * 9 / 14)
+    steps = run(LeastSquares(BODY, SineModel(), style="steady", phases=phases), frames(poses), start)
+    assert error_mm(np.array([step.expected_pose for step in steps]), poses) < 15.0
+    wrong = (0.8, 0.8 + 1.1 * 9 / 14)
+    steps = run(LeastSquares(BODY, SineModel(), style="steady", phases=wrong), frames(poses), start)
+    assert error_mm(np.array([step.expected_pose for step in steps]), poses) > 40.0  # half a cycle off: the other leg
+
+
+def test_squares_do_not_stand_outliers_that_a_redescending_loss_ignores():
+    poses = truth()
+    errors = {
+        loss: error_mm(np.array([step.expected_pose for step in run(LeastSquares(BODY, SineModel(), loss=loss),
+                       frames(poses))]), poses)
+        for loss in ("squared", "huber", "geman_mcclure")
+    }  # fmt: skip
+    assert errors["geman_mcclure"] < errors["huber"] < errors["squared"]
+
+
+def test_without_a_model_the_walk_is_tracked_from_the_true_start():
+    poses = truth()
+    inference = LeastSquares(BODY, style="none", n_particles=10)
+    steps = run(inference, frames(poses[:2], outliers=0.0, sigma_m=0.0), poses[0])
+    assert error_mm(steps[0].expected_pose[None], poses[:1]) < 15.0
+    assert steps[0].space.names == BODY.skeleton.dof_names
+    prior = LeastSquares(BODY, SineModel(), style="none", pose_prior=True, n_particles=10)
+    steps = run(prior, frames(poses), poses[0])
+    assert np.abs(np.array([step.expected_pose for step in steps])[:, 6:]).max() < np.pi
+
+
+def test_frames_it_cannot_use_are_bridged_and_named():
+    poses = truth()
+    shown = frames(poses)
+    broken = shown[6].points.copy()
+    broken[::10] = np.nan
+    shown[6] = Frame(11, shown[6].time_s, (), points=broken)
+    shown[3] = Frame(8, shown[3].time_s, ())
+    shown[7] = Frame(12, shown[7].time_s, (), points=np.full((30, 3), np.nan))
+    shown[8] = Frame(13, shown[8].time_s, (), points=np.repeat(shown[8].points, 3000, axis=0))  # over a million
+    shown[9] = Frame(14, shown[9].time_s, (), points=np.random.default_rng(9).uniform(-3.0, 3.0, (400, 3)))
+    steps = run(LeastSquares(BODY, SineModel()), shown)
+    said = [" / ".join(step.warnings) for step in steps]
+    assert [k for k, sentences in enumerate(said) if sentences] == [3, 6, 7, 8, 9]
+    assert "frame 8: no points" in said[3]
+    assert f"frame 11: {len(broken[::10])} points are not finite" in said[6]
+    assert "30 points are not finite" in said[7]
+    assert "no points" in said[7]
+    assert "points thinned to 1000" in said[8]
+    assert "of the points lie near the body" in said[9]
+    assert error_mm(np.array([step.expected_pose for step in steps[:9]]), poses[:9]) < 20.0
+
+
+def test_what_is_out_of_range_is_an_error():
+    for given, sentence in [
+        ({"style": "swing"}, "style must be one of steady, frame, none"),
+        ({"kind": "depth"}, "kind must be one of"),
+        ({"loss": "cauchy"}, "loss must be one of"),
+        ({"scale": 0.0}, "scale must be above zero"),
+        ({"sigma_phase": np.inf}, "sigma_phase must be above zero"),
+        ({"most_points": 0}, "most_points must be above zero"),
+    ]:
+        with pytest.raises(InputError, match=sentence):
+            LeastSquares(BODY, SineModel(), **given)
+    for given in ({}, {"style": "none", "pose_prior": True}):
+        with pytest.raises(InputError, match="expected a motion model"):
+            LeastSquares(BODY, **given)
+    fitting = LeastSquares(BODY, SineModel())
+    with pytest.raises(InputError, match="at least one frame"):
+        run(fitting, [])
+    with pytest.raises(InputError, match="expected points to fit, found none in 2 frames"):
+        run(fitting, [Frame(0, 0.0, ()), Frame(1, 0.1, (), points=np.empty((0, 3)))])
+
+
+def test_the_same_seed_gives_the_same_bits():
+    shown = frames(truth())
+    first, second = (run(LeastSquares(BODY, SineModel(), most_points=200, n_particles=5), shown) for _ in range(2))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.poses, other.poses)
+        np.testing.assert_array_equal(one.particles, other.particles)

@@ -1,0 +1,108 @@
+"""The fit and its steps: moments of the particles, determinism, and sequences of any length."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from least_squares_scenes import WALKER, decoder, joint_residuals, walk
+
+from workbench.body.kinematics import joints
+from workbench.datasets.frame import Frame
+from workbench.inference.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.frame_fit import Smoothness
+from workbench.inference.least_squares import fit_poses, fit_sequence, steps
+from workbench.inference.residuals import Loss
+
+ROBUST = Loss("geman_mcclure", 3.0)
+
+
+def frames(times):
+    return [Frame(index=t, time_s=time, views=()) for t, time in enumerate(times)]
+
+
+def sequence(n_frames=10, frames_per_style=1, phases=None, **scene):
+    times, states = walk(n_frames)
+    start = decoder().poses(states)[0]
+    start[:6] += 0.03
+    fit = fit_sequence(
+        MotionDecoder(WALKER, decoder().model, start), joint_residuals(states, noise_m=0.01, **scene), times, ROBUST,
+        smoothness=Smoothness(), frames_per_style=frames_per_style, phases=phases,
+    )  # fmt: skip
+    return fit, states, times
+
+
+@pytest.mark.parametrize("phases", [None, (0.1, 0.1 + 9.0 / 14.0), (0.05, 0.85)], ids=["found", "given", "given badly"])
+@pytest.mark.parametrize("frames_per_style", [10, 5, 1])
+def test_a_sequence_is_fitted_from_a_rough_start(frames_per_style, phases):
+    fit, states, _ = sequence(frames_per_style=frames_per_style, phases=phases, outliers=0.15)
+    truth, found = (joints(WALKER, poses) for poses in (decoder().poses(states), fit.poses))
+    # eight joints with 1 cm of noise determine far fewer unknowns: the error is below the noise
+    assert np.linalg.norm(found - truth, axis=2).mean() < 0.01
+    assert all(later <= earlier for earlier, later in pairwise(fit.costs))
+    assert fit.inliers.mean() == pytest.approx(0.85, abs=0.1)
+    np.testing.assert_array_equal(fit.mu, fit.states[:, 2])
+    np.testing.assert_array_equal(fit.alpha, fit.states[:, :2])
+    assert len(np.unique(fit.alpha, axis=0)) == 10 // frames_per_style
+    assert set(fit.timing_s) == {"start", "least_squares"}
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 3])
+def test_short_sequences_are_fitted_too(n_frames):
+    fit, states, times = sequence(n_frames)
+    assert fit.poses.shape == (n_frames, 10)
+    assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, decoder().poses(states))).max() < 0.05
+    assert len(list(steps(fit, frames(times), 5, np.random.default_rng(0)))) == n_frames
+
+
+def test_particles_are_drawn_from_the_posterior():
+    fit, _, times = sequence()
+    n = 20_000
+    for t, step in enumerate(steps(fit, frames(times), n, np.random.default_rng(0))):
+        np.testing.assert_array_equal(step.expected_pose, fit.poses[t])
+        np.testing.assert_array_equal(step.map_pose, fit.poses[t])
+        assert np.exp(step.log_weights).sum() == pytest.approx(1.0)
+        assert step.ess == n
+        assert step.frame.index == t
+        # a sample's mean is good to 1/√n of a deviation, its covariance to √(2/n): five times that
+        deviations = np.sqrt(np.diagonal(fit.covariance[t])) + 1e-12
+        np.testing.assert_allclose((step.poses.mean(axis=0) - fit.poses[t]) / deviations, 0.0, atol=5.0 / np.sqrt(n))
+        apart = (np.cov(step.poses.T) - fit.covariance[t]) / np.outer(deviations, deviations)
+        np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
+        spread = np.sqrt(np.diagonal(fit.state_covariance[t]))
+        apart = (np.cov(step.particles.T) - fit.state_covariance[t]) / np.outer(spread, spread)
+        np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
+        phase = step.particles[:, step.space.slices["phase"]]
+        assert 0.0 <= np.median(phase) % 1.0 == pytest.approx(fit.mu[t] % 1.0, abs=0.01)
+
+
+def test_the_band_covers_the_truth_as_often_as_it_says():
+    inside = []
+    for seed in range(8):
+        fit, states, _ = sequence(seed=seed)
+        deviations = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
+        inside.append(np.abs(fit.poses - decoder().poses(states)) < 1.645 * deviations)
+    # 90 % of 8 · 10 · 10 numbers, which within a walk go together: some 8 · 20 independent ones, deviation 2.4 %
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
+
+
+def test_the_same_seed_gives_the_same_bits():
+    (fit, _, times), (again, _, _) = sequence(outliers=0.1), sequence(outliers=0.1)
+    np.testing.assert_array_equal(fit.poses, again.poses)
+    np.testing.assert_array_equal(fit.covariance, again.covariance)
+    first, second = (list(steps(one, frames(times), 7, np.random.default_rng(3))) for one in (fit, again))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.particles, other.particles)
+        np.testing.assert_array_equal(one.poses, other.poses)
+
+
+@pytest.mark.parametrize("prior", [None, decoder()], ids=["alone", "under the model's poses"])
+def test_without_a_model_the_state_is_the_pose(prior):
+    times, states = walk(6)
+    truth = decoder().poses(states)
+    fit = fit_poses(PoseDecoder(WALKER), joint_residuals(states, noise_m=0.005), ROBUST, truth[0], prior)
+    assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, truth)).max() < 0.03
+    assert fit.alpha.shape == (6, 0)
+    assert np.isnan(fit.mu).all()
+    step = next(steps(fit, frames(times), 50, np.random.default_rng(0)))
+    np.testing.assert_array_equal(step.particles, step.poses)
+    assert step.space.names == WALKER.dof_names

@@ -1,0 +1,75 @@
+"""Walking and running together on recordings: CMU's and both of Bandai's data sets."""
+
+import numpy as np
+import pytest
+
+from workbench.body.full_skeleton import full_poses, full_skeleton
+from workbench.body.skeleton import N_ROOT
+from workbench.learning.activities import learn_activities
+from workbench.learning.activity_classes import accuracy_left_out, mean_rates_hz
+from workbench.learning.activity_cycles import SHORTEST_S, activity_cycles, cut, joined
+from workbench.learning.cycles import gait_events
+from workbench.mocap.bvh import read_bvh
+from workbench.mocap.retarget import retarget
+from workbench.mocap.sources import find_clip, load_motion
+
+CLIPS = (
+    "02_01", "02_03", "35_02", "08_01", "16_15",
+    *(f"dataset-1_{activity}_{style}_001" for activity in ("walk", "run") for style in ("active", "feminine", "proud")),
+    *(f"dataset-2_{activity}_{style}_00{take}" for activity in ("walk", "run")
+      for style in ("active", "elderly", "normal", "youthful") for take in (1, 2, 3)),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cycles(data):
+    return activity_cycles([load_motion(find_clip(data, clip)) for clip in CLIPS])
+
+
+def test_every_clip_has_cycles_of_its_activity(cycles):
+    assert set(cycles.sources) == set(CLIPS)
+    runs = np.array(cycles.activities) == "run"
+    assert {source for source, run in zip(cycles.sources, runs, strict=True) if run} == {
+        clip for clip in CLIPS if "run" in clip or clip == "02_03"
+    }
+    # running people take 0.55 to 0.95 s a cycle, whatever their style
+    assert 0.55 < cycles.durations_s[runs].min() < cycles.durations_s[runs].max() < 0.95
+    assert 0.9 < np.median(cycles.durations_s[~runs]) < 1.2
+    rates = mean_rates_hz(learn_activities(cycles))
+    assert rates["run"] > 1.2 * rates["walk"]
+
+
+def test_angles_stay_on_one_branch(cycles):
+    """No cycle lies a half turn from the others, as angles on the other course of a joint's three turns would."""
+    from_middle = np.abs(cycles.curves - np.median(cycles.curves, axis=0))
+    assert np.degrees(from_middle.max()) < 130.0  # the twist of a straight arm
+
+
+def test_legs_tell_running_from_walking_in_a_clip_left_out(cycles):
+    legs = cycles.of_angles(["lower_body"])
+    assert accuracy_left_out(legs, legs.sources, 5) > 0.95  # what the activity of a frame asks for
+
+
+def test_the_paper_s_part_of_the_variance_takes_few_components(cycles):
+    assert len(learn_activities(cycles).scales) < 9  # prototypes: 6, the paper 5
+    mean_error = np.degrees(np.sqrt(np.mean((cycles.curves - cycles.curves.mean(axis=0)) ** 2)))
+    model = learn_activities(cycles, n_components=5)
+    again = model.angles_at(model.scores[:, None], np.arange(64) / 64)
+    assert np.degrees(np.sqrt(np.mean((again - cycles.curves) ** 2))) < 0.5 * mean_error
+
+
+def test_every_joint_of_a_file_can_be_modelled(data):
+    parts = []
+    for activity in ("walk", "run"):
+        clip = read_bvh(find_clip(data, f"dataset-2_{activity}_normal_001"))
+        events = gait_events(retarget(clip), SHORTEST_S)
+        labels = {"activity": activity, "source": clip.name}
+        parts.append(cut(full_skeleton(clip), full_poses(clip), events, rate_hz=clip.rate_hz, **labels))
+        assert parts[-1].angles == full_skeleton(clip).dof_names[N_ROOT:]
+    cycles = joined(parts)
+    model = learn_activities(cycles, angles=cycles.angles, n_components=len(cycles) - 1)
+    assert len(model.angles) == 60
+    again = model.angles_at(model.scores[:, None], np.arange(64) / 64)
+    assert again == pytest.approx(cycles.curves, abs=1e-9)
+    steps = np.abs(np.diff(cycles.curves, axis=1, append=cycles.curves[:, :1]))
+    assert np.degrees(steps.max()) < 25.0  # a 64th of a cycle, 12 ms: joints of runners turn by at most 2000° a second

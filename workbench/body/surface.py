@@ -1,0 +1,245 @@
+"""The implicit surface of paper D: ellipsoids on the skeleton's joints, whose fields add up to a skin.
+
+**Field** (D eq. 2–4). Ellipsoid i has the algebraic distance d_i(X) = Σ (y/h)² over its axes, 1 on the ellipsoid, and
+the field f_i = b exp(−a d_i). A part's field f is the sum over its ellipsoids and its skin is f = C. With b = C exp(a)
+the skin of a part with one ellipsoid is that ellipsoid. D has an a_i and b_i for each ellipsoid; here all share them.
+
+**Chains.** A limb is a row of ellipsoids at equal spaces Δ of half length Δ √(a/π): the Gaussians exp(−a (z/half)²)
+then add up to 1 within 9 % along the limb, so the skin has the radius of the ellipsoids within 2 % (for a = 2).
+
+**Residuals** of a point X attached to a part:
+- "field": f − C (D eq. 6), dimensionless, negative outside. It says little beyond a fraction of the limb's radius.
+- "distance": metres, positive outside. With ℓ = log(f / C), the part's normalised radius is r = √(1 − ℓ/a), which is
+  √d for one ellipsoid; the residual is (r − 1) s outside and (r² − 1)/2 · s inside, smooth at the centre. s, metres
+  per unit of r, is the mean over the part's ellipsoids by their share in f. For one ellipsoid, with y the point in
+  its axes, it goes from s_near = 1/|∇√d| = √(d / Σ y²/h⁴) at the skin, which makes the residual right to first order
+  (Taubin 1991), to s_far = |y|/√d, which makes its slope 1 far away, with the weight (1 − 1/√d)² of the latter.
+  Inside, s_near goes over to the smallest half size at the centre, where it would depend on the direction.
+  On a sphere it is exact outside. Measured against exact distances, over points outside an ellipsoid whose half sizes
+  differ by a factor of 1.6 / 2.5 / 3.5 it is 0.97–1.00 / 0.88–1.02 / 0.77–1.07 of the distance. Inside it is the
+  distance at the skin and half of it at the centre of a sphere.
+
+**Attachment** (D eq. 5). D takes the part with the smallest |f − C|. A centimetre inside a forearm f > 2 C already, and
+by that rule such a point would belong to any limb far away, whose |f − C| is C. Here the smallest |log(f / C)| decides
+("field"), which outside every part is D's order and cannot underflow, or the smallest |distance| ("distance"), which
+does not favour thick parts as both of these do.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body import surface_kernel
+from workbench.body.kinematics import JointFrames
+from workbench.body.limbs import Body
+from workbench.body.skeleton import Skeleton
+from workbench.errors import InputError
+
+Kind = Literal["field", "distance"]
+KINDS: tuple[Kind, ...] = ("field", "distance")
+SHARPNESS = 2.0
+"""a: the larger, the less ellipsoids blend, and the narrower the band in which the field tells distances apart."""
+OVERHANG = 0.3
+"""Chains of ellipsoids go on beyond their limb's ends by this part of its thickness, so that joints are not thinner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """E ellipsoids in B parts; lengths in metres.
+
+    names: E names. joints: (E,), the joint whose frame carries an ellipsoid. centers: (E, 3) in that frame.
+    half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which turn the ellipsoid's axes to the joint's frame.
+    parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once and in this order.
+    part_names: B names. sharpness: a. level: C.
+
+    Raises InputError when a half size, a or C is not positive, or the parts are not in order.
+    """
+
+    names: tuple[str, ...]
+    joints: IntArray
+    centers: FloatArray
+    half_sizes: FloatArray
+    axes: FloatArray
+    parts: IntArray
+    part_names: tuple[str, ...]
+    sharpness: float = SHARPNESS
+    level: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (np.all(self.half_sizes > 0.0) and self.sharpness > 0.0 and self.level > 0.0):
+            raise InputError("surface: expected positive half sizes, sharpness and level")
+        steps = np.diff(self.parts, prepend=-1, append=len(self.part_names))
+        if not len(self.names) or np.any((steps != 0) & (steps != 1)) or steps[-1] != 1:
+            raise InputError("surface: expected the ellipsoids part by part, and at least one in every part")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def strength(self) -> float:
+        """b of every ellipsoid, which makes the skin of a lone ellipsoid that ellipsoid."""
+        return float(self.level * np.exp(self.sharpness))
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """The kernel's table (E, 16): centre, the axes as rows, 1 / half size², and the largest of these."""
+        inverse = 1.0 / self.half_sizes**2
+        rows = self.axes.swapaxes(1, 2).reshape(-1, 9)
+        return np.column_stack([self.centers, rows, inverse, inverse.max(axis=1)])
+
+    @cached_property
+    def bounds(self) -> IntArray:
+        """(B + 1,): part b has the ellipsoids bounds[b] to bounds[b + 1] − 1."""
+        return np.searchsorted(self.parts, np.arange(len(self.part_names) + 1))
+
+
+def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
+    """The part (K,) that each point (K, 3), m, belongs to in one pose: the smallest |distance| or |log(f / C)|.
+
+    frames: of one pose, (1, J, ...). Of equals it is the first part. Raises InputError for a point that is not finite.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if not np.isfinite(points).all():
+        raise InputError(f"surface: expected finite points, found {np.sum(~np.isfinite(points).all(axis=1))} others")
+    attachment = np.empty(len(points), dtype=np.int64)
+    surface_kernel.attach(
+        *(surface.table, surface.joints, surface.bounds, surface.sharpness, KINDS.index(kind)),
+        *(frames.rotations[0], frames.positions[0], points, attachment),
+    )
+    return attachment
+
+
+def residuals(
+    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
+) -> FloatArray:
+    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,).
+
+    "field": f − C, dimensionless; "distance": m. See the module for both.
+    """
+    found = np.empty(len(points))
+    surface_kernel.residuals(*_arguments(skeleton, surface, pose, points, kind, attachment, found))
+    return found
+
+
+def residual_jacobian(
+    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same residuals (K,), and their derivative (K, P) with respect to the pose, per m and rad."""
+    found, jacobian = np.empty(len(points)), np.empty((len(points), len(pose)))
+    surface_kernel.residual_jacobian(*_arguments(skeleton, surface, pose, points, kind, attachment, found, jacobian))
+    return found, jacobian
+
+
+def _arguments(
+    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray,
+    *results: FloatArray,
+) -> tuple[Any, ...]:  # fmt: skip
+    return (
+        *(np.ascontiguousarray(pose), skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
+        *(surface.table, surface.joints, surface.bounds, surface.sharpness, surface.level, KINDS.index(kind)),
+        *(np.ascontiguousarray(points), attachment, *results),
+    )
+
+
+def person_surface(body: Body) -> Surface:
+    """The skin of the 25-parameter person: a part for each limb, cones as chains of ellipsoids, spheres as spheres."""
+    limbs = body.limbs
+    return _assembled(
+        [
+            (name, joint, _ball(start, radii[0]) if sphere else _chain(start, end, radii))
+            for name, joint, start, end, radii, sphere in zip(
+                limbs.names, limbs.joints, limbs.starts, limbs.ends, limbs.radii, limbs.spheres, strict=True
+            )
+        ]
+    )
+
+
+Radii = Mapping[str, tuple[float, float]]
+NO_RADII: Radii = MappingProxyType({})
+Ends = Mapping[str, tuple[float, float, float]]
+NO_ENDS: Ends = MappingProxyType({})
+
+
+def skeleton_surface(
+    skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO_RADII, ends: Ends = NO_ENDS
+) -> Surface:
+    """A skin for any skeleton: a chain of ellipsoids along every bone, each bone a part named for its far joint.
+
+    thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
+    named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
+    m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its part is "<joint>_end".
+    Bones without a length, such as those between a joint and another at its place, have no skin.
+
+    Raises InputError for a joint that does not exist and for a skeleton without bones.
+    """
+    if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
+        raise InputError(f"surface: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")
+    parts = []
+    for joint, parent in enumerate(skeleton.parents):
+        name, bone = skeleton.names[joint], skeleton.offsets[joint]
+        length = float(np.linalg.norm(bone))
+        if parent < 0 or length < 1e-6:
+            continue
+        across = np.array(radii.get(name, (thickness * length,) * 2))
+        parts.append((name, int(parent), _chain(np.zeros(3), bone, np.stack([across, across]))))
+        if name in ends:
+            reach, *beyond = ends[name]
+            parts.append((f"{name}_end", joint, _chain(np.zeros(3), reach / length * bone, np.array([beyond, beyond]))))
+    if not parts:
+        raise InputError("surface: expected a skeleton with bones")
+    return _assembled(parts)
+
+
+_Ellipsoids = tuple[FloatArray, FloatArray, FloatArray]
+"""Centres (n, 3), half sizes (n, 3) and axes (3, 3) of the ellipsoids of one part, all alike in direction."""
+
+
+def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> _Ellipsoids:
+    """Ellipsoids along a truncated cone; radii (2, 2): [start or end, (along the frame's x, along its y)], m.
+
+    Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring.
+    """
+    length, thickness = float(np.linalg.norm(end - start)), float(radii.mean(axis=0).min())
+    covered = length + 2.0 * OVERHANG * thickness
+    n = max(1, round(covered / (2.0 * thickness)))
+    space = covered / n
+    along = ((np.arange(n) + 0.5) * space - OVERHANG * thickness) / length
+    centers = start + along[:, None] * (end - start)
+    across = radii[0] + along[:, None] * (radii[1] - radii[0])
+    half_length = space * np.sqrt(SHARPNESS / np.pi)
+    return centers, np.column_stack([across, np.full(n, half_length)]), _bone_axes((end - start) / length)
+
+
+def _ball(centre: FloatArray, radii: FloatArray) -> _Ellipsoids:
+    return centre[None], np.full((1, 3), radii[0]), np.eye(3)
+
+
+def _bone_axes(bone: FloatArray) -> FloatArray:
+    """Axes (3, 3), as columns: z along the bone (3,), x as near as possible to ahead, or to up if the bone is ahead."""
+    toward = np.array([0.0, 0.0, 1.0]) if abs(bone[0]) > np.sqrt(0.5) else np.array([1.0, 0.0, 0.0])
+    x = toward - (toward @ bone) * bone
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(bone, x), bone], axis=1)
+
+
+def _assembled(parts: list[tuple[str, int, _Ellipsoids]]) -> Surface:
+    sizes = [len(ellipsoids[0]) for _, _, ellipsoids in parts]
+    names = [
+        name if size == 1 else f"{name}_{i + 1}"
+        for (name, _, _), size in zip(parts, sizes, strict=True)
+        for i in range(size)
+    ]
+    return Surface(
+        names=tuple(names),
+        joints=np.repeat([joint for _, joint, _ in parts], sizes),
+        centers=np.concatenate([ellipsoids[0] for _, _, ellipsoids in parts]),
+        half_sizes=np.concatenate([ellipsoids[1] for _, _, ellipsoids in parts]),
+        axes=np.repeat(np.stack([ellipsoids[2] for _, _, ellipsoids in parts]), sizes, axis=0),
+        parts=np.repeat(np.arange(len(parts)), sizes),
+        part_names=tuple(name for name, _, _ in parts),
+    )

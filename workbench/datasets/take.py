@@ -1,0 +1,93 @@
+"""A take: the stretch of someone's movement that a dataset of points shows, and what it lets be known of the start."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.kinematics import joints
+from workbench.body.limbs import Body, person
+from workbench.datasets.frame import Truth
+from workbench.datasets.motions import find_motion
+from workbench.datasets.splice import splice
+from workbench.errors import InputError
+from workbench.mocap.motion import Motion
+from workbench.mocap.sources import UNKNOWN
+
+STARTS = ("auto", "given")
+START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
+"""How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
+_FINE = 4
+"""Clips are spliced, and their cycles found, at this multiple of the dataset's rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F.
+
+    phases: (F,) cycles, see `splice.Spliced`.
+    """
+
+    motion: Motion
+    body: Body
+    truths: tuple[Truth, ...]
+    phases: FloatArray
+
+    @property
+    def places(self) -> FloatArray:
+        """The true joints (F, J, 3), m."""
+        return np.stack([np.asarray(truth.joints) for truth in self.truths])
+
+    @property
+    def phase_ends(self) -> tuple[float, float] | None:
+        """The phases of the first and the last frame, cycles, as paper D sets them by hand; None without a cycle."""
+        first, last = float(self.phases[0]), float(self.phases[-1])
+        return (first, last) if np.isfinite(first + last) else None
+
+    def rough_start(self, seed: int) -> FloatArray:
+        """The first pose (25,) with Gaussian errors of 3 cm in place and 0.05 rad in every angle, within the limits."""
+        skeleton, pose = self.body.skeleton, self.motion.poses[0]
+        sigma = np.full(len(pose), START_SIGMA_RAD)
+        sigma[:3] = START_SIGMA_M
+        error = sigma * np.random.default_rng([seed, 0x57A27]).standard_normal(len(pose))
+        rough: FloatArray = np.clip(pose + error, *skeleton.limits.T)
+        return rough
+
+
+def find_take(
+    motion: str | Sequence[str], *, data: str | None, rate_hz: float, n_frames: int, first_frame: int = 0,
+    path: str = "straight", seed: int = 0,
+) -> Take:  # fmt: skip
+    """n_frames at rate_hz of the motion of that name, or of several spliced, from first_frame on, counted at rate_hz.
+
+    Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip
+    says so, the activity. Raises InputError for a motion that cannot be found or is too short.
+    """
+    names = [str(motion)] if isinstance(motion, str | int) else [str(name) for name in motion]
+    if not names:
+        raise InputError("dataset: motion must name at least one motion, found none")
+    clips = [find_motion(name, data=data, rate_hz=_FINE * rate_hz, path=path, seed=seed) for name in names]
+    fine = splice(clips, _FINE * (n_frames - 1) + 1, _FINE * first_frame)
+    shown = replace(fine.motion, rate_hz=rate_hz, poses=fine.motion.poses[::_FINE])
+    body = person(shown.shape)
+    places = joints(body.skeleton, shown.poses)
+    activities = [clips[k].activity for k in fine.clips[::_FINE]]
+    truths = tuple(
+        Truth(pose=pose, joints=place, activity=None if activity == UNKNOWN else activity)
+        for pose, place, activity in zip(shown.poses, places, activities, strict=True)
+    )
+    return Take(shown, body, truths, fine.phases[::_FINE])
+
+
+def check_start(dataset: str, start: str, take: Take | None) -> None:
+    """Raise InputError, naming the dataset, where `start` is unknown or asks for a truth that is not there."""
+    if start not in STARTS:
+        raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
+    if start == "given" and take is None:
+        raise InputError(f"{dataset}: start=given needs the truth, which is not known; use start=auto")
+    if start == "given" and take is not None and take.phase_ends is None:
+        raise InputError(
+            f"{dataset}: start=given gives the ends of the gait's phase, but {take.motion.name!r} has no gait cycle; "
+            "use start=auto"
+        )

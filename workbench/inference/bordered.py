@@ -1,0 +1,149 @@
+"""Symmetric positive definite systems whose matrix is a band with a dense border.
+
+Unknowns that belong to one frame meet only those of nearby frames: the band. Unknowns that all frames share, such as
+a style that stays the same, meet every other one: the border, eliminated by a Schur complement.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
+
+from workbench.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """The pattern of a symmetric (n, n) matrix, n = n_band + n_border, and the place of each entry in its storage.
+
+    n_band: the first unknowns, which meet each other only up to `width` apart. n_border: the last ones, which meet
+    all. The lower triangle is kept, in (width + 1 + n_border, n) cells: [i − j, j] of the band, then the border's rows.
+    """
+
+    n_band: int
+    n_border: int
+    width: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the storage."""
+        return self.width + 1 + self.n_border, self.n_band + self.n_border
+
+    def place(self, rows: IntArray, columns: IntArray) -> IntArray:
+        """Flat cells of entries (rows, columns), equal shapes; those above the diagonal get one past the last cell."""
+        n_rows, n_columns = self.shape
+        row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
+        cells: IntArray = np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
+        return cells
+
+    def fill(self, places: IntArray, values: FloatArray) -> "Bordered":
+        """The matrix whose entries are the sums of the values (...) at their `places` (...)."""
+        n_rows, n_columns = self.shape
+        cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
+        return Bordered(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Bordered:
+    """A symmetric matrix of the pattern `arrow`. cells: its lower triangle as stored there."""
+
+    arrow: Arrow
+    cells: FloatArray
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """(n,)."""
+        return np.concatenate([self.cells[0, : self.arrow.n_band], np.diag(self._corner)])
+
+    @property
+    def _corner(self) -> FloatArray:
+        corner: FloatArray = self.cells[self.arrow.width + 1 :, self.arrow.n_band :]
+        return corner
+
+    def dense(self) -> FloatArray:
+        """The whole matrix (n, n)."""
+        n = self.arrow.shape[1]
+        rows, columns = np.tril_indices(n)
+        kept = (rows >= self.arrow.n_band) | (rows - columns <= self.arrow.width)
+        matrix = np.zeros((n, n))
+        matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.arrow.place(rows[kept], columns[kept])]
+        return matrix + np.tril(matrix, -1).T
+
+    def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
+        """The factors of the matrix with `damping` (n,) added to its diagonal.
+
+        Raises numpy.linalg.LinAlgError when that is not positive definite.
+        """
+        n_band, width = self.arrow.n_band, self.arrow.width
+        added = np.broadcast_to(damping, self.arrow.shape[1:])
+        band = self.cells[: width + 1, :n_band].copy()
+        band[0] += added[:n_band]
+        root = cholesky_banded(band, lower=True, check_finite=False)
+        border = self.cells[width + 1 :, :n_band]
+        if not self.arrow.n_border:
+            return Factor(self.arrow, root, border.T, border)
+        reduced = cho_solve_banded((root, True), border.T, check_finite=False)
+        schur = self._corner + np.diag(added[n_band:]) - border @ reduced
+        corner = np.tril(cho_factor(schur, lower=True, check_finite=False)[0])
+        return Factor(self.arrow, root, reduced, corner)
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """Cholesky factors. root: (width + 1, n_band) of the band B. reduced: (n_band, n_border) B⁻¹Cᵀ of the border C.
+    corner: (n_border, n_border) of the Schur complement D − C B⁻¹ Cᵀ, lower triangular."""
+
+    arrow: Arrow
+    root: FloatArray
+    reduced: FloatArray
+    corner: FloatArray
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """x (n,) of A x = right (n,)."""
+        n_band = self.arrow.n_band
+        x: FloatArray = cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
+        if not self.arrow.n_border:
+            return x
+        shared = cho_solve((self.corner, True), right[n_band:] - self.reduced.T @ right[:n_band], check_finite=False)
+        return np.concatenate([x - self.reduced @ shared, shared])
+
+    def covariances(self, columns: IntArray) -> FloatArray:
+        """The blocks (T, D, D) of A⁻¹ that belong to the unknowns `columns` (T, D) of each of T frames.
+
+        Unknowns of one frame must meet in the pattern.
+        """
+        n_band, width = self.arrow.n_band, self.arrow.width
+        near = selected_inverse(self.root)
+        banded = columns < n_band
+        i, j = columns[:, :, None], columns[:, None, :]
+        both = banded[:, :, None] & banded[:, None, :]
+        apart, first = np.abs(i - j).clip(max=width), np.minimum(i, j).clip(max=n_band - 1)
+        blocks: FloatArray = np.where(both, near[apart, first], 0.0)
+        if not self.arrow.n_border:
+            return blocks
+        # [x, shared] has the covariance [B⁻¹ + V S⁻¹ Vᵀ, −V S⁻¹; −S⁻¹ Vᵀ, S⁻¹] with V = B⁻¹Cᵀ
+        shared = cho_solve((self.corner, True), np.eye(self.arrow.n_border))
+        spread = np.concatenate([-self.reduced, np.eye(self.arrow.n_border)])[columns]
+        blocks += spread @ shared @ spread.transpose(0, 2, 1)
+        return blocks
+
+
+def selected_inverse(root: FloatArray) -> FloatArray:
+    """The band (w + 1, n) of A⁻¹ from the banded Cholesky factor `root` (w + 1, n) of A, both as lower diagonals.
+
+    Column by column from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973): with l the
+    part of a column of the factor below its diagonal and Z the inverse's block beyond it, z = −Z l / l₀ and
+    z₀ = 1 / l₀² − lᵀ z / l₀. For a band that is one chain of frames this is the Rauch–Tung–Striebel smoother.
+    """
+    width, n = root.shape[0] - 1, root.shape[1]
+    inverse = np.zeros_like(root)
+    window = np.zeros((width + 1, width + 1))  # the inverse's block of this column and the `width` after it
+    for k in range(n - 1, -1, -1):
+        window[1:, 1:] = window[:-1, :-1].copy()
+        below = root[1:, k] / root[0, k]
+        below[n - 1 - k :] = 0.0
+        beside = -window[1:, 1:] @ below
+        window[1:, 0] = window[0, 1:] = beside
+        window[0, 0] = 1.0 / root[0, k] ** 2 - below @ beside
+        inverse[:, k] = window[:, 0]
+    return inverse

@@ -1,0 +1,128 @@
+"""From the unknowns of one frame to its pose, with the derivative: by a motion model, or the pose itself."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.errors import InputError
+from workbench.priors.state import StateSpace
+
+
+class MotionModel(Protocol):
+    """What a fit asks of a learned motion, C angles with d coefficients; `learning.activities.ActivityModel` is one.
+
+    angles: the C degrees of freedom it speaks of. scales: (d,) standard deviations of the coefficients. Of the n
+    examples it was learned from: scores (n, d) in units of scales, activities, and cycle_rate_hz (n,).
+    """
+
+    @property
+    def angles(self) -> tuple[str, ...]: ...
+    @property
+    def scales(self) -> FloatArray: ...
+    @property
+    def scores(self) -> FloatArray: ...
+    @property
+    def activities(self) -> tuple[str, ...]: ...
+    @property
+    def cycle_rate_hz(self) -> FloatArray: ...
+
+    def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
+        """Angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
+
+    def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
+
+
+class Decoder(Protocol):
+    """Takes states (T, D), one per frame, to poses (T, P)."""
+
+    @property
+    def space(self) -> StateSpace:
+        """Names of the D columns."""
+
+    def poses(self, states: FloatArray) -> FloatArray:
+        """The poses (T, P) of states (T, D)."""
+
+    def jacobian(self, states: FloatArray) -> FloatArray:
+        """Their derivative (T, P, D)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionDecoder:
+    """States {α (d), μ, root (6)} of paper D: Θ(μ) = Θ₀(μ) + Σ_i α_i Θ_i(μ) (eq. 9) on a root of its own.
+
+    α in standard deviations, μ in cycles, counted on without wrapping; root as in a pose. rest: (P,) a pose whose
+    angles stay for degrees of freedom outside the model. Raises InputError when the skeleton lacks one of the model's.
+    """
+
+    skeleton: Skeleton
+    model: MotionModel
+    rest: FloatArray
+    space: StateSpace = field(init=False)
+    dofs: IntArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.model.angles) - set(self.skeleton.dof_names[N_ROOT:]):
+            raise InputError(f"motion model: the skeleton has no joint angle called {min(unknown)!r}")
+        names = self.skeleton.dof_names
+        space = StateSpace.of(
+            {
+                "coefficients": (tuple(f"a{i + 1}" for i in range(len(self.model.scales))), "σ"),
+                "phase": (("phase",), "cycle"),
+                "root_position": (names[:3], "m"),
+                "root_rotation": (names[3:N_ROOT], "rad"),
+            }
+        )
+        object.__setattr__(self, "space", space)
+        object.__setattr__(self, "dofs", np.array([names.index(name) for name in self.model.angles]))
+
+    @property
+    def n_style(self) -> int:
+        """d, the number of coefficients."""
+        return len(self.model.scales)
+
+    def states(self, alpha: FloatArray, mu: FloatArray, roots: FloatArray) -> FloatArray:
+        """States (T, d + 7) of coefficients (T, d) or (d,), phases (T,) and roots (T, 6) or (6,)."""
+        states = np.empty((len(mu), len(self.space)))
+        states[:, : self.n_style], states[:, self.n_style], states[:, -N_ROOT:] = alpha, mu, roots
+        return states
+
+    def poses(self, states: FloatArray) -> FloatArray:
+        """The poses (T, P) of states (T, d + 7)."""
+        poses = np.tile(self.rest, (len(states), 1))
+        poses[:, :N_ROOT] = states[:, -N_ROOT:]
+        poses[:, self.dofs] = self.model.angles_at(states[:, : self.n_style], states[:, self.n_style])
+        return poses
+
+    def jacobian(self, states: FloatArray) -> FloatArray:
+        """Their derivative (T, P, d + 7): the chain rule of D, eq. 13–14."""
+        jacobian = np.zeros((len(states), len(self.rest), states.shape[1]))
+        by_style, by_phase = self.model.jacobian_at(states[:, : self.n_style], states[:, self.n_style])
+        jacobian[:, self.dofs, : self.n_style] = by_style
+        jacobian[:, self.dofs, self.n_style] = by_phase
+        jacobian[:, range(N_ROOT), range(self.n_style + 1, states.shape[1])] = 1.0
+        return jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDecoder:
+    """No motion model: the state is the pose."""
+
+    skeleton: Skeleton
+    space: StateSpace = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = self.skeleton.dof_names
+        groups = {"root_position": (names[:3], "m"), "root_rotation": (names[3:N_ROOT], "rad")}
+        object.__setattr__(self, "space", StateSpace.of(groups | {"angles": (names[N_ROOT:], "rad")}))
+
+    def poses(self, states: FloatArray) -> FloatArray:
+        """The states themselves."""
+        return states
+
+    def jacobian(self, states: FloatArray) -> FloatArray:
+        """Identities (T, P, P)."""
+        return np.broadcast_to(np.eye(states.shape[1]), (len(states), states.shape[1], states.shape[1]))

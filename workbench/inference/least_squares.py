@@ -1,0 +1,330 @@
+"""Deterministic tracking: a pose and its uncertainty for every frame by least squares (paper D, section 4)."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.kinematics import forward
+from workbench.body.limbs import Body
+from workbench.body.skeleton import N_ROOT
+from workbench.body.surface import KINDS, Kind, Surface, attach, person_surface, residual_jacobian, residuals
+from workbench.datasets.frame import Frame
+from workbench.errors import InputError
+from workbench.inference.decoding import Decoder, MotionDecoder, MotionModel, PoseDecoder
+from workbench.inference.frame_fit import Smoothness, follow, global_motion, pose_prior, track_poses
+from workbench.inference.motion_fit import fit_motion, fit_problem
+from workbench.inference.phase_grid import find_phase, start_from_points
+from workbench.inference.residuals import Loss, Residual, surface_residual
+from workbench.inference.robust import LOSSES
+from workbench.inference.step import Step
+from workbench.learning.activities import ActivityModel
+from workbench.learning.activity_classes import classify
+from workbench.priors.state import StateSpace
+
+STYLES = ("steady", "frame", "none")
+START_POINTS = 150
+"""Points a frame that the start looks at, taken evenly from all; more only make it slower."""
+START_SIGMA_M = 0.02
+START_LOSS = Loss("geman_mcclure", 1.5)
+"""The start always looks at distances with this deviation and loss: the field says nothing far from the body."""
+FEW_INLIERS = 0.3
+"""Where fewer of a frame's points are near the body, the step says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """T frames fitted. poses: (T, P). covariance: (T, P, P), marginal, of the poses by the Gauss–Newton matrix.
+
+    space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, else the pose. alpha (T, d) in
+    standard deviations, mu (T,) in cycles, counted on; without a motion model d = 0 and μ is NaN.
+    state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance to the other.
+    inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in its step).
+    iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch, at the
+    start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
+    """
+
+    space: StateSpace
+    poses: FloatArray
+    covariance: FloatArray
+    alpha: FloatArray
+    mu: FloatArray
+    states: FloatArray
+    state_covariance: FloatArray
+    pose_jacobian: FloatArray
+    inliers: FloatArray
+    iterations: float
+    costs: tuple[float, ...]
+    timing_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def fit_sequence(
+    decoder: MotionDecoder,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    loss: Loss,
+    *,
+    smoothness: Smoothness,
+    frames_per_style: int,
+    phases: tuple[float, float] | None,
+    coarse: tuple[Sequence[Residual], Loss] | None = None,
+    max_iterations: int = 40,
+    tolerance: float = 1e-4,
+) -> Fit:
+    """A motion model fitted to T frames at times (T,), s, whatever their residuals are made of.
+
+    The root of decoder.rest is the start in the first frame. coarse: residuals and loss to start with, where others
+    are faster to compute or see further. phases: those of the first and the last frame, cycles,
+    between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
+    """
+    clock = perf_counter()
+    root, (far, wide) = decoder.rest[:N_ROOT], (residuals, loss) if coarse is None else coarse
+    if phases is None:
+        known = find_phase(decoder, far, times_s, wide, smoothness, root)
+        states = follow(decoder, far, wide, known, smoothness)
+    else:
+        part = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9)
+        mu = phases[0] + (phases[1] - phases[0]) * part
+        states = global_motion(decoder, far, wide, decoder.states(np.zeros(decoder.n_style), mu, root))
+    started = perf_counter()
+    problem = fit_problem(decoder, residuals, times_s, loss, smoothness, frames_per_style)
+    states, covariances, found = fit_motion(problem, states, max_iterations=max_iterations, tolerance=tolerance)
+    timing_s = {"start": started - clock, "least_squares": perf_counter() - started}
+    return _fit(decoder, residuals, loss, states, covariances, found.iterations, found.costs, timing_s)
+
+
+def fit_poses(
+    decoder: PoseDecoder,
+    residuals: Sequence[Residual],
+    loss: Loss,
+    start: FloatArray,
+    model: MotionDecoder | None = None,
+) -> Fit:
+    """The baseline without a motion model, frame by frame from a pose (P,); `model`: its poses as a Gaussian prior."""
+    clock = perf_counter()
+    prior = None if model is None else pose_prior(model)
+    poses, covariances, searches = track_poses(decoder, residuals, loss, start, prior)
+    iterations = float(np.mean([search.iterations for search in searches]))
+    costs = tuple(search.costs[-1] for search in searches)
+    timing_s = {"least_squares": perf_counter() - clock}
+    return _fit(decoder, residuals, loss, poses, covariances, iterations, costs, timing_s)
+
+
+def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
+    """One step per frame: particles drawn from the Gaussian posterior of its state, with even weights.
+
+    Poses are drawn by the same numbers through the derivative at the fit, so that theirs is the Gaussian of
+    `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of each other, so that an ancestor
+    means nothing. Phases are shown from the cycle they are in.
+    """
+    even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
+    phase = fit.space.slices.get("phase", slice(0))
+    for t, frame in enumerate(frames):
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ _root(fit.state_covariance[t]).T
+        state = fit.states[t].copy()
+        state[phase] %= 1.0
+        diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        yield Step(
+            frame=frame, space=fit.space, particles=state + draws,
+            poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
+            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=0.0,
+            diagnostics=diagnostics, timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+        )  # fmt: skip
+
+
+class LeastSquares:
+    """Fits a person's surface to points, all frames at once: an inference that yields its steps after solving.
+
+    style: "steady", one α for all frames (D, section 4.2), "frame", one for every `frames_per_style` frames
+    (section 4.3), or "none", no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the
+    model's poses. kind: of the residual, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the
+    same unit. loss: "squared", "huber" or "geman_mcclure", which bends at `scale`, in that unit too.
+    phases: (μ₁, μ_T), cycles, or None to find them. sigma_style, sigma_phase, sigma_position, sigma_rotation: see
+    `frame_fit.Smoothness`. most_points: a frame's points beyond are thinned at random. n_particles: drawn per step.
+    surface: of the body, by default `person_surface(body)`.
+
+    Raises InputError for numbers out of range and a style that needs a model where there is none.
+
+    Deviations. D minimises the plain sum of squares of f − C: here "field" with "squared"; by default residuals are
+    distances in metres under a loss that redescends, and the start's always are. D sets the first pose and the phases'
+    ends by hand. D has no regularisation.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        model: MotionModel | None = None,
+        *,
+        style: str = "frame",
+        kind: Kind = "distance",
+        loss: str = "geman_mcclure",
+        scale: float = 0.03,
+        sigma: float = 0.02,
+        frames_per_style: int = 1,
+        phases: tuple[float, float] | None = None,
+        pose_prior: bool = False,
+        sigma_style: float = 0.3,
+        sigma_phase: float = 0.02,
+        sigma_position: float = 0.03,
+        sigma_rotation: float = 0.03,
+        most_points: int = 1000,
+        max_iterations: int = 40,
+        n_particles: int = 500,
+        surface: Surface | None = None,
+    ) -> None:
+        for name, given, known in (("style", style, STYLES), ("loss", loss, tuple(LOSSES)), ("kind", kind, KINDS)):
+            if given not in known:
+                raise InputError(f"inference: {name} must be one of {', '.join(known)}, found {given!r}")
+        positive = {
+            "scale": scale, "sigma": sigma, "frames_per_style": frames_per_style, "sigma_style": sigma_style,
+            "sigma_phase": sigma_phase, "sigma_position": sigma_position, "sigma_rotation": sigma_rotation,
+            "most_points": most_points, "max_iterations": max_iterations, "n_particles": n_particles,
+        }  # fmt: skip
+        for name, value in positive.items():
+            if not 0.0 < value < np.inf:
+                raise InputError(f"inference: {name} must be above zero, found {value}")
+        if model is None and (style != "none" or pose_prior):
+            raise InputError("inference: expected a motion model; only style=none without pose_prior does without")
+        self.skeleton, self.model = body.skeleton, model
+        self.surface = person_surface(body) if surface is None else surface
+        self.style, self.kind, self.sigma = style, kind, sigma
+        self.loss = Loss(loss, scale / sigma)
+        self.frames_per_style, self.phases, self.pose_prior = frames_per_style, phases, pose_prior
+        self.smoothness = Smoothness(sigma_style, sigma_phase, sigma_position, sigma_rotation)
+        self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
+
+    @property
+    def space(self) -> StateSpace:
+        """Of the particles: {α, μ, root}, or without a motion model the pose."""
+        if self.style == "none" or self.model is None:
+            return PoseDecoder(self.skeleton).space
+        return MotionDecoder(self.skeleton, self.model, np.zeros(len(self.skeleton.dof_names))).space
+
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
+    ) -> Iterator[Step]:
+        """One step per frame once all are fitted, from about the pose `start` (P,), or None to find the person.
+
+        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame
+        without points is bridged by its neighbours, or without a motion model keeps the pose before, and says so.
+        Raises InputError when there is nothing to fit.
+        """
+        frames = list(frames)
+        if not frames:
+            raise InputError("least squares: expected at least one frame, found none")
+        points, warnings = self._points(frames, rng_streams["start"])
+        if not any(map(len, points)):
+            raise InputError(f"least squares: expected points to fit, found none in {len(frames)} frames")
+        fit = self.fit(points, np.array([frame.time_s for frame in frames]), start)
+        drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
+        for step, seen, said in zip(drawn, points, warnings, strict=True):
+            near = step.diagnostics["inliers"]
+            if len(seen) and near < FEW_INLIERS:
+                said = (*said, f"frame {step.frame.index}: only {near:.0%} of the points lie near the body")
+            parts = self._attachment(step)
+            timing_s = {**step.timing_s, **self._one_evaluation(step.expected_pose, seen)}
+            yield replace(step, warnings=said, activity=self._told(step), attachment=parts, timing_s=timing_s)
+
+    def _one_evaluation(self, pose: FloatArray, points: FloatArray) -> dict[str, float]:
+        """Seconds that F, and F with its Jacobian, take with attachments fixed: paper D's measure of its cost."""
+        frames = forward(self.skeleton, pose[None])
+        parts = attach(self.surface, frames, points, self.kind)
+        arguments = (self.skeleton, self.surface, pose, points, self.kind, parts)
+        began = perf_counter()
+        residuals(*arguments)
+        between = perf_counter()
+        residual_jacobian(*arguments)
+        return {"residual": between - began, "residual_jacobian": perf_counter() - between}
+
+    def _told(self, step: Step) -> str | None:
+        """The activity of the step's coefficients among the model's, where it has several (paper D, section 5)."""
+        if self.style == "none" or not isinstance(self.model, ActivityModel) or len(set(self.model.activities)) < 2:
+            return None
+        coefficients = step.space.slices["coefficients"]
+        return str(classify(self.model, step.particles[:, coefficients].mean(axis=0)).labels)
+
+    def _attachment(self, step: Step) -> IntArray | None:
+        """The part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""
+        points = step.frame.points
+        if points is None:
+            return None
+        parts, usable = np.full(len(points), -1), np.isfinite(points).all(axis=1)
+        frames = forward(self.skeleton, step.expected_pose[None])
+        near = attach(self.surface, frames, points[usable], self.kind)
+        missed = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], self.kind, near)
+        parts[usable] = np.where(np.abs(missed) < 3.0 * self.sigma, near, -1)
+        return parts
+
+    def fit(self, points: Sequence[FloatArray], times_s: FloatArray, start: FloatArray | None) -> Fit:
+        """The fit of T frames of points (K, 3), m, at times (T,), s; `start` as for `run`."""
+        residuals = [surface_residual(self.skeleton, self.surface, seen, self.kind, self.sigma) for seen in points]
+        coarse = [
+            surface_residual(
+                self.skeleton, self.surface, seen[:: max(1, len(seen) // START_POINTS)], "distance", START_SIGMA_M
+            )
+            for seen in points
+        ]
+        if start is None:
+            start = start_from_points(self.skeleton, points, times_s)
+        decoder = None if self.model is None else MotionDecoder(self.skeleton, self.model, start)
+        if decoder is None or self.style == "none":
+            prior = decoder if self.pose_prior else None
+            return fit_poses(PoseDecoder(self.skeleton), residuals, self.loss, start, prior)
+        return fit_sequence(
+            decoder, residuals, times_s, self.loss,
+            coarse=(coarse, START_LOSS), smoothness=self.smoothness, phases=self.phases,
+            max_iterations=self.max_iterations,
+            frames_per_style=len(residuals) if self.style == "steady" else self.frames_per_style,
+        )  # fmt: skip
+
+    def _points(
+        self, frames: Sequence[Frame], rng: np.random.Generator
+    ) -> tuple[list[FloatArray], list[tuple[str, ...]]]:
+        """Each frame's usable points (K, 3) and what there is to say about them."""
+        clouds, warnings = [], []
+        for frame in frames:
+            given = np.empty((0, 3)) if frame.points is None else frame.points
+            points = given[np.isfinite(given).all(axis=1)]
+            said = []
+            if len(points) < len(given):
+                said.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
+            if len(points) > self.most_points:
+                said.append(f"frame {frame.index}: {len(points)} points thinned to {self.most_points}")
+                points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
+            if not len(points):
+                said.append(f"frame {frame.index}: no points; bridged by the frames beside it")
+            clouds.append(points)
+            warnings.append(tuple(said))
+        return clouds, warnings
+
+
+def _fit(
+    decoder: Decoder,
+    residuals: Sequence[Residual],
+    loss: Loss,
+    states: FloatArray,
+    covariances: FloatArray,
+    iterations: float,
+    costs: tuple[float, ...],
+    timing_s: Mapping[str, float],
+) -> Fit:
+    poses, jacobian = decoder.poses(states), decoder.jacobian(states)
+    near = [np.abs(residual(pose)[0]) < loss.scale for residual, pose in zip(residuals, poses, strict=True)]
+    slices = decoder.space.slices
+    phases = states[:, slices["phase"].start] if "phase" in slices else np.full(len(states), np.nan)
+    return Fit(
+        space=decoder.space, poses=poses, covariance=jacobian @ covariances @ jacobian.transpose(0, 2, 1),
+        alpha=states[:, slices.get("coefficients", slice(0))], mu=phases, states=states,
+        state_covariance=covariances, pose_jacobian=jacobian,
+        inliers=np.array([hits.mean() if len(hits) else np.nan for hits in near]),
+        iterations=iterations, costs=costs, timing_s=timing_s,
+    )  # fmt: skip
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """A with A Aᵀ the covariance (D, D), by eigenvalues, as it may be singular to rounding."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(values.clip(min=0.0))
+    return root

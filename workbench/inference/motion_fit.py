@@ -1,0 +1,176 @@
+"""Least squares over all frames at once: roots, phases and the style of a motion model (paper D, sections 4.2, 4.3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csr_array
+from tqdm import tqdm
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.skeleton import N_ROOT
+from workbench.errors import InputError
+from workbench.inference.bordered import Arrow
+from workbench.inference.decoding import MotionDecoder
+from workbench.inference.frame_fit import Smoothness
+from workbench.inference.levenberg_marquardt import Minimum, Quadratic, minimise
+from workbench.inference.residuals import Loss, Residual
+
+N_LOCAL = 1 + N_ROOT
+"""Unknowns that every frame has to itself: phase and root."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """F = Σ_t Σ_k ρ(r_tk) + ½ |R x|² over unknowns x (n,) (paper D, eq. 11, with regularisation R).
+
+    residuals: one function per frame. columns: (T, D) the unknowns that make up the state {α, μ, root} of each frame;
+    frames of one style share those of α. penalty: (m, n) R. pattern: where the normal equations are not zero, with
+    the cells `frame_cells` (T, D, D) of the frames' blocks and `penalty_cells`, `penalty_entries` those of RᵀR.
+    """
+
+    decoder: MotionDecoder
+    residuals: Sequence[Residual]
+    loss: Loss
+    columns: IntArray
+    penalty: csr_array
+    pattern: Arrow
+    frame_cells: IntArray
+    penalty_cells: IntArray
+    penalty_entries: FloatArray
+
+    def unknowns(self, states: FloatArray) -> FloatArray:
+        """x (n,) of states (T, D); a style that frames share is the mean of theirs."""
+        shared = np.bincount(self.columns.ravel())
+        x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / shared
+        return x
+
+    def expand(self, x: FloatArray) -> Quadratic:
+        """The cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""
+        states = x[self.columns]
+        poses, decoding = self.decoder.poses(states), self.decoder.jacobian(states)
+        gradients, blocks, cost = np.empty(states.shape), np.empty(self.frame_cells.shape), 0.0
+        for t, residual in enumerate(self.residuals):
+            misses, slopes = residual(poses[t])
+            rho, weights = self.loss(misses)
+            slopes = slopes @ decoding[t]
+            weighted = weights[:, None] * slopes
+            gradients[t], blocks[t] = weighted.T @ misses, weighted.T @ slopes
+            cost += float(rho.sum())
+        rough = self.penalty @ x
+        gradient = np.bincount(self.columns.ravel(), gradients.ravel()) + self.penalty.T @ rough
+        cells = np.concatenate([self.frame_cells.ravel(), self.penalty_cells])
+        normal = self.pattern.fill(cells, np.concatenate([blocks.ravel(), self.penalty_entries]))
+        trust = np.bincount(self.columns.ravel(), np.diagonal(blocks, axis1=1, axis2=2).ravel())
+        return Quadratic(cost + 0.5 * float(rough @ rough), gradient, normal, np.asarray(trust, dtype=np.float64))
+
+
+def fit_problem(
+    decoder: MotionDecoder,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    loss: Loss,
+    smoothness: Smoothness,
+    frames_per_style: int,
+) -> FitProblem:
+    """The problem of T frames at times (T,), s, with coefficients α for every `frames_per_style` frames.
+
+    One for all frames is D's steady style (eq. 12), one for each its varying style (eq. 15).
+
+    Regularisation. α of the first style is N(0, 1) in units of the model's scales, and from one frame to the next α is
+    a stationary autoregression whose new part has the deviation smoothness.style, so that every α is N(0, 1) and a
+    style that may not change is the steady one. Second differences of μ and of the root are normal. D has none of
+    this ("regularization constraints that we presently do not need", section 5).
+
+    Raises InputError for times that do not increase.
+    """
+    if np.any(np.diff(times_s) <= 0.0):
+        raise InputError("least squares: expected the times of the frames to increase")
+    styles = np.arange(len(residuals)) // frames_per_style
+    columns, n_border = _columns(styles, decoder.n_style)
+    n = int(columns.max()) + 1
+    rows = [
+        *_style_rows(styles, columns[:, : decoder.n_style], smoothness.style),
+        *_second_differences(columns[:, decoder.n_style :], times_s, smoothness.second_differences),
+    ]
+    places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
+    at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
+    penalty = csr_array((values, (places, at)), shape=(len(rows), n))
+    square = (penalty.T @ penalty).tocoo()
+    i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
+    every = np.concatenate([i.ravel(), square.row]), np.concatenate([j.ravel(), square.col])
+    banded = (every[0] < n - n_border) & (every[1] < n - n_border)
+    pattern = Arrow(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
+    return FitProblem(
+        decoder, residuals, loss, columns, penalty, pattern,
+        frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
+        penalty_entries=square.data,
+    )  # fmt: skip
+
+
+def fit_motion(
+    problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4
+) -> tuple[FloatArray, FloatArray, Minimum]:
+    """States (T, D) near `states` that fit all frames best, their marginal covariances (T, D, D), and the search.
+
+    The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation.
+    Raises InputError when the observations leave some unknown undetermined.
+    """
+    with tqdm(total=max_iterations, desc="least squares", unit="step", disable=None, leave=False) as bar:
+
+        def watch(cost: float) -> None:
+            bar.set_postfix_str(f"cost {cost:.4g}")
+            bar.update()
+
+        start = problem.unknowns(states)
+        found = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, watch=watch)
+    try:
+        covariances = found.quadratic.normal.factor().covariances(problem.columns)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"least squares: what {len(states)} frames show does not determine the motion; expected more points"
+        ) from None
+    return found.x[problem.columns], covariances, found
+
+
+def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
+    """The unknowns (T, D) of each frame, and how many form the border.
+
+    A single style is the border; several stand before the frames they belong to, so that the band stays narrow.
+    """
+    n_frames, n_styles = len(styles), int(styles[-1]) + 1
+    local = N_LOCAL * np.arange(n_frames)[:, None] + np.arange(N_LOCAL)
+    if n_styles == 1:
+        shared = np.broadcast_to(N_LOCAL * n_frames + np.arange(n_style), (n_frames, n_style))
+        return np.hstack([shared, local]), n_style
+    first = np.searchsorted(styles, np.arange(n_styles))  # the first frame of every style
+    alpha = (n_style * np.arange(n_styles) + N_LOCAL * first)[:, None] + np.arange(n_style)
+    return np.hstack([alpha[styles], local + n_style * (styles + 1)[:, None]]), 0
+
+
+_Row = tuple[IntArray, FloatArray]
+"""Columns and values of one row of R."""
+
+
+def _style_rows(styles: IntArray, columns: IntArray, new: float) -> list[_Row]:
+    """Rows of the autoregression of the styles; columns: (T, d)."""
+    first = np.searchsorted(styles, np.arange(styles[-1] + 1))
+    rows = [(columns[0, k : k + 1], np.ones(1)) for k in range(columns.shape[1])]
+    for before, after in pairwise(first):
+        kept = max(0.0, 1.0 - new**2) ** (0.5 * (after - before))
+        deviation = np.sqrt(1.0 - kept**2)
+        pairs = np.stack([columns[before], columns[after]], axis=1)
+        rows += [(pair, np.array([-kept, 1.0]) / deviation) for pair in pairs]
+    return rows
+
+
+def _second_differences(columns: IntArray, times_s: FloatArray, deviations: FloatArray) -> list[_Row]:
+    """Rows of the second differences of columns (T, m) with deviations (m,); over uneven times those of the slopes."""
+    rows = []
+    mean = float(np.diff(times_s).mean()) if len(times_s) > 1 else 0.0
+    for t in range(1, len(columns) - 1):
+        before, after = mean / np.diff(times_s[t - 1 : t + 2])
+        values = np.array([before, -before - after, after])
+        rows += [(columns[t - 1 : t + 2, k], values / deviation) for k, deviation in enumerate(deviations)]
+    return rows

@@ -1,0 +1,149 @@
+"""The automatic start: where in its cycle a motion is, and how fast it runs, from the first frames alone.
+
+Paper D sets the phases of the first and last frame by hand. A start off by 0.2 of a cycle ends in a wrong minimum, so
+every phase is tried instead: a table of costs, frame by phase, with the root fitted in every cell. A motion of constant
+frequency is a straight line through the table; the best few lines are refined by least squares over all unknowns.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.errors import InputError
+from workbench.inference.decoding import MotionDecoder, MotionModel, PoseDecoder
+from workbench.inference.frame_fit import WIDENED, Smoothness, fit_frame, fit_root
+from workbench.inference.motion_fit import fit_motion, fit_problem
+from workbench.inference.residuals import Loss, Residual
+
+N_FRAMES = 8
+N_PHASES = 12
+N_RATES = 8
+N_REFINED = 4
+TABLE_WIDENED = 2.0
+"""Factor of the loss's scale in the table, whose phases are never quite right."""
+SPEED_MARGIN = 1.25
+"""How much slower or faster than any example of the model a motion may be."""
+LEAST_TRAVEL_M = 0.1
+"""Over the first frames; less tells nothing about where a person faces."""
+_FINE = 4  # phases between two of the table that lines may start at
+_APART = 0.1  # cycles between lines that are worth refining both
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """One activity of a model as the grid tries it. alpha: (d,) mean coefficients. rates_hz: cycles per second."""
+
+    activity: str
+    alpha: FloatArray
+    rates_hz: FloatArray
+
+
+def activity_styles(model: MotionModel) -> list[Style]:
+    """Each activity's mean coefficients, with N_RATES frequencies around those of its examples."""
+    labels = np.array(model.activities)
+    styles = []
+    for activity in sorted(set(model.activities)):
+        rates, alpha = model.cycle_rate_hz[labels == activity], model.scores[labels == activity].mean(axis=0)
+        rates_hz = np.geomspace(rates.min() / SPEED_MARGIN, rates.max() * SPEED_MARGIN, N_RATES)
+        styles.append(Style(activity, alpha, rates_hz))
+    return styles
+
+
+def find_phase(
+    decoder: MotionDecoder,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    loss: Loss,
+    smoothness: Smoothness,
+    root: FloatArray,
+) -> FloatArray:
+    """States (F, D) of the first F ≤ N_FRAMES of the frames; root: (6,) about where the person is in the first one.
+
+    Raises InputError when fewer than half of these frames show anything.
+    """
+    residuals, times_s = residuals[:N_FRAMES], times_s[:N_FRAMES]
+    seen = [len(residual(decoder.rest)[0]) > 0 for residual in residuals]
+    if 2 * sum(seen) < len(seen):
+        raise InputError(f"least squares: only {sum(seen)} of the first {len(seen)} frames show anything to start from")
+    lines: list[tuple[float, FloatArray]] = []
+    for style in activity_styles(decoder.model):
+        costs, roots = phase_table(decoder, residuals, loss, style.alpha, root)
+        for cost, phases in best_lines(costs, times_s, style.rates_hz):
+            cells = np.round(phases * N_PHASES).astype(int) % N_PHASES
+            lines.append((cost, decoder.states(style.alpha, phases, roots[np.arange(len(seen)), cells])))
+    lines.sort(key=lambda line: line[0])
+    problem = fit_problem(decoder, residuals, times_s, loss, smoothness, len(residuals))
+    refined = [fit_motion(problem, states, max_iterations=15, tolerance=1e-3) for _, states in lines[:N_REFINED]]
+    return min(refined, key=lambda fit: fit[2].costs[-1])[0]
+
+
+def phase_table(
+    decoder: MotionDecoder, residuals: Sequence[Residual], loss: Loss, alpha: FloatArray, root: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.
+
+    The root of a frame starts from that of the best phase in the frame before, at first with a wide loss.
+    """
+    costs, roots = np.empty((len(residuals), N_PHASES)), np.empty((len(residuals), N_PHASES, N_ROOT))
+    poses = decoder.poses(decoder.states(alpha, np.arange(N_PHASES) / N_PHASES, root))
+    free, wide, best = PoseDecoder(decoder.skeleton), loss.wider(TABLE_WIDENED), 0
+    for t, residual in enumerate(residuals):
+        poses[:, :N_ROOT] = fit_root(free, residual, loss, [poses[best]], WIDENED[:1]).x[:N_ROOT]
+        for k, pose in enumerate(poses):
+            found = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
+            costs[t, k], roots[t, k] = found.costs[-1], found.x[:N_ROOT]
+        best = int(costs[t].argmin())
+        poses[:, :N_ROOT] = roots[t, best]
+    return costs, roots
+
+
+def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> list[tuple[float, FloatArray]]:
+    """The N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
+    n_frames, n_phases = costs.shape
+    starts = np.arange(_FINE * n_phases) / (_FINE * n_phases)
+    phases = starts[:, None, None] + rates_hz[:, None] * (times_s - times_s[0])  # (start, rate, frame)
+    place = phases * n_phases
+    low, part = np.floor(place).astype(int), place - np.floor(place)
+    frames = np.arange(n_frames)
+    sums = ((1.0 - part) * costs[frames, low % n_phases] + part * costs[frames, (low + 1) % n_phases]).sum(axis=-1)
+    chosen: list[tuple[float, FloatArray]] = []
+    for k in np.argsort(sums, axis=None, kind="stable"):
+        line = phases[np.unravel_index(k, sums.shape)]
+        if all(_distance(line, other) > _APART for _, other in chosen):
+            chosen.append((float(sums.flat[k]), line))
+        if len(chosen) == N_REFINED:
+            break
+    return chosen
+
+
+def start_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
+    """A rough pose (P,) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
+    way they move over the first frames.
+
+    Raises InputError when they move too little to tell. Medians stand outliers, but not a wall behind the person.
+    """
+    shown = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
+    if len(shown) < 2:
+        raise InputError("least squares: expected points in two of the first frames or more, found none to start from")
+    middles = np.array([np.median(points[t], axis=0) for t in shown])
+    line = np.polynomial.polynomial.polyfit(times_s[shown] - times_s[0], middles, 1)
+    travel = line[1, :2] * (times_s[shown[-1]] - times_s[shown[0]])
+    if np.linalg.norm(travel) < LEAST_TRAVEL_M:
+        raise InputError(
+            f"least squares: the person moves {100.0 * np.linalg.norm(travel):.0f} cm in the first frames, too little "
+            "to tell where they face; give a starting pose"
+        )
+    pose = np.zeros(len(skeleton.dof_names))
+    pose[3] = np.arctan2(travel[1], travel[0])
+    pose[:3] = line[0] - joints(skeleton, pose[None])[0].mean(axis=0)
+    return pose
+
+
+def _distance(first: FloatArray, second: FloatArray) -> float:
+    """The mean difference of two lines of phases, cycles, at most a half."""
+    apart = (first - second + 0.5) % 1.0 - 0.5
+    return float(np.abs(apart).mean())

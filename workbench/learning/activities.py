@@ -1,0 +1,163 @@
+"""Motion models of several activities and people together: PCA of whole cycles (paper D, section 3.2 and eq. 8, 9)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import h5py
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from workbench import __version__
+from workbench.arrays import FloatArray
+from workbench.errors import InputError
+from workbench.files import whole_file
+from workbench.learning.activity_cycles import ActivityCycles
+from workbench.learning.store import Provenance
+
+FORMAT = "workbench activity model 1"
+
+
+@dataclass(frozen=True, eq=False)
+class ActivityModel:
+    """Θ(μ) = Θ₀(μ) + Σ_i σ_i α_i Θ_i(μ) (paper D, eq. 8, 9), d components over T phases of C joint angles, rad.
+
+    angles: the C names of degrees of freedom. mean: (T, C), Θ₀ at phases 0, 1/T, …; periodic. components: (d, T, C),
+    Θ_i, orthonormal over (T·C). scales: (d,), σ_i, the standard deviations of the coefficients over the examples.
+    explained: (min(n, T·C),), the part of the variance in the first 1, 2, … components (eq. 7), of all there are.
+    scores: (n, d), the coefficients α of every example, in units of the scales. activities, sources: n labels such as
+    "walk", and the clips they come from. cycle_rate_hz: (n,), cycles per second of every example.
+    """
+
+    angles: tuple[str, ...]
+    mean: FloatArray
+    components: FloatArray
+    scales: FloatArray
+    explained: FloatArray
+    scores: FloatArray
+    activities: tuple[str, ...]
+    sources: tuple[str, ...]
+    cycle_rate_hz: FloatArray
+
+    def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
+        """The joint angles (..., C), rad, for coefficients (..., d) in units of `scales` at phases (...,) in cycles.
+
+        Between the phases of the model a periodic cubic spline. The leading axes of both broadcast.
+        """
+        curves = self._spline(mu)
+        angles: FloatArray = curves[..., 0, :] + np.einsum("...d,...dc->...c", alpha, curves[..., 1:, :])
+        return angles
+
+    def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of `angles_at`: (..., C, d) with respect to the coefficients, (..., C) to the phase, rad.
+
+        Those of the spline itself: where the paper stores finite differences of Θ_i along μ (after eq. 14), these are
+        exact. As in `angles_at` the derivative along μ has that of the mean, which eq. 14's display leaves out.
+        """
+        leading = np.broadcast_shapes(np.shape(alpha)[:-1], np.shape(mu))
+        curves, rates = self._spline(mu), self._spline(mu, 1)
+        by_alpha = np.swapaxes(curves[..., 1:, :], -1, -2)
+        by_alpha = np.broadcast_to(by_alpha, (*leading, *by_alpha.shape[-2:]))
+        by_mu: FloatArray = rates[..., 0, :] + np.einsum("...d,...dc->...c", alpha, rates[..., 1:, :])
+        return np.ascontiguousarray(by_alpha), by_mu
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        """The mean and the scaled components (1 + d, C) over the phase."""
+        curves = np.concatenate([self.mean[None], self.components * self.scales[:, None, None]]).swapaxes(0, 1)
+        around = np.concatenate([curves, curves[:1]])
+        return CubicSpline(np.linspace(0.0, 1.0, len(around)), around, bc_type="periodic", extrapolate="periodic")
+
+
+def learn_activities(
+    cycles: ActivityCycles, *, angles: Sequence[str] = ("body",), variance: float = 0.9, n_components: int | None = None
+) -> ActivityModel:
+    """The model of the cycles: their mean and principal components (paper D, section 3.2).
+
+    angles: names of the joint angles to model, or parts of the body, see `ActivityCycles.of_angles`. n_components: the
+    number d; None takes the fewest that explain more than the fraction `variance` of the variance (eq. 7).
+    Raises InputError when there are fewer than two cycles, or more components are asked for than there are.
+    """
+    if not 0.0 < variance < 1.0:
+        raise InputError(f"activities: variance must lie between 0 and 1, found {variance}")
+    chosen = cycles.of_angles(angles)
+    n, n_phases, n_angles = chosen.curves.shape
+    if n < 2:
+        raise InputError(f"activities: expected two cycles or more, found {n}")
+    mean, basis, scales = principal_components(chosen.curves.reshape(n, -1))
+    explained = np.cumsum(scales**2) / np.sum(scales**2)
+    most = min(n - 1, len(scales))
+    d = min(fewest(explained, variance), most) if n_components is None else n_components
+    if not 1 <= d <= most:
+        raise InputError(f"activities: {n} cycles allow 1 to {most} components, found {d}")
+    return ActivityModel(
+        angles=chosen.angles,
+        mean=mean.reshape(n_phases, n_angles),
+        components=basis[:d].reshape(d, n_phases, n_angles),
+        scales=scales[:d],
+        explained=explained,
+        scores=(chosen.curves.reshape(n, -1) - mean) @ basis[:d].T / scales[:d],
+        activities=cycles.activities,
+        sources=cycles.sources,
+        cycle_rate_hz=1.0 / cycles.durations_s,
+    )
+
+
+def principal_components(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean (m,), orthonormal components (K, m) and standard deviations (K,) of rows (n, m), K = min(n, m)."""
+    mean = rows.mean(axis=0)
+    _, singular, basis = np.linalg.svd(rows - mean, full_matrices=False)
+    return mean, basis, singular / np.sqrt(len(rows) - 1)
+
+
+def fewest(explained: FloatArray, variance: float) -> int:
+    """How many components explain more than a part of the variance; explained: (K,), that of the first 1, 2, …"""
+    return int(np.searchsorted(explained, variance, side="right")) + 1
+
+
+_ARRAYS = ("mean", "components", "scales", "explained", "scores", "cycle_rate_hz")
+
+
+def write_activities(path: Path, model: ActivityModel, provenance: Provenance) -> None:
+    """Write the model to an HDF5 file with where it comes from; the file appears whole or not at all."""
+    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
+        file.attrs.update(format=FORMAT, workbench=__version__, provenance=provenance.as_json())
+        for name in _ARRAYS:
+            file[name] = getattr(model, name)
+        for name in ("angles", "activities", "sources"):
+            file[name] = list(getattr(model, name))
+
+
+def read_activities(path: Path) -> ActivityModel:
+    """Read a model; raises InputError when the file is missing, of another format, or does not fit together."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file of an activity model")
+    try:
+        with h5py.File(path, "r") as file:
+            found = file.attrs.get("format")
+            if found != FORMAT:
+                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
+            model = ActivityModel(
+                angles=tuple(file["angles"].asstr()[()]),
+                activities=tuple(file["activities"].asstr()[()]),
+                sources=tuple(file["sources"].asstr()[()]),
+                **{name: file[name][()] for name in _ARRAYS},
+            )
+    except (OSError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: expected an activity model in HDF5: {error}") from None
+    _check(path, model)
+    return model
+
+
+def _check(path: Path, model: ActivityModel) -> None:
+    n, n_angles, d = len(model.activities), len(model.angles), model.scales.size
+    n_phases = len(model.mean) if model.mean.ndim else 0
+    shapes: dict[str, tuple[int, ...]] = {"mean": (n_phases, n_angles), "components": (d, n_phases, n_angles)}
+    shapes |= {"scales": (d,), "scores": (n, d), "cycle_rate_hz": (n,), "explained": (min(n, n_phases * n_angles),)}
+    for name, shape in shapes.items():
+        array = getattr(model, name)
+        if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
+            raise InputError(f"{path}: expected {name} of shape {shape} and finite, found {array.shape} {array.dtype}")
+    if len(model.sources) != n or n_phases < 2 or not d or not (model.scales > 0.0).all():
+        raise InputError(f"{path}: expected examples with a source each, two phases and components with a scale")

@@ -1,0 +1,143 @@
+"""A prior over walking, running and what lies between them: coefficients of one learned motion model, and its phase."""
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.errors import InputError
+from workbench.learning.activities import ActivityModel
+from workbench.priors.state import StateSpace
+
+REFERENCE_RATE_HZ = 30.0
+N_PHASES = 64
+ANGLE_SIGMA_RAD = 0.1
+
+
+class Activity:
+    """A prior over states {α, μ, speed of μ, root, root's velocity} of paper D's motion model, D = d + 11.
+
+    Paper D fits such a model by least squares; here it is a temporal prior, so that a particle filter can be compared
+    with that fit on the same data. Gaussian random walks as in paper B, section 3. What the model does not say, the
+    root, moves with a velocity of its own, which is a random walk too.
+
+    Noise is given per frame at 30 Hz and grows with the square root of the time between frames. sigma_coefficients: in
+    standard deviations of a coefficient over the examples; they shrink towards zero so that N(0, 1) stays stationary.
+    sigma_phase: cycles. sigma_phase_speed: cycles/s. sigma_position: m. sigma_rotation: rad, heading, pitch and roll.
+    sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
+    starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
+    heading, and a tenth of that sideways and upwards.
+
+    Raises InputError when the model speaks of angles that the pose does not have.
+    """
+
+    def __init__(
+        self,
+        model: ActivityModel,
+        *,
+        sigma_coefficients: float = 0.05,
+        sigma_phase: float = 0.009,
+        sigma_phase_speed: float = 0.02,
+        sigma_position: float = 0.005,
+        sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
+        sigma_velocity: float = 0.1,
+        start_coefficients: float = 0.5,
+        start_phase: float = 0.03,
+        start_position: float = 0.02,
+        start_rotation: float = 0.03,
+        start_velocity: float = 2.0,
+    ) -> None:
+        if unknown := [name for name in model.angles if name not in POSE_NAMES[N_ROOT:]]:
+            raise InputError(f"prior: the motion model's {unknown[0]!r} is no joint angle of a pose")
+        self.model = model
+        self.parameters = tuple(name for name in POSE_NAMES if name in (*POSE_NAMES[:N_ROOT], *model.angles))
+        d = len(model.scales)
+        self.space = StateSpace.of(
+            {
+                "coefficients": (tuple(f"a{k + 1}" for k in range(d)), "σ"),
+                "phase": (("phase",), "cycle"),
+                "phase_speed": (("phase_speed",), "cycle/s"),
+                "root_position": (POSE_NAMES[:3], "m"),
+                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+                "root_velocity": (tuple(f"{name}_velocity" for name in POSE_NAMES[:3]), "m/s"),
+                "held": (tuple(name for name in POSE_NAMES[N_ROOT:] if name not in model.angles), "rad"),
+            }
+        )
+        self._angles = [POSE_NAMES.index(name) for name in model.angles]
+        self._held = [POSE_NAMES.index(name) for name in self.space.names[self.space.slices["held"]]]
+        self._sigma = np.zeros(len(self.space))
+        self._start = np.zeros(len(self.space))
+        for name, sigma, start in (
+            ("coefficients", sigma_coefficients, start_coefficients),
+            ("phase", sigma_phase, start_phase),
+            ("phase_speed", sigma_phase_speed, 0.0),
+            ("root_position", sigma_position, start_position),
+            ("root_rotation", sigma_rotation, start_rotation),
+            ("root_velocity", sigma_velocity, 0.0),
+        ):
+            self._sigma[self.space.slices[name]] = sigma
+            self._start[self.space.slices[name]] = start
+        self._kept = 1.0 - sigma_coefficients**2
+        self._start_velocity = start_velocity
+
+    def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """N states (N, D) around the one whose pose comes nearest to a starting pose (P,)."""
+        slices = self.space.slices
+        state = self.nearest(pose) + self._start * rng.standard_normal((n, len(self.space)))
+        state[:, slices["phase"]] %= 1.0
+        state[:, slices["phase_speed"]] = rng.choice(self.model.cycle_rate_hz, n)[:, None]
+        along, sideways, up = self._start_velocity * np.array([1.0, 0.1, 0.1])[:, None] * rng.standard_normal((3, n))
+        heading = state[:, slices["root_rotation"].start]
+        c, s = np.cos(heading), np.sin(heading)
+        state[:, slices["root_velocity"]] = np.column_stack([c * along - s * sideways, s * along + c * sideways, up])
+        return state
+
+    def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
+        slices, frames = self.space.slices, dt_s * REFERENCE_RATE_HZ
+        moved: FloatArray = state + np.sqrt(frames) * self._sigma * rng.standard_normal(state.shape)
+        shrunk = 1.0 - np.sqrt(max(0.0, self._kept) ** frames)
+        moved[:, slices["coefficients"]] -= shrunk * state[:, slices["coefficients"]]
+        moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0
+        moved[:, slices["root_position"]] += dt_s * state[:, slices["root_velocity"]]
+        return moved
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """The poses (N, P) of states (N, D)."""
+        slices = self.space.slices
+        poses = np.empty((len(state), len(POSE_NAMES)))
+        poses[:, :3], poses[:, 3:N_ROOT] = state[:, slices["root_position"]], state[:, slices["root_rotation"]]
+        poses[:, self._held] = state[:, slices["held"]]
+        poses[:, self._angles] = self.model.angles_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
+        return poses
+
+    def pose_jacobian(self, state: FloatArray) -> FloatArray:
+        """Derivative of the poses with respect to the states, (N, P, D)."""
+        slices = self.space.slices
+        jacobian = np.zeros((len(state), len(POSE_NAMES), len(self.space)))
+        by_alpha, by_mu = self.model.jacobian_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
+        jacobian[:, self._angles, slices["coefficients"]] = by_alpha
+        jacobian[:, self._angles, slices["phase"].start] = by_mu
+        jacobian[:, range(N_ROOT), range(slices["root_position"].start, slices["root_rotation"].stop)] = 1.0
+        jacobian[:, self._held, range(slices["held"].start, slices["held"].stop)] = 1.0
+        return jacobian
+
+    def nearest(self, pose: FloatArray) -> FloatArray:
+        """The state (D,) at rest whose joint angles come nearest to those of a pose (P,).
+
+        At each of N_PHASES phases the coefficients of a ridge regression with their N(0, 1) prior and a deviation of
+        ANGLE_SIGMA_RAD of an angle; the phase with the smallest cost wins.
+        """
+        phases = np.arange(N_PHASES) / N_PHASES
+        none = np.zeros((N_PHASES, len(self.model.scales)))
+        basis = self.model.jacobian_at(none, phases)[0] / ANGLE_SIGMA_RAD  # (N_PHASES, C, d)
+        missing = (pose[self._angles] - self.model.angles_at(none, phases)) / ANGLE_SIGMA_RAD
+        normal = basis.transpose(0, 2, 1) @ basis + np.eye(basis.shape[2])
+        alpha = np.linalg.solve(normal, basis.transpose(0, 2, 1) @ missing[:, :, None])[:, :, 0]
+        left = missing - np.einsum("tcd,td->tc", basis, alpha)
+        best = int(np.argmin((left**2).sum(axis=1) + (alpha**2).sum(axis=1)))
+        state = np.zeros(len(self.space))
+        slices = self.space.slices
+        state[slices["coefficients"]], state[slices["phase"]] = alpha[best], phases[best]
+        state[slices["root_position"]], state[slices["root_rotation"]] = pose[:3], pose[3:N_ROOT]
+        state[slices["held"]] = pose[self._held]
+        return state
