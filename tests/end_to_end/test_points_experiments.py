@@ -46,7 +46,7 @@ def test_a_fit_follows_the_person_from_an_automatic_start(cache, tmp_path, exper
     assert "ms_per_frame" not in found.properties["metrics"]  # equal runs must give equal recordings
 
 
-@pytest.mark.parametrize("experiment", ["points_no_model", "points_particle_filter"])
+@pytest.mark.parametrize("experiment", ["points_no_model", "points_particle_filter", "points_hybrid"])
 def test_the_baselines_run(cache, tmp_path, experiment):
     small = ("dataset.n_frames=4", "dataset.n_points=60", "prior.n_components=3", "inference.n_particles=30")
     summary = workbench(cache, tmp_path, f"experiment={experiment}", *small)

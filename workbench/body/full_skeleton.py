@@ -100,7 +100,7 @@ def full_skeleton(clip: Clip) -> Skeleton:
 def full_poses(clip: Clip) -> FloatArray:
     """The poses (F, P) of `full_skeleton(clip)` in the clip's frames, m and rad, without jumps in time.
 
-    Forward kinematics gives the clip's positions to the digits of the file's offsets (Bandai: 3e-7 m).
+    Forward kinematics gives the clip's positions to the digits of the file's offsets (Bandai: 2e-7 m).
     Raises InputError as `full_skeleton` does.
     """
     skeleton, kept = full_skeleton(clip), _kept(clip)

@@ -16,8 +16,9 @@ then add up to 1 within 9 % along the limb, so the skin has the radius of the el
   (Taubin 1991), to s_far = |y|/√d, which makes its slope 1 far away, with the weight (1 − 1/√d)² of the latter.
   Inside, s_near goes over to the smallest half size at the centre, where it would depend on the direction.
   On a sphere it is exact outside. Measured against exact distances, over points outside an ellipsoid whose half sizes
-  differ by a factor of 1.6 / 2.5 / 3.5 it is 0.97–1.00 / 0.88–1.02 / 0.77–1.07 of the distance. Inside it is the
-  distance at the skin and half of it at the centre of a sphere.
+  differ by a factor of 1.6 / 2.5 / 3.5 it is 0.97–1.00 / 0.88–1.02 / 0.77–1.07 of the distance. Outside the
+  chains of the person it is 0.94–1.12 of it within 10 cm of the skin. Inside it is right at the skin
+  and half the depth at the centre of a sphere.
 
 **Attachment** (D eq. 5). D takes the part with the smallest |f − C|. A centimetre inside a forearm f > 2 C already, and
 by that rule such a point would belong to any limb far away, whose |f − C| is C. Here the smallest |log(f / C)| decides
@@ -41,7 +42,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 
 Kind = Literal["field", "distance"]
-KINDS: tuple[Kind, ...] = ("field", "distance")
+KINDS: tuple[Kind, ...] = ("field", "distance")  # in the order of the kernel's numbers
 SHARPNESS = 2.0
 """a: the larger, the less ellipsoids blend, and the narrower the band in which the field tells distances apart."""
 OVERHANG = 0.3
@@ -139,6 +140,10 @@ def _arguments(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray,
     *results: FloatArray,
 ) -> tuple[Any, ...]:  # fmt: skip
+    n_dofs, n = len(skeleton.dof_names), len(points)
+    if pose.shape != (n_dofs,) or points.shape != (n, 3) or attachment.shape != (n,):
+        found = f"{pose.shape}, {points.shape} and {attachment.shape}"
+        raise ValueError(f"pose, points and attachment must be ({n_dofs},), (K, 3) and (K,), found {found}")
     return (
         *(np.ascontiguousarray(pose), skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(surface.table, surface.joints, surface.bounds, surface.sharpness, surface.level, KINDS.index(kind)),

@@ -23,6 +23,7 @@ from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.evaluation.errors import step_errors
+from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.start import start_from_marks
@@ -112,10 +113,13 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
         "body": body,
         "lead_in": dataset.lead_in if isinstance(dataset, Blank) else None,
         "model": prior.model if isinstance(prior, Activity) else None,
+        "phase_ends": getattr(dataset, "phase_ends", None),
     }
     inference: Inference = build(config.inference, **live)
     with _timed(summary, "start"):
-        start = None if isinstance(inference, LeastSquares) and _unknown(dataset) else _start(dataset, body, prior)
+        start = (
+            None if isinstance(inference, LeastSquares | Hybrid) and _unknown(dataset) else _start(dataset, body, prior)
+        )
     return Parts(dataset, body, prior, inference, start)
 
 

@@ -20,6 +20,7 @@ from workbench.datasets.points import Points
 from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
+from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.particle_filter import ParticleFilter
 from workbench.inference.synthesis import Synthesis
@@ -60,7 +61,12 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "activity": activity,
     },
     "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
-    "inference": {"particle_filter": ParticleFilter, "synthesis": Synthesis, "least_squares": LeastSquares},
+    "inference": {
+        "particle_filter": ParticleFilter,
+        "synthesis": Synthesis,
+        "least_squares": LeastSquares,
+        "hybrid": Hybrid,
+    },
     "recorder": {"rerun": Recorder},
     "study": {
         "temperature": Temperature,
@@ -75,7 +81,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape"},
     "likelihood": {"body"},
-    "inference": {"prior", "likelihood", "body", "lead_in", "model", "surface"},
+    "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
     "study": {"prior"},
 }

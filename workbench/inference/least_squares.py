@@ -137,13 +137,13 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
 class LeastSquares:
     """Fits a person's surface to points, all frames at once: an inference that yields its steps after solving.
 
-    style: "steady", one α for all frames (D, section 4.2), "frame", one for every `frames_per_style` frames
-    (section 4.3), or "none", no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the
-    model's poses. kind: of the residual, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the
-    same unit. loss: "squared", "huber" or "geman_mcclure", which bends at `scale`, in that unit too.
-    phases: (μ₁, μ_T), cycles, or None to find them. sigma_style, sigma_phase, sigma_position, sigma_rotation: see
-    `frame_fit.Smoothness`. most_points: a frame's points beyond are thinned at random. n_particles: drawn per step.
-    surface: of the body, by default `person_surface(body)`.
+    style: "steady", one α for all frames (D, section 4.2), "frame", one for every `frames_per_style` frames (section
+    4.3), or "none", no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the model's
+    poses. kind: of the residual, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the same
+    unit. loss: "squared", "huber" or "geman_mcclure", which bends at `scale`, in that unit too. phases: (μ₁, μ_T),
+    cycles, or None to take phase_ends, what the dataset offers, or without those to find them. sigma_style,
+    sigma_phase, sigma_position, sigma_rotation: see `frame_fit.Smoothness`. most_points: a frame's points beyond are
+    thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
 
     Raises InputError for numbers out of range and a style that needs a model where there is none.
 
@@ -156,6 +156,7 @@ class LeastSquares:
         self,
         body: Body,
         model: MotionModel | None = None,
+        phase_ends: tuple[float, float] | None = None,
         *,
         style: str = "frame",
         kind: Kind = "distance",
@@ -191,7 +192,8 @@ class LeastSquares:
         self.surface = person_surface(body) if surface is None else surface
         self.style, self.kind, self.sigma = style, kind, sigma
         self.loss = Loss(loss, scale / sigma)
-        self.frames_per_style, self.phases, self.pose_prior = frames_per_style, phases, pose_prior
+        self.frames_per_style, self.pose_prior = frames_per_style, pose_prior
+        self.phases = phase_ends if phases is None else phases
         self.smoothness = Smoothness(sigma_style, sigma_phase, sigma_position, sigma_rotation)
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
 
@@ -212,12 +214,7 @@ class LeastSquares:
         Raises InputError when there is nothing to fit.
         """
         frames = list(frames)
-        if not frames:
-            raise InputError("least squares: expected at least one frame, found none")
-        points, warnings = self._points(frames, rng_streams["start"])
-        if not any(map(len, points)):
-            raise InputError(f"least squares: expected points to fit, found none in {len(frames)} frames")
-        fit = self.fit(points, np.array([frame.time_s for frame in frames]), start)
+        fit, points, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
         for step, seen, said in zip(drawn, points, warnings, strict=True):
             near = step.diagnostics["inliers"]
@@ -256,6 +253,20 @@ class LeastSquares:
         missed = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], self.kind, near)
         parts[usable] = np.where(np.abs(missed) < 3.0 * self.sigma, near, -1)
         return parts
+
+    def fit_frames(
+        self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator
+    ) -> tuple[Fit, list[FloatArray], list[tuple[str, ...]]]:
+        """The fit of all frames, with each frame's points that were used and what there is to say about them.
+
+        rng: thins points. Raises InputError when there is nothing to fit.
+        """
+        if not frames:
+            raise InputError("least squares: expected at least one frame, found none")
+        points, warnings = self._points(frames, rng)
+        if not any(map(len, points)):
+            raise InputError(f"least squares: expected points to fit, found none in {len(frames)} frames")
+        return self.fit(points, np.array([frame.time_s for frame in frames]), start), points, warnings
 
     def fit(self, points: Sequence[FloatArray], times_s: FloatArray, start: FloatArray | None) -> Fit:
         """The fit of T frames of points (K, 3), m, at times (T,), s; `start` as for `run`."""

@@ -11,6 +11,8 @@ from workbench.priors.state import StateSpace
 REFERENCE_RATE_HZ = 30.0
 N_PHASES = 64
 ANGLE_SIGMA_RAD = 0.1
+LEAST_SIGMA = 1e-9
+"""Of what has no noise, so that its density exists."""
 
 
 class Activity:
@@ -34,10 +36,10 @@ class Activity:
         self,
         model: ActivityModel,
         *,
-        sigma_coefficients: float = 0.05,
-        sigma_phase: float = 0.009,
+        sigma_coefficients: float = 0.2,
+        sigma_phase: float = 0.02,
         sigma_phase_speed: float = 0.02,
-        sigma_position: float = 0.005,
+        sigma_position: float = 0.01,
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
         sigma_velocity: float = 0.1,
         start_coefficients: float = 0.5,
@@ -93,13 +95,33 @@ class Activity:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        slices, frames = self.space.slices, dt_s * REFERENCE_RATE_HZ
-        moved: FloatArray = state + np.sqrt(frames) * self._sigma * rng.standard_normal(state.shape)
-        shrunk = 1.0 - np.sqrt(max(0.0, self._kept) ** frames)
-        moved[:, slices["coefficients"]] -= shrunk * state[:, slices["coefficients"]]
-        moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0
+        noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma * rng.standard_normal(state.shape)
+        moved: FloatArray = self._predicted(state, dt_s) + noise
+        moved[:, self.space.slices["phase"]] %= 1.0
+        return moved
+
+    def _predicted(self, state: FloatArray, dt_s: float) -> FloatArray:
+        slices = self.space.slices
+        moved: FloatArray = state.copy()
+        moved[:, slices["coefficients"]] *= np.sqrt(max(0.0, self._kept) ** (dt_s * REFERENCE_RATE_HZ))
+        moved[:, slices["phase"]] += dt_s * state[:, slices["phase_speed"]]
         moved[:, slices["root_position"]] += dt_s * state[:, slices["root_velocity"]]
         return moved
+
+    def predicted(self, state: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """Means (N, D') and deviations (D',) of the Gaussian p(s_t | state), s_t being the columns `driven`.
+
+        dt_s: seconds from the states (N, D) to s_t. The phase is counted on, without wrapping.
+        """
+        sigma = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma[self.driven]
+        return self._predicted(state, dt_s)[:, self.driven], np.maximum(sigma, LEAST_SIGMA)
+
+    @property
+    def driven(self) -> list[int]:
+        """The columns of α, μ and the root, in this order, which a pose depends on."""
+        slices = self.space.slices
+        names = ("coefficients", "phase", "root_position", "root_rotation")
+        return [column for name in names for column in range(slices[name].start, slices[name].stop)]
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""

@@ -1,0 +1,73 @@
+"""The surface's kernels against their NumPy reference, on the person, on random trees and on parts across joints."""
+
+import numpy as np
+import pytest
+import surface_scenes as scenes
+
+from workbench.body import surface_reference
+from workbench.body.kinematics import forward
+from workbench.body.surface import KINDS, attach, residual_jacobian, residuals, skeleton_surface
+
+TREES = [scenes.tree(seed) for seed in range(3)]
+SCENES = {
+    "person": scenes.PERSON,
+    **{f"tree {i}": (tree, skeleton_surface(tree)) for i, tree in enumerate(TREES)},
+    **{f"parts across joints {i}": (tree, scenes.blended(i, tree)) for i, tree in enumerate(TREES)},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
+def test_kernels_agree_with_the_reference(scene, kind):
+    rng = np.random.default_rng(5)
+    for _ in range(3):
+        pose, frames, points = scenes.pose_and_points(rng, *scene, 150)
+        attachment = attach(scene[1], forward(scene[0], pose[None]), points, kind)
+        np.testing.assert_array_equal(attachment, surface_reference.attach(scene[1], frames, points, kind))
+        for parts in (attachment, rng.integers(len(scene[1].part_names), size=150)):  # the nearest, and any
+            arguments = (*scene, pose, points, kind, parts)
+            expected, expected_jacobian = surface_reference.residual_jacobian(*arguments)
+            found, jacobian = residual_jacobian(*arguments)
+            # sums of tens of terms in another order; the residuals are of the size of 1
+            np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
+            np.testing.assert_allclose(residuals(*arguments), found, rtol=1e-13, atol=1e-15)
+            np.testing.assert_allclose(jacobian, expected_jacobian, rtol=1e-9, atol=1e-10 * np.abs(jacobian).max())
+
+
+def test_the_scenes_hold_what_they_should():
+    """Points inside and outside, ellipsoids that share a point, parts over several joints: or it would say little."""
+    rng = np.random.default_rng(5)
+    for name, (skeleton, surface) in SCENES.items():
+        pose, _, points = scenes.pose_and_points(rng, skeleton, surface, 400)
+        nearest = attach(surface, forward(skeleton, pose[None]), points)
+        depths = residuals(skeleton, surface, pose, points, "distance", nearest)
+        assert 0.05 < np.mean(depths < 0.0) < 0.95, name
+        assert len(set(nearest)) > 3
+        if "across" in name:
+            spans = [len(set(surface.joints[surface.parts == b])) for b in range(len(surface.part_names))]
+            assert max(spans) > 1
+
+
+def test_the_same_input_gives_the_same_bits():
+    pose, _, points = scenes.pose_and_points(np.random.default_rng(0), *scenes.PERSON, 200)
+    attachment = attach(scenes.PERSON[1], forward(scenes.PERSON[0], pose[None]), points)
+    first, again = (residual_jacobian(*scenes.PERSON, pose, points, "distance", attachment) for _ in range(2))
+    np.testing.assert_array_equal(first[0], again[0])
+    np.testing.assert_array_equal(first[1], again[1])
+
+
+def test_views_are_taken_as_they_are():
+    """A pose that is a column of a larger array, and points in another order in memory."""
+    pose, _, points = scenes.pose_and_points(np.random.default_rng(2), *scenes.PERSON, 50)
+    attachment = attach(scenes.PERSON[1], forward(scenes.PERSON[0], pose[None]), np.asfortranarray(points))
+    expected = residuals(*scenes.PERSON, pose, points, "distance", attachment)
+    column = np.stack([pose, pose], axis=1)[:, 0]
+    found = residuals(*scenes.PERSON, column, np.asfortranarray(points), "distance", attachment)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_arrays_of_the_wrong_shape_are_refused():
+    pose, points, attachment = np.zeros(25), np.zeros((4, 3)), np.zeros(4, dtype=np.int64)
+    for wrong in ((pose[1:], points, attachment), (pose, points[:, :2], attachment), (pose, points, attachment[1:])):
+        with pytest.raises(ValueError, match="pose, points and attachment must be"):
+            residual_jacobian(*scenes.PERSON, wrong[0], wrong[1], "distance", wrong[2])

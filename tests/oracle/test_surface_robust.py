@@ -1,0 +1,44 @@
+"""The robust losses by closed forms."""
+
+import numpy as np
+import pytest
+
+from workbench.inference.robust import LOSSES, geman_mcclure, huber, squared
+
+Z = np.array([-10.0, -1.0, -0.5, 0.0, 1e-3, 0.5, 1.0, 3.0])
+
+
+def test_squared():
+    rho, weights = squared(Z)
+    np.testing.assert_array_equal(rho, Z**2 / 2.0)
+    np.testing.assert_array_equal(weights, 1.0)
+
+
+def test_huber():
+    rho, weights = huber(Z)
+    np.testing.assert_allclose(rho, [9.5, 0.5, 0.125, 0.0, 5e-7, 0.125, 0.5, 2.5])
+    np.testing.assert_allclose(weights, [0.1, 1, 1, 1, 1, 1, 1, 1 / 3])
+
+
+def test_geman_mcclure():
+    rho, weights = geman_mcclure(Z)
+    np.testing.assert_allclose(rho, [50 / 101, 0.25, 0.1, 0.0, 5e-7 / (1 + 1e-6), 0.1, 0.25, 0.45])
+    np.testing.assert_allclose(weights, [1 / 101**2, 0.25, 0.64, 1.0, (1 + 1e-6) ** -2, 0.64, 0.25, 0.01])
+    far, _ = geman_mcclure(np.array([1e8]))
+    assert far[0] == pytest.approx(0.5)  # no point costs more
+
+
+@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES.keys())
+def test_the_weight_is_the_slope_over_the_residual(loss):
+    z = np.random.default_rng(0).normal(0.0, 3.0, 200)
+    step = 1e-6
+    slope = (loss(z + step)[0] - loss(z - step)[0]) / (2.0 * step)
+    np.testing.assert_allclose(loss(z)[1] * z, slope, atol=1e-8)
+
+
+@pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES.keys())
+def test_near_zero_all_are_half_the_square(loss):
+    z = np.array([0.0, 1e-4, -1e-3])
+    rho, weights = loss(z)
+    np.testing.assert_allclose(rho, z**2 / 2.0, rtol=2e-6)
+    np.testing.assert_allclose(weights, 1.0, atol=3e-6)
