@@ -28,6 +28,7 @@ def workbench(cache, tmp_path, *overrides):
 
 
 FITTED = ("points_walk_steady", "points_walk_variable", "points_run_steady", "points_run_variable", "points_transition")
+FITTED += ("stereo_walk",)
 
 
 @pytest.mark.parametrize("experiment", FITTED)

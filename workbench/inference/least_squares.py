@@ -222,7 +222,11 @@ class LeastSquares:
                 said = (*said, f"frame {step.frame.index}: only {near:.0%} of the points lie near the body")
             parts = self._attachment(step)
             timing_s = {**step.timing_s, **self._one_evaluation(step.expected_pose, seen)}
-            yield replace(step, warnings=said, activity=self._told(step), attachment=parts, timing_s=timing_s)
+            told, probabilities = self._told(step)
+            diagnostics = {**step.diagnostics, **probabilities}
+            yield replace(
+                step, warnings=said, activity=told, attachment=parts, timing_s=timing_s, diagnostics=diagnostics
+            )
 
     def _one_evaluation(self, pose: FloatArray, points: FloatArray) -> dict[str, float]:
         """Seconds that F, and F with its Jacobian, take with attachments fixed: paper D's measure of its cost."""
@@ -235,12 +239,17 @@ class LeastSquares:
         residual_jacobian(*arguments)
         return {"residual": between - began, "residual_jacobian": perf_counter() - between}
 
-    def _told(self, step: Step) -> str | None:
-        """The activity of the step's coefficients among the model's, where it has several (paper D, section 5)."""
+    def _told(self, step: Step) -> tuple[str | None, dict[str, float]]:
+        """The activity of the step's coefficients among the model's, and the probability of each (paper D, section 5).
+
+        Nothing where the model has one activity only.
+        """
         if self.style == "none" or not isinstance(self.model, ActivityModel) or len(set(self.model.activities)) < 2:
-            return None
+            return None, {}
         coefficients = step.space.slices["coefficients"]
-        return str(classify(self.model, step.particles[:, coefficients].mean(axis=0)).labels)
+        told = classify(self.model, step.particles[:, coefficients].mean(axis=0))
+        named = zip(told.activities, told.probabilities, strict=True)
+        return str(told.labels), {f"probability_{name}": float(probability) for name, probability in named}
 
     def _attachment(self, step: Step) -> IntArray | None:
         """The part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""

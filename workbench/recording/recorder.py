@@ -122,6 +122,8 @@ class Recorder:
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
+        if step.activity is not None:
+            self._stream.log("estimate/activity", rr.TextDocument(step.activity))
         self._n_frames += 1
         due = self._n_frames % self._flush_every == 0
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
