@@ -74,15 +74,14 @@ def clutter_points(
 ) -> FloatArray:
     """Up to n points (n, 3), m, of floor, wall and bins in the box about `centre`, as far as these do not hide them.
 
-    A third of the candidates is drawn evenly on each of the three, so that the small bins are not lost.
+    As many candidates are drawn evenly on each of the three, so that the small bins are not lost.
     """
     many = _CANDIDATES * n
     floor, wall = in_box(centre, many, rng), in_box(centre, many, rng)
     floor[:, 2] = around.floor_m
     wall += np.outer(around.wall_m - camera.to_camera(wall)[:, 2], camera.rotation[2])
     standing = np.zeros(len(around.bins.skeleton.dof_names))
-    bins, areas = surface_points(around.bins, standing, many, rng)
-    bins = bins[rng.uniform(size=many) * areas.max() < areas]
+    bins = surface_points(around.bins, standing, many, rng)
     points = rng.permutation(np.concatenate([floor, wall, bins]))
     points = points[(np.abs(points - centre) <= BOX_M).all(axis=1) & inside(camera, points)]
     points = points[points[:, 2] >= around.floor_m - 1e-9]

@@ -8,10 +8,10 @@ from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.datasets.render import Rays, cast
 
-CANDIDATES = 12
-"""Points tried for every one asked for: a camera sees less than half of a surface, and ends of limbs lie in others."""
-_HIDDEN_M = 1e-3
-_SIDE, _START, _END = range(3)
+TRIES = 24
+"""Places tried for each point asked for: a camera sees less than half of a surface, and limbs' ends lie in others."""
+_SAME_M = 1e-3
+_SIDE, _END = 0, 2
 
 
 def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np.random.Generator) -> FloatArray:
@@ -20,46 +20,63 @@ def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np
     The surface is the renderer's: cones and spheres with rounded ends. There are none of a body the camera does not
     see, and fewer than n of one it sees very little of.
     """
-    points, areas = surface_points(body, pose, CANDIDATES * n, rng)
+    points = surface_points(body, pose, TRIES * n, rng)
     depth = camera.to_camera(points)[:, 2]
-    seen = first_depth(body, pose, camera, points) > depth - _HIDDEN_M
-    seen &= inside(camera, points) & (areas > 0.0)
-    points, areas = points[seen], areas[seen]
-    if not len(points):
-        return points
-    return points[rng.choice(len(points), min(n, len(points)), replace=False, p=areas / areas.sum())]
+    seen = np.abs(first_depth(body, pose, camera, points) - depth) < _SAME_M
+    return points[seen & inside(camera, points)][:n]
 
 
-def surface_points(body: Body, pose: FloatArray, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """n points (n, 3), m, of all limbs in a pose (P,), in the world, and the area (n,), up to one factor, of each.
+def surface_points(body: Body, pose: FloatArray, tries: int, rng: np.random.Generator) -> FloatArray:
+    """Points (K, 3), m, in the world, drawn evenly by area over all limbs in a pose (P,); about half of the tries.
 
-    A limb is a side and two half ellipsoids, also where those lie inside another limb (see `render`).
+    A limb is a side and an ellipsoid about each end (a sphere is one), also where these lie in each other or in other
+    limbs, as in `render`.
     """
-    limb, piece = rng.integers(len(body.limbs), size=n), rng.integers(3, size=n)
+    share = _rough_areas(body)
+    piece = rng.choice(share.size, tries, p=(share / share.sum()).ravel())
+    limb, kind = np.divmod(piece, 3)
+    own, stretch = _on_pieces(body, limb, kind, rng)
+    dense = stretch / share[limb, kind]
+    kept = rng.uniform(size=tries) * dense.max() < dense
+    return _placed(body, pose, limb[kept], own[kept])
+
+
+def _rough_areas(body: Body) -> FloatArray:
+    """About the areas (L, 3), m², of every limb's side, start and end: of round cones and spheres; 0: there is none."""
+    limbs = body.limbs
+    radii = limbs.radii.mean(axis=2)
+    length = np.linalg.norm(limbs.ends - limbs.starts, axis=1)
+    start, end = 4.0 * radii.T**2
+    return np.pi * np.column_stack([radii.sum(axis=1) * length, start, np.where(length > 0.0, end, 0.0)])
+
+
+def _on_pieces(body: Body, limb: IntArray, kind: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """A place (K, 3), m, on every piece, in its limb's own frame, and how far its map stretches area there (K,).
+
+    The map takes heights from 0 to 1 and angles, both drawn evenly, to the surface; equal heights on the axis of a
+    sphere are equal areas (Archimedes).
+    """
+    n = len(limb)
     height, angle = rng.uniform(size=n), rng.uniform(0.0, 2.0 * np.pi, n)
     c, s = np.cos(angle), np.sin(angle)
-    axes = body.limbs.ends - body.limbs.starts
-    length = np.linalg.norm(axes, axis=1)[limb]
-    (ax, ay), (bx, by) = body.limbs.radii[limb, 0].T, body.limbs.radii[limb, 1].T
+    length = np.linalg.norm(body.limbs.ends - body.limbs.starts, axis=1)[limb]
+    start, end = body.limbs.radii[limb, 0], body.limbs.radii[limb, 1]
 
-    rx, ry = ax + height * (bx - ax), ay + height * (by - ay)
+    (rx, ry), (gx, gy) = (start + height[:, None] * (end - start)).T, (end - start).T
     side = np.stack([rx * c, ry * s, height * length], axis=1)
-    along = np.stack([(bx - ax) * c, (by - ay) * s, length], axis=1)
-    side_area = np.linalg.norm(np.cross(np.stack([-rx * s, ry * c, np.zeros(n)], axis=1), along), axis=1)
+    around, along = np.stack([-rx * s, ry * c, np.zeros(n)], axis=1), np.stack([gx * c, gy * s, length], axis=1)
+    side_stretch = np.linalg.norm(np.cross(around, along), axis=1)
 
-    # heights that are even on the axis are even on a sphere (Archimedes)
-    sign, at_end = np.where(piece == _START, -1.0, 1.0), piece == _END
-    semi = np.where(
-        at_end[:, None], np.stack([bx, by, np.minimum(bx, by)], 1), np.stack([ax, ay, np.minimum(ax, ay)], 1)
-    )
-    ring = np.sqrt(1.0 - height**2)
-    unit = np.stack([ring * c, ring * s, sign * height], axis=1)
-    cap = unit * semi + np.where(at_end, length, 0.0)[:, None] * [0.0, 0.0, 1.0]
-    cap_area = semi.prod(axis=1) * np.linalg.norm(unit / semi, axis=1)
+    at_end, level = (kind == _END)[:, None], 2.0 * height - 1.0
+    semi = np.where(at_end, end, start)
+    semi = np.column_stack([semi, semi.min(axis=1)])
+    ring = np.sqrt(1.0 - level**2)
+    unit = np.stack([ring * c, ring * s, level], axis=1)
+    cap = unit * semi + np.where(at_end, length[:, None] * [0.0, 0.0, 1.0], 0.0)
+    cap_stretch = 2.0 * semi.prod(axis=1) * np.linalg.norm(unit / semi, axis=1)
 
-    on_side = piece == _SIDE
-    own = np.where(on_side[:, None], side, cap)
-    return _placed(body, pose, limb, own), np.where(on_side, side_area, cap_area)
+    on_side = kind == _SIDE
+    return np.where(on_side[:, None], side, cap), np.where(on_side, side_stretch, cap_stretch)
 
 
 def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray) -> FloatArray:

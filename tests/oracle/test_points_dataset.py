@@ -1,0 +1,191 @@
+"""Simulated points: what the parameters promise, the same bits from the same seed, and mistakes."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from workbench.datasets.points import Points
+from workbench.datasets.surroundings import BOX_M, WALL_M
+from workbench.datasets.visible_surface import first_depth
+from workbench.errors import InputError
+
+SMALL = {"n_frames": 3, "n_points": 200}
+
+
+def scene(**parameters):
+    return Points(**{**SMALL, **parameters})
+
+
+def clouds(dataset):
+    return [frame.points for frame in dataset.frames()]
+
+
+def off_surface(dataset, i, points):
+    """How far along the line of sight points are from the body, m; inf where the line misses it."""
+    depth = dataset.view_camera.to_camera(points)[:, 2]
+    return depth - first_depth(dataset.take.body, dataset.take.motion.poses[i], dataset.view_camera, points)
+
+
+def test_frames_carry_points_and_truth_and_no_views():
+    dataset = scene(first_frame=5)
+    frames = list(dataset.frames())
+    assert [frame.index for frame in frames] == [5, 6, 7]
+    assert frames[1].time_s == pytest.approx(6 / 14.0)
+    for frame in frames:
+        assert frame.views == ()
+        assert frame.points.shape == (200, 3)
+        assert frame.truth.pose.shape == (25,)
+        assert frame.truth.joints.shape == (15, 3)
+        assert frame.truth.activity == "walk"
+    assert (len(dataset), dataset.scale, dataset.start_marks, dataset.name) == (
+        3,
+        1.0,
+        None,
+        "points of walker_00_straight",
+    )
+
+
+def test_without_errors_all_points_lie_on_what_the_camera_sees():
+    dataset = scene(sigma_m=0.0, outliers=0.0)
+    for i, points in enumerate(clouds(dataset)):
+        assert np.abs(off_surface(dataset, i, points)).max() < 1e-3
+
+
+def test_errors_and_outliers_are_as_large_and_as_many_as_asked_for():
+    dataset = scene(n_points=4000, n_frames=2, outliers=0.3)
+    points = next(dataset.frames()).points
+    near = np.abs(off_surface(dataset, 0, points)) < 0.08  # four deviations
+    # of 30 % outliers, anywhere in a box of 5.6 m³, some 2 % are as near as that; the edges' points may miss the body
+    assert near.mean() == pytest.approx(0.7, abs=0.05)
+    root = dataset.take.motion.poses[0, :3]
+    assert (np.abs(points[~near] - root) < BOX_M + 0.1).all()
+    depth = dataset.view_camera.to_camera(points[near])[:, 2] / 4.0
+    sigma = off_surface(dataset, 0, points[near]) / depth**2
+    assert np.quantile(sigma, 0.84) - np.quantile(sigma, 0.16) == pytest.approx(2 * 0.02, rel=0.1)
+
+
+def test_the_order_of_points_tells_nothing():
+    dataset = scene(n_points=4000, n_frames=2, outliers=0.3)
+    near = np.abs(off_surface(dataset, 0, next(dataset.frames()).points)) < 0.08
+    # 4 standard errors of a share in 1000 points
+    assert near[-1000:].mean() == pytest.approx(near.mean(), abs=4 * np.sqrt(0.25 / 1000))
+
+
+def test_the_camera_stands_where_asked():
+    dataset = scene(n_frames=20, distance_m=5.0)
+    depth = dataset.view_camera.to_camera(dataset.take.motion.poses[10, :3][None])[0, 2]
+    assert depth == pytest.approx(5.0)
+    with pytest.warns(UserWarning, match=r"the camera is \d\.\d m away instead of 4"):
+        scene(motion="builtin_run", n_frames=40)
+
+
+def test_the_same_seed_gives_the_same_bits_and_every_parameter_counts():
+    first = clouds(scene())
+    for again in (scene(), Points(**SMALL)):
+        assert all(np.array_equal(a, b) for a, b in zip(first, clouds(again), strict=True))
+    for change in (
+        {"seed": 1}, {"n_points": 199}, {"sigma_m": 0.03}, {"outliers": 0.2}, {"clutter": 20}, {"bar_m": 0.3},
+        {"distance_m": 5.0}, {"view_deg": 60.0}, {"first_frame": 1}, {"path": "circle"}, {"rate_hz": 30.0},
+        {"motion": "builtin_run"}, {"motion": ["builtin"] * 2, "n_frames": 8},
+    ):  # fmt: skip
+        assert not np.array_equal(first[2], clouds(scene(**change))[2]), change
+
+
+def test_one_frame_does_not_depend_on_the_others():
+    later = clouds(scene(n_frames=3))
+    whole = clouds(scene(n_frames=3, images=True))
+    assert all(np.array_equal(a, b) for a, b in zip(later, whole, strict=True))
+
+
+def test_a_bar_hides_what_is_behind_it():
+    open_view, barred = scene(n_frames=3, outliers=0.0), scene(n_frames=3, outliers=0.0, bar_m=0.12)
+    camera, middle = barred.view_camera, barred.take.motion.poses[1, :3]
+    eye, behind = camera.position, 2.0 * 0.06 * 1.01
+    sight = (middle - eye)[:2] / np.linalg.norm((middle - eye)[:2])
+    for seen, left in zip(clouds(open_view), clouds(barred), strict=True):
+        assert 20 < len(left) < len(seen) == 200
+        side = (left[:, :2] - eye[:2]) @ [-sight[1], sight[0]]
+        along = (left[:, :2] - eye[:2]) @ sight
+        # the bar of radius 6 cm half-way at 2 m hides what lines of sight pass within 6 cm of its axis there
+        assert (np.abs(side / along) * 2.0 > 0.06 * 0.99).all(), behind
+    assert len(clouds(scene(outliers=0.0, bar_m=4.0))[0]) == 0
+
+
+def test_clutter_is_floor_wall_and_bins_in_the_box_and_not_in_front_of_the_person():
+    dataset = scene(sigma_m=0.0, outliers=0.0, clutter=600)
+    around, camera = dataset._surroundings, dataset.view_camera
+    for i, points in enumerate(clouds(dataset)):
+        root = dataset.take.motion.poses[i, :3]
+        distance = off_surface(dataset, i, points)
+        others = points[~(np.abs(distance) < 1e-3)]
+        assert 300 < len(others) <= 600
+        assert (distance <= 1e-3).all()  # those behind the person are not seen
+        assert (np.abs(others - root) <= BOX_M + 1e-9).all()
+        depth = camera.to_camera(others)[:, 2]
+        floor, wall = np.abs(others[:, 2] - around.floor_m) < 1e-9, np.abs(depth - around.wall_m) < 1e-9
+        bins = first_depth(around.bins, np.zeros(25), camera, others)
+        assert (floor | wall | (np.abs(bins - depth) < 1e-3)).all()
+        assert floor.any()
+        assert wall.any()
+        assert depth.max() <= around.wall_m + 1e-9
+    assert around.wall_m > camera.to_camera(dataset.take.motion.poses[:, :3])[:, 2].max() + WALL_M - 1e-9
+
+
+def test_images_show_the_person_where_the_truth_is():
+    dataset = scene(images=True, n_frames=2)
+    for frame in dataset.frames():
+        (view,) = frame.views
+        assert view.image.shape == (480, 640)
+        assert view.image.dtype == np.uint8
+        assert np.isfinite(view.camera.project(frame.points)).all()
+    images = [frame.views[0].image.astype(int) for frame in dataset.frames()]
+    rows, columns = np.nonzero(np.abs(images[1] - images[0]) > 30)  # beyond 5 deviations of the noise of two images
+    pixels = dataset.view_camera.project(dataset.take.places.reshape(-1, 3))
+    inside = (columns > pixels[:, 0].min() - 30) & (columns < pixels[:, 0].max() + 30)
+    assert len(rows) > 100
+    assert inside.mean() > 0.99
+
+
+def test_what_is_offered_of_the_start():
+    auto, given = scene(), scene(start="given")
+    assert (auto.start_pose, auto.phase_ends) == (None, None)
+    assert np.array_equal(given.start_pose, given.take.rough_start(0))
+    assert np.abs(given.start_pose - given.take.motion.poses[0]).max() > 0.0
+    first, last = given.phase_ends
+    assert last - first == pytest.approx(2 / 14 * 0.92, rel=0.25)  # a stride takes 0.92⁻¹ s, give or take a few %
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"n_frames": 1}, ["n_frames", "2", "1"]),
+        ({"n_frames": 5000}, ["lasts 60.0"]),
+        ({"first_frame": -1}, ["first_frame"]),
+        ({"n_points": 0}, ["n_points"]),
+        ({"sigma_m": -0.1}, ["sigma_m"]),
+        ({"sigma_m": float("nan")}, ["sigma_m"]),
+        ({"outliers": 1.0}, ["outliers", "1.0"]),
+        ({"outliers": -0.1}, ["outliers"]),
+        ({"clutter": -1}, ["clutter"]),
+        ({"bar_m": -1.0}, ["bar_m"]),
+        ({"distance_m": 0.5}, ["distance_m"]),
+        ({"rate_hz": 0.0}, ["rate_hz"]),
+        ({"view_deg": float("inf")}, ["view_deg"]),
+        ({"focal_px": 0.0}, ["focal_px"]),
+        ({"seed": -1}, ["seed"]),
+        ({"start": "soon"}, ["auto, given", "soon"]),
+        ({"motion": "builtin_arm", "start": "given"}, ["no gait cycle", "start=auto"]),
+        ({"motion": []}, ["at least one motion"]),
+        ({"motion": "nobody"}, ["nobody"]),
+        ({"motion": ["builtin", "35_02"]}, ["35_02"]),
+        ({"motion": 3502}, ["3502"]),
+    ],
+)
+def test_mistakes_are_named(parameters, words):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with pytest.raises(InputError) as caught:
+            scene(**parameters)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,312 @@
+"""Readers of points: what is written comes back; what is damaged is refused in a sentence that names the file."""
+
+import struct
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as numbers
+
+from workbench.datasets.gait import builtin_motions
+from workbench.datasets.point_files import PointFiles
+from workbench.datasets.point_formats import read_csv, read_hdf5, read_npz, read_ply
+from workbench.errors import InputError
+from workbench.mocap.library import write_library
+
+coordinate = st.floats(-1e6, 1e6, allow_nan=False)
+clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)
+quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
+
+
+def ply_header(form, n, properties, more=""):
+    lines = ["ply", f"format {form} 1.0", "comment made up", f"element vertex {n}", *properties]
+    return "\n".join([*lines, *([more] if more else []), "end_header", ""])
+
+
+def ascii_ply(points, more=""):
+    body = "".join(" ".join(repr(float(x)) for x in row) + "\n" for row in points)
+    return ply_header("ascii", len(points), [f"property double {a}" for a in "xyz"], more) + body
+
+
+def binary_ply(points, order, extra=()):
+    """Points with other properties before, between and after."""
+    kinds = [*[("double", a) for a in "xyz"], *[(kind, f"extra{i}") for i, kind in enumerate(extra)]]
+    kinds = kinds[3:4] + kinds[:3] + kinds[4:]
+    form = "binary_little_endian" if order == "<" else "binary_big_endian"
+    header = ply_header(form, len(points), [f"property {kind} {name}" for kind, name in kinds])
+    rows = b"".join(
+        struct.pack(order + "".join({"double": "d", **EXTRA}[kind] for kind, _ in kinds),
+                    *[row["xyz".index(name)] if name in "xyz" else 7 for _, name in kinds])
+        for row in points
+    )  # fmt: skip
+    return header.encode() + rows
+
+
+def refused(read, file):
+    with pytest.raises(InputError) as caught:
+        read(file)
+    message = str(caught.value)
+    assert str(file) in message
+    assert "\n" not in message
+    return message
+
+
+def reads_or_refuses(read, file):
+    """Either points that are finite, or a sentence that names the file."""
+    sentence, points = None, np.zeros((1, 3))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            points = read(file)
+    except InputError as error:
+        sentence = str(error)
+    assert sentence is None or (str(file) in sentence and "\n" not in sentence)
+    assert points.ndim == 2
+    assert points.shape[1] == 3
+    assert len(points) > 0
+    assert np.isfinite(points).all()
+
+
+@quick
+@given(points=clouds, line=st.sampled_from(["\n", "\r\n"]), faces=st.booleans())
+def test_ascii_ply_comes_back(tmp_path, points, line, faces):
+    more = "element face 1\nproperty list uchar int vertex_indices" if faces else ""
+    text = ascii_ply(points, more) + ("3 0 0 0\n" if faces else "")
+    (tmp_path / "a.ply").write_bytes(text.replace("\n", line).encode())
+    assert np.array_equal(read_ply(tmp_path / "a.ply"), points)
+
+
+@quick
+@given(points=clouds, order=st.sampled_from("<>"), extra=st.lists(st.sampled_from(sorted(EXTRA)), max_size=3))
+def test_binary_ply_comes_back(tmp_path, points, order, extra):
+    (tmp_path / "a.ply").write_bytes(binary_ply(points, order, extra))
+    assert np.array_equal(read_ply(tmp_path / "a.ply"), points)
+
+
+@quick
+@given(
+    points=clouds,
+    order=st.permutations(["x", "y", "z", "red"]),
+    bom=st.booleans(),
+    line=st.sampled_from(["\n", "\r\n"]),
+)
+def test_csv_comes_back(tmp_path, points, order, bom, line):
+    rows = [",".join("9" if c == "red" else repr(float(row["xyz".index(c)])) for c in order) for row in points]
+    text = line.join([", ".join(order), *rows, ""])
+    (tmp_path / "a.csv").write_bytes(text.encode("utf-8-sig" if bom else "utf-8"))
+    assert np.array_equal(read_csv(tmp_path / "a.csv"), points)
+
+
+@quick
+@given(points=clouds, name=st.sampled_from(["points", "cloud"]), kind=st.sampled_from(["f4", "f8", ">f8", "i4"]))
+def test_npz_comes_back(tmp_path, points, name, kind):
+    values = points.astype(kind)
+    np.savez(tmp_path / "a.npz", **{name: values})
+    assert np.array_equal(read_npz(tmp_path / "a.npz"), values.astype(np.float64))
+
+
+@quick
+@given(frames=st.lists(clouds, min_size=1, max_size=12))
+def test_hdf5_comes_back_in_the_order_of_its_numbers(tmp_path, frames):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for i, points in enumerate(frames):
+            file[f"frames/{i}"] = points
+    for read, points in zip(read_hdf5(tmp_path / "a.h5"), frames, strict=True):
+        assert np.array_equal(read, points)
+
+
+@settings(quick, max_examples=200)
+@given(
+    content=st.one_of(st.binary(max_size=200), st.text(max_size=200).map(str.encode)),
+    kind=st.sampled_from(["ply", "csv", "npz"]),
+)
+def test_any_bytes_are_read_or_refused(tmp_path, content, kind):
+    file = tmp_path / f"a.{kind}"
+    file.write_bytes({"ply": b"ply\nformat ascii 1.0\n", "csv": b"x,y,z\n", "npz": b""}[kind] + content)
+    reads_or_refuses({"ply": read_ply, "csv": read_csv, "npz": read_npz}[kind], file)
+
+
+@settings(quick, max_examples=300)
+@given(data=st.data(), kind=st.sampled_from(["ascii.ply", "little.ply", "csv", "npz"]))
+def test_damaged_files_are_read_or_refused(tmp_path, data, kind):
+    """Cut anywhere, or with some bytes changed."""
+    points = np.arange(12.0).reshape(4, 3) / 7.0
+    file = tmp_path / f"a.{kind}"
+    if kind == "npz":
+        np.savez(file, points=points)
+    else:
+        csv = "x,y,z\n" + "".join(",".join(map(repr, row)) + "\n" for row in points.tolist())
+        whole = {"ascii.ply": ascii_ply(points).encode(), "little.ply": binary_ply(points, "<"), "csv": csv.encode()}
+        file.write_bytes(whole[kind])
+    content = bytearray(file.read_bytes())
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content)))]
+    else:
+        for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=4)):
+            content[place] = data.draw(st.integers(0, 255))
+    file.write_bytes(bytes(content))
+    reads_or_refuses(read_npz if kind == "npz" else read_csv if kind == "csv" else read_ply, file)
+
+
+@quick
+@given(length=st.integers(0, 4000))
+def test_a_cut_hdf5_file_is_refused(tmp_path, length):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frames/0"] = np.zeros((20, 3))
+    whole = (tmp_path / "a.h5").read_bytes()
+    file = tmp_path / "cut.h5"
+    file.write_bytes(whole[: min(length, len(whole) - 1)])
+    refused(lambda path: list(read_hdf5(path)), file)
+
+
+HEAD = ply_header("ascii", 2, [f"property double {a}" for a in "xyz"])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.ply", HEAD + "1 2 3\n4 5\n", ["line 10", "3 numbers (x, y, z)", "'4 5'"]),
+        ("a.ply", HEAD + "1 2 3\n4 nan 6\n", ["line 10", "finite number for y", "'nan'"]),
+        ("a.ply", HEAD + "1 2 3\n", ["2 rows", "1 lines"]),
+        ("a.ply", HEAD + "1 2 3\n1 2 3\n1 2 3\n", ["2 rows", "3 lines"]),
+        ("a.ply", HEAD.replace("vertex 2", "vertex 0"), ["expected points, found none"]),
+        ("a.ply", HEAD.replace("double z", "double w"), ["x, y, w"]),
+        ("a.ply", HEAD.replace("double z", "list uchar int z"), ["line 7", "list uchar int z"]),
+        ("a.ply", HEAD.replace("ascii 1.0", "ascii 2.0"), ["line 2", "ascii 2.0"]),
+        ("a.ply", HEAD.replace("element vertex 2", "element face 2"), ["line 4", "element face 2"]),
+        ("a.ply", "solid\n", ["header"]),
+        ("a.csv", "", ["line 1", "columns x, y and z"]),
+        ("a.csv", "1,2,3\n4,5,6\n", ["line 1", "1, 2, 3"]),
+        ("a.csv", "x,y,z\n", ["found none"]),
+        ("a.csv", "x,y,z\n1,2,3\n1,2\n", ["line 3", "'1,2'"]),
+        ("a.csv", "x,y,z\n1,2,3\n\n1,2,3\n", ["line 3"]),
+        ("a.csv", "x,y,z\n1,2,3\n1,inf,3\n", ["line 3", "y", "'inf'"]),
+        ("a.csv", "x,y,z\n1,2,1_0\n", ["line 2", "z", "'1_0'"]),
+        ("a.csv", "x,y,z,x\n1,2,3,4\n", ["line 1"]),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    message = refused(read_ply if name.endswith("ply") else read_csv, tmp_path / name)
+    assert all(word in message for word in words), message
+
+
+def test_wrong_rows_of_binary_files_are_named(tmp_path):
+    points = np.ones((5, 3))
+    points[3, 1] = np.nan
+    (tmp_path / "a.ply").write_bytes(binary_ply(points, "<"))
+    assert "vertex 4: expected finite x, y, z, found [1.0, nan, 1.0]" in refused(read_ply, tmp_path / "a.ply")
+    (tmp_path / "b.ply").write_bytes(binary_ply(np.ones((5, 3)), "<")[:-1])
+    assert "5 vertices of 24 bytes, 120, found 119" in refused(read_ply, tmp_path / "b.ply")
+    np.savez(tmp_path / "a.npz", points=points)
+    assert "points, row 4" in refused(read_npz, tmp_path / "a.npz")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frames/7"] = points
+    assert "/frames/7, row 4" in refused(lambda path: list(read_hdf5(path)), tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [{"a": np.ones((2, 3)), "b": np.ones((2, 3))}, {"points": np.ones((2, 2))}, {"points": np.ones(3)}, {},
+     {"points": np.array([["a", "b", "c"]])}, {"points": np.ones((2, 3), complex)}, {"points": np.ones((0, 3))},
+     {"points": np.array([[None, 1, 2]])}],
+)  # fmt: skip
+def test_npz_files_of_something_else_are_refused(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", **arrays)  # an array of objects is a pickle, which is never loaded
+    refused(read_npz, tmp_path / "a.npz")
+
+
+def folder_of(tmp_path, frames, unit=1.0):
+    for i, points in enumerate(frames):
+        np.savez(tmp_path / f"frame_{i}.npz", points=points / unit)
+    return tmp_path
+
+
+def test_a_folder_is_read_in_natural_order_in_its_unit(tmp_path):
+    rng = np.random.default_rng(0)
+    points = [rng.standard_normal((4 + i, 3)) for i in range(12)]
+    dataset = PointFiles(str(folder_of(tmp_path, points, 0.001)), rate_hz=20.0, unit="mm")
+    frames = list(dataset.frames())
+    assert (len(dataset), dataset.name, dataset.scale) == (12, tmp_path.name, 1.0)
+    assert (dataset.shape, dataset.start_pose, dataset.start_marks, dataset.phase_ends) == (None, None, None, None)
+    for i, (frame, expected) in enumerate(zip(frames, points, strict=True)):
+        assert (frame.index, frame.time_s, frame.views, frame.truth) == (i, pytest.approx(i / 20.0), (), None)
+        assert np.allclose(frame.points, expected)
+
+
+def test_a_million_points_are_thinned_with_a_sentence(tmp_path):
+    points = np.random.default_rng(0).standard_normal((1_000_000, 3)).astype(np.float32)
+    kind = "".join(f"property float {a}\n" for a in "xyz").strip()
+    for name in ("frame_1.ply", "frame_2.ply"):
+        (tmp_path / name).write_bytes(
+            ply_header("binary_little_endian", len(points), [kind]).encode() + points.tobytes()
+        )
+    with pytest.warns(UserWarning, match=r"2 of 2 frames have more than 3000 .* frame_1.ply with 1000000"):
+        dataset = PointFiles(str(tmp_path), most_points=3000)
+    first, second = (frame.points for frame in dataset.frames())
+    assert first.shape == (3000, 3)
+    assert np.isin(first.astype(np.float32)[:, 0], points[:, 0]).all()
+    assert not np.array_equal(first, second)  # each frame its own
+    with pytest.warns(UserWarning, match="thinned"):
+        again = PointFiles(str(tmp_path), most_points=3000)
+    assert np.array_equal(first, next(again.frames()).points)
+
+
+def test_the_truth_gives_poses_shape_and_start(tmp_path):
+    (motion,) = builtin_motions(1, seed=3)
+    write_library(tmp_path / "lib.h5", [motion])
+    (tmp_path / "clouds").mkdir()
+    folder = str(folder_of(tmp_path / "clouds", [np.ones((5, 3))] * 15))
+    truth = f"{tmp_path / 'lib.h5'}:{motion.name}"
+    dataset = PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=2, start="given")
+    for i, frame in enumerate(dataset.frames()):
+        assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
+        assert frame.truth.activity == "walk"
+    assert dataset.shape == motion.shape
+    # 3 cm and 0.05 rad; a normal number is beyond 5 deviations once in two million
+    assert 0.0 < np.abs(dataset.start_pose - motion.poses[8]).max() < 0.25
+    assert dataset.phase_ends[1] > dataset.phase_ends[0]
+    with pytest.raises(InputError, match="start=given needs the truth"):
+        PointFiles(folder, start="given")
+    with pytest.raises(InputError, match=r"lasts 6\.0\d s"):
+        PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=100)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [([], ["found none"]), (["note.txt"], ["found none"]), (["a.ply", "b.csv"], ["one kind", ".csv, .ply"])],
+)
+def test_folders_without_points_are_named(tmp_path, files, words):
+    for name in files:
+        (tmp_path / name).touch()
+    with pytest.raises(InputError) as caught:
+        PointFiles(str(tmp_path))
+    assert all(word in str(caught.value) for word in [str(tmp_path), *words])
+
+
+def test_other_sources_are_named(tmp_path):
+    with h5py.File(tmp_path / "none.h5", "w") as file:
+        file["points"] = np.ones((3, 3))
+    with h5py.File(tmp_path / "group.h5", "w") as file:
+        file.create_group("frames/0")
+    for name, words in (("nowhere", "a folder"), ("none.h5", "/frames, found none"), ("group.h5", "/frames/0")):
+        with pytest.raises(InputError, match=words):
+            PointFiles(str(tmp_path / name))
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.ply").mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
+        PointFiles(str(tmp_path / "sub"))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "word"),
+    [({"unit": "inch"}, "inch"), ({"rate_hz": 0.0}, "rate_hz"), ({"most_points": 0}, "most_points"),
+     ({"first_frame": -1}, "first_frame"), ({"seed": -1}, "seed"), ({"start": "soon"}, "soon")],
+)  # fmt: skip
+def test_mistakes_are_named(tmp_path, parameters, word):
+    with pytest.raises(InputError, match=word):
+        PointFiles(str(folder_of(tmp_path, [np.ones((2, 3))])), **parameters)

@@ -1,0 +1,209 @@
+"""Points from a rendered stereo pair by block matching: as poor as paper D's data, and with exact truth."""
+
+import hashlib
+import json
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from workbench.arrays import ByteArray, FloatArray
+from workbench.body.camera import Camera
+from workbench.body.shape import Shape
+from workbench.datasets import automatic_camera as placing
+from workbench.datasets import render, stereo_matching, stereo_room
+from workbench.datasets.frame import Frame, View
+from workbench.datasets.image_cache import read_images, write_images
+from workbench.datasets.stereo_matching import empty_disparity, nearer_points
+from workbench.datasets.take import Take, check_start, find_take
+from workbench.digest import code_digest
+from workbench.errors import InputError
+
+N_EMPTY = 5
+"""Pairs of images of the empty room."""
+_NEAREST_M = 0.6
+"""How much nearer than a joint the surface, and so the largest disparity to search for, may be."""
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """Frames of a person before a textured wall and floor, seen by two level cameras side by side, and their points.
+
+    motion, data, path, first_frame, n_frames, rate_hz, view_deg and distance_m: as for `points.Points`, of the left
+    camera; the right one is baseline_m to its right. Both have width × height pixels and the focal length focal_px.
+    noise: σ of each sensor, grey levels. contrast, clutter: strength of the clothes' and the room's texture, see
+    `synthetic.Synthetic`. cache: a folder for rendered images; without one every process renders them anew.
+
+    The points are those of OpenCV's StereoSGBM (`stereo_matching`). Paper D does not say how the person was cut out;
+    here a point stays when it is nearer, by two pixels of disparity or more, than all that the same pixel showed in
+    five pairs of images of the empty room, and lies in no small patch. Of these n_points are drawn evenly. Both images
+    are views: "left", "right".
+
+    start, seed: as for `points.Points`; the seed also gives clothes, room and the sensors' noise.
+    Raises InputError as `points.Points` does.
+    """
+
+    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
+    data: str | None = None
+    cache: str | None = None
+    path: str = "straight"
+    n_frames: int = 28
+    first_frame: int = 0
+    rate_hz: float = 14.0
+    n_points: int = 400
+    baseline_m: float = 0.2
+    distance_m: float = 4.0
+    view_deg: float = 90.0
+    width: int = 640
+    height: int = 480
+    focal_px: float = 700.0
+    noise: float = 4.0
+    contrast: float = 1.0
+    clutter: float = 1.0
+    start: str = "auto"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        at_least = {
+            "n_frames": 2, "first_frame": 0, "n_points": 1, "distance_m": 1.0, "width": 64, "height": 64,
+            "focal_px": 1.0, "noise": 0.0, "contrast": 0.0, "clutter": 0.0, "seed": 0,
+        }  # fmt: skip
+        for name, least in at_least.items():
+            if not least <= getattr(self, name) < np.inf:
+                raise InputError(f"stereo: {name} must be at least {least}, found {getattr(self, name)}")
+        for name in ("rate_hz", "baseline_m"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise InputError(f"stereo: {name} must be positive, found {getattr(self, name)}")
+        if not np.isfinite(self.view_deg):
+            raise InputError(f"stereo: view_deg must be an angle in degrees, found {self.view_deg}")
+        check_start("stereo", self.start, self.take)  # finds the motion, so that mistakes show before the first frame
+        if self.n_disparities >= self.width // 2:
+            raise InputError(
+                f"stereo: disparities up to {self.n_disparities} px in images {self.width} px wide; expected a smaller "
+                "baseline_m or focal_px, or a larger distance_m"
+            )
+
+    @property
+    def name(self) -> str:
+        """The motion's name."""
+        return f"stereo {self.take.motion.name}"
+
+    @property
+    def scale(self) -> float:
+        """1: images come in the size they were rendered in."""
+        return 1.0
+
+    @property
+    def shape(self) -> Shape:
+        """The person's measurements."""
+        return self.take.motion.shape
+
+    @property
+    def start_pose(self) -> FloatArray | None:
+        """With start="given" the first pose (P,), off by σ 3 cm and 0.05 rad in every number; else None."""
+        return self.take.rough_start(self.seed) if self.start == "given" else None
+
+    @property
+    def phase_ends(self) -> tuple[float, float] | None:
+        """With start="given" the phases of the first and the last frame, cycles (`splice.gait_phases`); else None."""
+        return self.take.phase_ends if self.start == "given" else None
+
+    @property
+    def start_marks(self) -> None:
+        """There are none."""
+        return None
+
+    def __len__(self) -> int:
+        return self.n_frames
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order; all are rendered and matched before the first comes out."""
+        for i, (truth, points) in enumerate(zip(self.take.truths, self._points, strict=True)):
+            index = self.first_frame + i
+            views = tuple(View(camera, self._images[i, k]) for k, camera in enumerate(self.cameras))
+            yield Frame(index, index / self.rate_hz, views, truth, points=points)
+
+    @cached_property
+    def take(self) -> Take:
+        """What the person does."""
+        return find_take(
+            self.motion, data=self.data, rate_hz=self.rate_hz, n_frames=self.n_frames, first_frame=self.first_frame,
+            path=self.path, seed=self.seed,
+        )  # fmt: skip
+
+    @cached_property
+    def cameras(self) -> tuple[Camera, Camera]:
+        """The left and the right camera; rows of one image are rows of the other."""
+        left, distance = placing.automatic_camera(
+            self.take.motion, self.take.places, width=self.width, height=self.height, focal_px=self.focal_px,
+            view_deg=self.view_deg, distance_m=self.distance_m, name="left",
+        )  # fmt: skip
+        if distance > 1.01 * self.distance_m:
+            warnings.warn(
+                f"stereo: the cameras are {distance:.1f} m away instead of {self.distance_m:g}, so that the whole "
+                "motion fits into the image",
+                stacklevel=2,
+            )
+        return left, replace(left, name="right", translation=left.translation - [self.baseline_m, 0.0, 0.0])
+
+    @cached_property
+    def n_disparities(self) -> int:
+        """The number of disparities searched, px, a multiple of 16."""
+        nearest = self.cameras[0].to_camera(self.take.places)[..., 2].min() - _NEAREST_M
+        return int(np.ceil(self.focal_px * self.baseline_m / max(nearest, 0.4) / 16.0)) * 16
+
+    @cached_property
+    def _points(self) -> list[FloatArray]:
+        """The points (K, 3) of every frame, m."""
+        left, right = self._images[:, 0], self._images[:, 1]
+        pairs = tqdm(zip(left, right, strict=True), f"matching {self.motion}", len(left), unit="frame", disable=None)
+        seen = np.stack([stereo_matching.disparities(*pair, self.n_disparities) for pair in pairs])
+        empty = empty_disparity(seen[self.n_frames :])
+        clouds = []
+        for i in range(self.n_frames):
+            points = nearer_points(seen[i], empty, self.cameras[0], self.baseline_m)
+            chosen = np.random.default_rng([self.seed, 1, i]).permutation(len(points))[: self.n_points]
+            clouds.append(points[chosen])
+        return clouds
+
+    @cached_property
+    def _images(self) -> ByteArray:
+        """The images, (n_frames + N_EMPTY, 2, height, width), from the cache or rendered; N_EMPTY of the empty room."""
+        shape = (2 * (self.n_frames + N_EMPTY), self.height, self.width)
+        if self.cache is None:
+            return self._render().reshape(-1, 2, *shape[1:])
+        file = Path(self.cache).expanduser() / "scenes" / f"{self._key()[:32]}.npz"
+        images = read_images(file, shape)
+        if images is None:
+            images = self._render()
+            write_images(file, images)
+        return images.reshape(-1, 2, *shape[1:])
+
+    def _render(self) -> ByteArray:
+        """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
+        outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
+        body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
+        room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
+        scenes = [
+            render.prepare(body, camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras
+        ]
+        images = []
+        for pose in tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None):
+            images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in scenes]
+        images += [render.with_noise(scene.background, self.noise, sensor) for _ in range(N_EMPTY) for scene in scenes]
+        return np.stack(images)
+
+    def _key(self) -> str:
+        """Names the images: a digest of the poses and of every parameter that shows in them."""
+        apart = ("data", "cache", "start", "n_points")
+        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
+        parameters["motion"] = self.take.motion.name
+        code = code_digest(render, stereo_room, placing)
+        digest = hashlib.sha256(json.dumps([code, parameters, self.shape.as_dict()]).encode())
+        digest.update(np.ascontiguousarray(self.take.motion.poses).tobytes())
+        return digest.hexdigest()
