@@ -27,8 +27,8 @@ def workbench(cache, tmp_path, *overrides):
     return json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
-FITTED = ("points_walk_steady", "points_walk_variable", "points_run_steady", "points_run_variable", "points_transition")
-FITTED += ("stereo_walk",)
+ALIKE = ("points_walk_variable", "points_run_steady", "points_run_variable", "stereo_walk")
+FITTED = ["points_walk_steady", "points_transition", *(pytest.param(name, marks=pytest.mark.slow) for name in ALIKE)]
 
 
 @pytest.mark.parametrize("experiment", FITTED)

@@ -56,7 +56,11 @@ EXPERIMENTS = {
 }
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
+ALIKE = ("arm_smooth_300", "body_smooth")
+CASES = [pytest.param(name, marks=pytest.mark.slow) if name in ALIKE else name for name in EXPERIMENTS]
+
+
+@pytest.mark.parametrize("experiment", CASES)
 def test_an_experiment_on_priors_runs_from_its_name(folder, tmp_path, experiment):
     summary = workbench(folder, tmp_path, f"experiment={experiment}", *EXPERIMENTS[experiment], *SMALL)
     assert (summary["status"], summary["experiment"]) == ("complete", experiment)
