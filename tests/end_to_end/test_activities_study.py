@@ -1,17 +1,15 @@
 """Learning walking and running together, through the command line."""
 
 import json
-import logging
-import sys
 
 import numpy as np
 import pytest
 
-from workbench.cli.run import main
 from workbench.recording.reader import read
 from workbench.studies.learning_activities import style
 from workbench.studies.study import Curves, Scatter
 
+STUDY = "experiment=learn_walk_run"
 METRICS = {"n_examples", "n_clips", "cycle_rate_hz_walk", "cycle_rate_hz_run"} | {
     f"{name}{part}"
     for name in ("n_components_90", "activity_accuracy", "activity_accuracy_2", "unseen_style_deg")
@@ -19,28 +17,8 @@ METRICS = {"n_examples", "n_clips", "cycle_rate_hz_walk", "cycle_rate_hz_run"} |
 }
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capfd):
-    """Run the command in this process: (exit code, what it told, its folder)."""
-
-    def command(folder, *overrides):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
-        monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-        arguments = ["workbench", "experiment=learn_walk_run", *overrides, f"hydra.run.dir={tmp_path / folder}"]
-        monkeypatch.setattr(sys, "argv", arguments)
-        try:
-            code = main()
-        except SystemExit as end:
-            code = end.code
-        logging.captureWarnings(False)
-        return code, "".join(capfd.readouterr()), tmp_path / folder
-
-    return command
-
-
 def test_the_study_runs_from_its_name_and_leaves_a_recording(run):
-    code, told, folder = run("out")
+    code, told, folder = run("out", STUDY)
     assert code == 0, told
     assert "96 cycles (builtin) of 24 clips" in told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
@@ -68,7 +46,7 @@ def test_the_study_runs_from_its_name_and_leaves_a_recording(run):
 def test_the_same_command_gives_the_same_bits_at_any_number_of_threads(run):
     found = []
     for folder, override in (("a", "threads=1"), ("b", "seed=3")):
-        code, told, out = run(folder, override, "study.most_per_clip=1")
+        code, told, out = run(folder, STUDY, override, "study.most_per_clip=1")
         assert code == 0, told
         found.append(read(out / "run.rrd"))
     assert found[0].properties["metrics"] == found[1].properties["metrics"]
@@ -87,7 +65,7 @@ def test_the_same_command_gives_the_same_bits_at_any_number_of_threads(run):
     ],
 )
 def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    code, told, folder = run("out", *overrides)
+    code, told, folder = run("out", STUDY, *overrides)
     assert code == 2
     assert words in told
     assert "Traceback" not in told

@@ -1,10 +1,5 @@
 """The experiments on points, from their names, at small size and without recordings."""
 
-import json
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -16,25 +11,14 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
 
 
-def workbench(cache, tmp_path, *overrides):
-    environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
-    environment.pop("WORKBENCH_DATA", None)
-    done = subprocess.run(
-        [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return json.loads((tmp_path / "out" / "summary.json").read_text())
-
-
 ALIKE = ("points_walk_variable", "points_run_steady", "points_run_variable", "stereo_walk")
 FITTED = ["points_walk_steady", "points_transition", *(pytest.param(name, marks=pytest.mark.slow) for name in ALIKE)]
 
 
 @pytest.mark.parametrize("experiment", FITTED)
-def test_a_fit_follows_the_person_from_an_automatic_start(cache, tmp_path, experiment):
+def test_a_fit_follows_the_person_from_an_automatic_start(cache, summary_of, tmp_path, experiment):
     small = ("prior.n_components=4", "dataset.n_points=200", "inference.n_particles=40")
-    summary = workbench(cache, tmp_path, f"experiment={experiment}", "dataset.n_frames=20", *small)
+    summary = summary_of(cache, f"experiment={experiment}", "dataset.n_frames=20", *small)
     metrics = summary["metrics"]
     assert summary["status"] == "complete"
     # generated people whose model was learned from others: a body is about as thick as these bounds
@@ -48,8 +32,8 @@ def test_a_fit_follows_the_person_from_an_automatic_start(cache, tmp_path, exper
 
 
 @pytest.mark.parametrize("experiment", ["points_no_model", "points_particle_filter", "points_hybrid"])
-def test_the_baselines_run(cache, tmp_path, experiment):
+def test_the_baselines_run(cache, summary_of, tmp_path, experiment):
     small = ("dataset.n_frames=4", "dataset.n_points=60", "prior.n_components=3", "inference.n_particles=30")
-    summary = workbench(cache, tmp_path, f"experiment={experiment}", *small)
+    summary = summary_of(cache, f"experiment={experiment}", *small)
     assert summary["status"] == "complete"
     assert np.isfinite(summary["metrics"]["error_abs_mm"])

@@ -1,9 +1,5 @@
 """The experiments on priors, from their names, at small size and without recordings."""
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -33,17 +29,6 @@ def folder(tmp_path_factory):
     return folder
 
 
-def workbench(folder, tmp_path, *overrides):
-    environment = {**os.environ, "WORKBENCH_CACHE": str(folder / "cache")}
-    environment.pop("WORKBENCH_DATA", None)
-    done = subprocess.run(
-        [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return json.loads((tmp_path / "out" / "summary.json").read_text())
-
-
 ARM = ("dataset.motion=mine.h5:arm_1", "dataset.first_frame=8")
 EXPERIMENTS = {
     "arm_twist": ("inference.n_particles=100",),
@@ -61,8 +46,8 @@ CASES = [pytest.param(name, marks=pytest.mark.slow) if name in ALIKE else name f
 
 
 @pytest.mark.parametrize("experiment", CASES)
-def test_an_experiment_on_priors_runs_from_its_name(folder, tmp_path, experiment):
-    summary = workbench(folder, tmp_path, f"experiment={experiment}", *EXPERIMENTS[experiment], *SMALL)
+def test_an_experiment_on_priors_runs_from_its_name(folder, summary_of, tmp_path, experiment):
+    summary = summary_of(folder, f"experiment={experiment}", *EXPERIMENTS[experiment], *SMALL)
     assert (summary["status"], summary["experiment"]) == ("complete", experiment)
     metrics = summary["metrics"]
     assert {"held", "forearm_px", "error_px", "error_rel_mm", "error_abs_mm"} <= metrics.keys()
@@ -72,8 +57,8 @@ def test_an_experiment_on_priors_runs_from_its_name(folder, tmp_path, experiment
     assert read(tmp_path / "out" / "run.rrd").poses[1].shape == (4, 25)
 
 
-def test_the_clip_tracked_is_left_out_of_the_database(folder, tmp_path):
-    workbench(folder, tmp_path, "experiment=arm_implicit", *ARM, "prior.motions=mine.h5", *SMALL)
+def test_the_clip_tracked_is_left_out_of_the_database(folder, summary_of, tmp_path):
+    summary_of(folder, "experiment=arm_implicit", *ARM, "prior.motions=mine.h5", *SMALL)
     logs = "".join(path.read_text() for path in (tmp_path / "out").glob("*.log"))
     assert "motion database: 5 clips of 6" in logs
 
@@ -87,7 +72,7 @@ def test_the_clip_tracked_is_left_out_of_the_database(folder, tmp_path):
         ("prior=implicit", "prior.motions=builtin", "prior.search=sign_tree", "prior.reweight=true"),
     ],
 )
-def test_priors_without_an_experiment_of_their_own_track_too(folder, tmp_path, prior):
-    summary = workbench(folder, tmp_path, "experiment=custom", *prior, "inference.n_particles=40", *SMALL)
+def test_priors_without_an_experiment_of_their_own_track_too(folder, summary_of, prior):
+    summary = summary_of(folder, "experiment=custom", *prior, "inference.n_particles=40", *SMALL)
     assert summary["status"] == "complete"
     assert np.isfinite(summary["metrics"]["error_px"])

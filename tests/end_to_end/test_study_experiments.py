@@ -1,13 +1,10 @@
 """The studies of learning through the command line, on the built-in walkers; on recordings where there are any."""
 
 import json
-import logging
-import sys
 
 import numpy as np
 import pytest
 
-from workbench.cli.run import main
 from workbench.recording.reader import read
 
 METRICS = {
@@ -17,25 +14,6 @@ METRICS = {
     "impute_gaps": {f"rmse_deg_20{method}" for method in ("", "_linear", "_periodic", "_paper", "_markers")},
 }
 SMALL = {"impute_gaps": ["study.fractions=[0.2]"]}
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch, capfd):
-    """Run the command in this process: (exit code, what it told, its folder)."""
-
-    def command(folder, *overrides):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
-        monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-        monkeypatch.setattr(sys, "argv", ["workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"])
-        try:
-            code = main()
-        except SystemExit as end:
-            code = end.code
-        logging.captureWarnings(False)
-        return code, "".join(capfd.readouterr()), tmp_path / folder
-
-    return command
 
 
 @pytest.mark.parametrize("experiment", sorted(METRICS))
