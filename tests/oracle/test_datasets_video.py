@@ -45,7 +45,8 @@ def scene(tmp_path):
 
 
 def video(scene, **parameters):
-    files = {name: str(scene / value) for name, value in parameters.items() if name in ("start_marks", "eval_marks")}
+    marked = ("start_marks", "eval_marks", "keypoints")
+    files = {name: str(scene / value) for name, value in parameters.items() if name in marked}
     source = scene / parameters.pop("source", "images")
     camera = scene / parameters.pop("camera", "camera.toml")
     return Video(str(source), str(camera), **{"rate_hz": 25.0, **parameters, **files})
@@ -72,15 +73,36 @@ def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
 
 def test_marks_become_the_start_and_the_truth(scene):
     dataset = video(scene, first_frame=3, start_marks="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
-    assert np.array_equal(dataset.start_marks[NECK], [31.0, 23.0, 1.0])
-    assert np.array_equal(dataset.start_marks[ANKLE], [10.5, 40.0, 0.2])
-    assert np.isnan(np.delete(dataset.start_marks, [NECK, ANKLE], axis=0)).all()
+    (start,) = dataset.start_marks.keypoints
+    assert np.array_equal(start[NECK], [31.0, 23.0, 1.0])
+    assert np.array_equal(start[ANKLE], [10.5, 40.0, 0.2])
+    assert np.isnan(np.delete(start, [NECK, ANKLE], axis=0)).all()
     truths = {frame.index: frame.truth for frame in dataset.frames()}
     assert [index for index, truth in truths.items() if truth is not None] == [3, 10]
     assert np.array_equal(truths[3].marks[ANKLE], [10.5, 40.0])
     assert truths[3].marks_visible[NECK]
     assert not truths[3].marks_visible[ANKLE]
     assert np.isfinite(truths[10].marks).sum() == 2
+
+
+def test_marks_of_later_frames_may_help_the_start(scene):
+    marks = video(scene, first_frame=3, start_marks="marks.csv", start_last=10).start_marks
+    assert marks.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
+    assert np.array_equal(marks.keypoints[1, NECK], [5.0, 6.0, 1.0])
+    assert len(video(scene, first_frame=3, start_marks="marks.csv", start_last=9).start_marks.times_s) == 1
+
+
+def test_marks_become_keypoints_but_for_those_held_out(scene):
+    dataset = video(scene, scale=0.5, keypoints="marks.csv", hidden_weight=0.2)
+    seen = {frame.index: frame.keypoints for frame in dataset.frames()}
+    assert [index for index, keypoints in seen.items() if keypoints is not None] == [3, 10]
+    assert seen[3][ANKLE] == pytest.approx([5.0, 19.75, 0.2])  # (u + ½) / 2 − ½
+    assert np.isfinite(seen[10]).all(axis=1).sum() == 1
+    assert all(frame.truth is None for frame in dataset.frames())
+    dataset = video(scene, keypoints="marks.csv", eval_marks="marks.csv", held_out=[10])
+    frames = list(dataset.frames())
+    assert [frame.index for frame in frames if frame.keypoints is not None] == [3]
+    assert [frame.index for frame in frames if frame.truth is not None] == [10]
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.4, 0.73])
@@ -96,10 +118,11 @@ def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
     rows, columns = np.mgrid[0 : view.camera.height, 0 : view.camera.width]
     centroid = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
     # Rounding to 8 bits moves the centroid by some hundredths of a pixel; half a pixel would show a wrong convention.
-    assert dataset.start_marks[NECK, :2] == pytest.approx(centroid, abs=0.1)
+    neck = dataset.start_marks.keypoints[0, NECK, :2]
+    assert neck == pytest.approx(centroid, abs=0.1)
     full = load_cameras(scene / "camera.toml")[0]
     point = full.rotation.T @ (np.array([(40 - 31.0) / 80.0, (30 - 23.0) / 80.0, 1.0]) * 4.0 - full.translation)
-    assert view.camera.project(point) == pytest.approx(dataset.start_marks[NECK, :2])
+    assert view.camera.project(point) == pytest.approx(neck)
 
 
 def test_a_camera_can_be_chosen_by_name(scene):
@@ -147,6 +170,8 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"hidden_weight": 2.0}, ["hidden_weight"]),
         ({"start_marks": "marks.csv"}, ["no marks in frame 0", "3, 10"]),
         ({"start_marks": "none.csv"}, ["none.csv"]),
+        ({"start_marks": "marks.csv", "first_frame": 3, "start_last": 2}, ["start_last", "first_frame, 3", "found 2"]),
+        ({"keypoints": "marks.csv", "held_out": [4]}, ["no marks in frame 4", "held out"]),
     ],
 )
 def test_mistakes_are_named(scene, parameters, words):

@@ -136,6 +136,7 @@ def test_what_is_out_of_range_is_an_error():
         ({"style": "swing"}, "style must be one of steady, frame, none"),
         ({"kind": "depth"}, "kind must be one of"),
         ({"loss": "cauchy"}, "loss must be one of"),
+        ({"sigma_px": 0.0}, "sigma_px must be above zero"),
         ({"scale": 0.0}, "scale must be above zero"),
         ({"sigma_phase": np.inf}, "sigma_phase must be above zero"),
         ({"most_points": 0}, "most_points must be above zero"),
@@ -148,7 +149,7 @@ def test_what_is_out_of_range_is_an_error():
     fitting = LeastSquares(BODY, SineModel())
     with pytest.raises(InputError, match="at least one frame"):
         run(fitting, [])
-    with pytest.raises(InputError, match="expected points to fit, found none in 2 frames"):
+    with pytest.raises(InputError, match="expected points or keypoints to fit, found none in 2 frames"):
         run(fitting, [Frame(0, 0.0, ()), Frame(1, 0.1, (), points=np.empty((0, 3)))])
 
 

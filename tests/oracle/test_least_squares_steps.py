@@ -9,7 +9,7 @@ from least_squares_scenes import WALKER, decoder, joint_residuals, walk
 from workbench.body.kinematics import joints
 from workbench.datasets.frame import Frame
 from workbench.inference.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.frame_fit import Smoothness
+from workbench.inference.frame_fit import Smoothness, pose_prior
 from workbench.inference.least_squares import fit_poses, fit_sequence, steps
 from workbench.inference.residuals import Loss
 
@@ -99,7 +99,9 @@ def test_the_same_seed_gives_the_same_bits():
 def test_without_a_model_the_state_is_the_pose(prior):
     times, states = walk(6)
     truth = decoder().poses(states)
-    fit = fit_poses(PoseDecoder(WALKER), joint_residuals(states, noise_m=0.005), ROBUST, truth[0], prior)
+    fit = fit_poses(
+        PoseDecoder(WALKER), joint_residuals(states, noise_m=0.005), ROBUST, truth[0], prior and pose_prior(prior)
+    )
     assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, truth)).max() < 0.03
     assert fit.alpha.shape == (6, 0)
     assert np.isnan(fit.mu).all()

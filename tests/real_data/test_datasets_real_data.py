@@ -82,7 +82,7 @@ def test_the_demonstration_video(data):
     assert dataset.rate_hz == pytest.approx(30.0)
     assert [frame.index for frame in frames] == list(range(64, 72))
     assert frames[0].views[0].image.shape == (497, 884, 3)
-    assert np.isfinite(dataset.start_marks[:, 0]).sum() == 14
+    assert np.isfinite(dataset.start_marks.keypoints[0, :, 0]).sum() == 14
     marked = [frame for frame in frames if frame.truth is not None]
     assert [frame.index for frame in marked] == [64, 70]
     # Between the two she walks to the left, away from where she was: the marked knee is on her, not on what was there.

@@ -13,8 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.limbs import Body, Ends, Limbs, Radii, skeleton_limbs
+from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.body.surface import Ends, Radii, Surface, skeleton_surface
+from workbench.body.surface import Surface, limbs_surface
 from workbench.errors import InputError
 from workbench.mocap.clip import Clip
 from workbench.mocap.retarget import continuous_turns
@@ -117,9 +119,20 @@ def full_poses(clip: Clip) -> FloatArray:
 
 
 def full_surface(skeleton: Skeleton) -> Surface:
-    """A skin for a full skeleton: an adult's measures for Bandai's joints, `skeleton_surface`'s for all others."""
+    """A skin for a full skeleton, that of its limbs."""
+    return limbs_surface(_limbs(skeleton))
+
+
+def full_body(clip: Clip, shape: Shape) -> Body:
+    """The full skeleton of a clip with limbs; shape: the measurements of the same person. Raises as `full_skeleton`."""
+    skeleton = full_skeleton(clip)
+    return Body(skeleton, shape, _limbs(skeleton))
+
+
+def _limbs(skeleton: Skeleton) -> Limbs:
+    """An adult's measures for Bandai's joints, those of `skeleton_limbs` for all others."""
     known = set(skeleton.names)
-    return skeleton_surface(
+    return skeleton_limbs(
         skeleton,
         radii={name: size for name, size in _BANDAI_RADII.items() if name in known},
         ends={name: size for name, size in _BANDAI_ENDS.items() if name in known},

@@ -66,27 +66,25 @@ def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     poses = _checked(skeleton, poses)
     frames = forward(skeleton, poses)
     axes = world_axes(skeleton, poses, frames)
-    jacobian = np.zeros((*frames.positions.shape, poses.shape[1]))
-    below = descendants(skeleton)
-    for p, moved in enumerate(skeleton.dof_joints):
-        if p < 3:
-            jacobian[..., p] = skeleton.dof_axes[p]
-            continue
-        arms = frames.positions - frames.positions[:, moved, None]
-        jacobian[..., p] = np.where(below[moved][:, None], np.cross(axes[:, p, None], arms), 0.0)
-    return jacobian
+    arms = frames.positions[:, :, None] - frames.positions[:, None, skeleton.dof_joints]  # (N, J, P, 3)
+    below = descendants(skeleton)[skeleton.dof_joints].T[..., None]
+    jacobian = np.where(below, np.cross(axes[:, None], arms), 0.0)
+    jacobian[:, :, :3] = skeleton.dof_axes[:3]
+    return np.ascontiguousarray(jacobian.swapaxes(-1, -2))
 
 
 def world_axes(skeleton: Skeleton, poses: FloatArray, frames: JointFrames) -> FloatArray:
     """The world direction (N, P, 3) of every degree of freedom's axis in poses (N, P)."""
     axes = np.empty((*poses.shape, 3))
     axes[:, :3] = skeleton.dof_axes[:3]
-    for j, parent in enumerate(skeleton.parents):
-        turned = np.broadcast_to(np.eye(3), (len(poses), 3, 3)) if parent < 0 else frames.rotations[:, parent]
-        for p in range(3, poses.shape[1]):
-            if skeleton.dof_joints[p] == j:
-                axes[:, p] = turned @ skeleton.dof_axes[p]
-                turned = turned @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
+    turned: dict[int, FloatArray] = {}  # by the degrees of freedom of a joint that came before, which turn the later
+    for p in range(3, poses.shape[1]):
+        joint = int(skeleton.dof_joints[p])
+        parent = skeleton.parents[joint]
+        before = frames.rotations[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+        before = turned.get(joint, before)
+        axes[:, p] = before @ skeleton.dof_axes[p]
+        turned[joint] = before @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
     return axes
 
 

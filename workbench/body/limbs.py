@@ -1,12 +1,16 @@
 """The body's geometry: truncated cones and spheres hung on the skeleton's joints (paper A, section 3)."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.shape import Shape
 from workbench.body.skeleton import JOINT_NAMES, Skeleton, person_skeleton
+from workbench.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,8 +18,8 @@ class Limbs:
     """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint.
 
     names: L names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points
-    (equal for a sphere). radii: (L, 2, 2), [start or end, (along the frame's x, along its y)] semi-axes of the
-    section. spheres: (L,) bool. A limb that is not a sphere is a truncated cone with elliptical section.
+    (equal for a sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section.
+    spheres: (L,) bool. A limb that is not a sphere is a truncated cone with elliptical section.
     """
 
     names: tuple[str, ...]
@@ -28,19 +32,87 @@ class Limbs:
     def __len__(self) -> int:
         return len(self.names)
 
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """(L,), m; 0 for a sphere."""
+        lengths: FloatArray = np.linalg.norm(self.ends - self.starts, axis=1)
+        return lengths
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """The limbs' own axes (L, 3, 3), as columns: z along the limb, x as near to ahead as can be, or to up where the
+        limb points ahead. A sphere's are its joint's."""
+        along = (self.ends - self.starts) / np.maximum(self.lengths, 1e-12)[:, None]
+        z = np.where(self.lengths[:, None] > 0.0, along, [0.0, 0.0, 1.0])
+        x = np.where(np.abs(z[:, :1]) > np.sqrt(0.5), [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+        x = x - (x * z).sum(axis=1, keepdims=True) * z
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        return np.stack([x, np.cross(z, x), z], axis=2)
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One person: the skeleton with this person's offsets, and the limbs on it."""
+    """One person: the skeleton with this person's offsets, the measurements, and the limbs on the skeleton."""
 
     skeleton: Skeleton
     shape: Shape
     limbs: Limbs
 
+    def scaled(self, factor: float) -> "Body":
+        """The same proportions, every length multiplied by `factor`."""
+        limbs = self.limbs
+        starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
+        return Body(
+            skeleton=self.skeleton.with_offsets(factor * self.skeleton.offsets),
+            shape=self.shape.scaled(factor),
+            limbs=replace(limbs, starts=starts, ends=ends, radii=radii),
+        )
+
 
 def person(shape: Shape) -> Body:
     """The 12 limbs of paper A on the 25-parameter skeleton: torso, head, and two of each arm and leg part and hand."""
     return Body(skeleton=person_skeleton(shape), shape=shape, limbs=_person_limbs(shape))
+
+
+Radii = Mapping[str, tuple[float, float]]
+NO_RADII: Radii = MappingProxyType({})
+Ends = Mapping[str, tuple[float, float, float]]
+NO_ENDS: Ends = MappingProxyType({})
+
+
+def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO_RADII, ends: Ends = NO_ENDS) -> Limbs:
+    """A cylinder with elliptical section along every bone of any skeleton, named for the bone's far joint.
+
+    thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
+    named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
+    m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its limb is "<joint>_end".
+    Bones without a length, such as those between a joint and another at its place, have no limb.
+
+    Raises InputError for a joint that does not exist and for a skeleton without bones.
+    """
+    if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
+        raise InputError(f"limbs: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")
+    rows = []
+    for joint, parent in enumerate(skeleton.parents):
+        name, bone = skeleton.names[joint], skeleton.offsets[joint]
+        length = float(np.linalg.norm(bone))
+        if parent < 0 or length < 1e-6:
+            continue
+        rows.append((name, int(parent), bone, radii.get(name, (thickness * length,) * 2)))
+        if name in ends:
+            reach, x, y = ends[name]
+            rows.append((f"{name}_end", joint, reach / length * bone, (x, y)))
+    if not rows:
+        raise InputError("limbs: expected a skeleton with bones")
+    names, joints, bones, sizes = zip(*rows, strict=True)
+    return Limbs(
+        names=names,
+        joints=np.array(joints),
+        starts=np.zeros((len(rows), 3)),
+        ends=np.array(bones),
+        radii=np.repeat(np.array(sizes)[:, None], 2, axis=1),
+        spheres=np.zeros(len(rows), dtype=bool),
+    )
 
 
 def _person_limbs(shape: Shape) -> Limbs:

@@ -12,8 +12,13 @@ Lengths = Mapping[str, float]
 NO_LENGTHS: Lengths = MappingProxyType({})
 
 
-def of_dataset(dataset_shape: Shape | None, *, scale: float = 1.0) -> Body:
-    """The person as the dataset measured them, all lengths times `scale`; InputError where they did not."""
+def of_dataset(dataset_shape: Shape | None, full_body: Body | None = None, *, scale: float = 1.0) -> Body:
+    """The person as the dataset measured them, all lengths times `scale`; InputError where they did not.
+
+    full_body: of the dataset's own skeleton, where that is not the person's.
+    """
+    if full_body is not None:
+        return full_body.scaled(scale)
     if dataset_shape is None:
         raise InputError("body: this dataset does not know the person's size; choose body=height body.height_m=…")
     return person(dataset_shape.scaled(scale))

@@ -4,8 +4,9 @@
 the field f_i = b exp(−a d_i). A part's field f is the sum over its ellipsoids and its skin is f = C. With b = C exp(a)
 the skin of a part with one ellipsoid is that ellipsoid. D has an a_i and b_i for each ellipsoid; here all share them.
 
-**Chains.** A limb is a row of ellipsoids at equal spaces Δ of half length Δ √(a/π): the Gaussians exp(−a (z/half)²)
-then add up to 1 within 9 % along the limb, so the skin has the radius of the ellipsoids within 2 % (for a = 2).
+**Chains.** A limb is a row of two or more ellipsoids at equal spaces Δ of half length Δ √(a/π): the Gaussians
+exp(−a (z/half)²) then add up to 1 within 9 % along the limb, so the skin has the radius of the ellipsoids within 2 %
+(for a = 2).
 
 **Residuals** of a point X attached to a part:
 - "field": f − C (D eq. 6), dimensionless, negative outside. It says little beyond a fraction of the limb's radius.
@@ -26,10 +27,8 @@ by that rule such a point would belong to any limb far away, whose |f − C| is 
 does not favour thick parts as both of these do.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -37,7 +36,7 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body import surface_kernel
 from workbench.body.kinematics import JointFrames
-from workbench.body.limbs import Body
+from workbench.body.limbs import NO_ENDS, NO_RADII, Body, Ends, Limbs, Radii, skeleton_limbs
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 
@@ -152,84 +151,51 @@ def _arguments(
 
 
 def person_surface(body: Body) -> Surface:
-    """The skin of the 25-parameter person: a part for each limb, cones as chains of ellipsoids, spheres as spheres."""
-    limbs = body.limbs
-    return _assembled(
-        [
-            (name, joint, _ball(start, radii[0]) if sphere else _chain(start, end, radii))
-            for name, joint, start, end, radii, sphere in zip(
-                limbs.names, limbs.joints, limbs.starts, limbs.ends, limbs.radii, limbs.spheres, strict=True
-            )
-        ]
-    )
-
-
-Radii = Mapping[str, tuple[float, float]]
-NO_RADII: Radii = MappingProxyType({})
-Ends = Mapping[str, tuple[float, float, float]]
-NO_ENDS: Ends = MappingProxyType({})
+    """The skin of a body: a part for each limb, cones as chains of ellipsoids, spheres as spheres."""
+    return limbs_surface(body.limbs)
 
 
 def skeleton_surface(
     skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO_RADII, ends: Ends = NO_ENDS
 ) -> Surface:
-    """A skin for any skeleton: a chain of ellipsoids along every bone, each bone a part named for its far joint.
+    """A skin for any skeleton, along its bones: that of `limbs.skeleton_limbs`, which see."""
+    return limbs_surface(skeleton_limbs(skeleton, thickness, radii, ends))
 
-    thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
-    named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
-    m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its part is "<joint>_end".
-    Bones without a length, such as those between a joint and another at its place, have no skin.
 
-    Raises InputError for a joint that does not exist and for a skeleton without bones.
-    """
-    if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
-        raise InputError(f"surface: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")
-    parts = []
-    for joint, parent in enumerate(skeleton.parents):
-        name, bone = skeleton.names[joint], skeleton.offsets[joint]
-        length = float(np.linalg.norm(bone))
-        if parent < 0 or length < 1e-6:
-            continue
-        across = np.array(radii.get(name, (thickness * length,) * 2))
-        parts.append((name, int(parent), _chain(np.zeros(3), bone, np.stack([across, across]))))
-        if name in ends:
-            reach, *beyond = ends[name]
-            parts.append((f"{name}_end", joint, _chain(np.zeros(3), reach / length * bone, np.array([beyond, beyond]))))
-    if not parts:
-        raise InputError("surface: expected a skeleton with bones")
-    return _assembled(parts)
+def limbs_surface(limbs: Limbs) -> Surface:
+    """The skin of limbs, each a part."""
+    return _assembled(
+        [
+            (name, joint, _ball(start, radii[0]) if sphere else _chain(start, end, radii, axes))
+            for name, joint, start, end, radii, axes, sphere in zip(
+                limbs.names, limbs.joints, limbs.starts, limbs.ends, limbs.radii, limbs.axes, limbs.spheres, strict=True
+            )
+        ]
+    )
 
 
 _Ellipsoids = tuple[FloatArray, FloatArray, FloatArray]
 """Centres (n, 3), half sizes (n, 3) and axes (3, 3) of the ellipsoids of one part, all alike in direction."""
 
 
-def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> _Ellipsoids:
-    """Ellipsoids along a truncated cone; radii (2, 2): [start or end, (along the frame's x, along its y)], m.
+def _chain(start: FloatArray, end: FloatArray, radii: FloatArray, axes: FloatArray) -> _Ellipsoids:
+    """Ellipsoids along a truncated cone; radii (2, 2): [start or end, (along x, along y)], m, of axes (3, 3).
 
     Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring.
     """
     length, thickness = float(np.linalg.norm(end - start)), float(radii.mean(axis=0).min())
     covered = length + 2.0 * OVERHANG * thickness
-    n = max(1, round(covered / (2.0 * thickness)))
+    n = max(2, round(covered / (2.0 * thickness)))
     space = covered / n
     along = ((np.arange(n) + 0.5) * space - OVERHANG * thickness) / length
     centers = start + along[:, None] * (end - start)
     across = radii[0] + along[:, None] * (radii[1] - radii[0])
     half_length = space * np.sqrt(SHARPNESS / np.pi)
-    return centers, np.column_stack([across, np.full(n, half_length)]), _bone_axes((end - start) / length)
+    return centers, np.column_stack([across, np.full(n, half_length)]), axes
 
 
 def _ball(centre: FloatArray, radii: FloatArray) -> _Ellipsoids:
     return centre[None], np.full((1, 3), radii[0]), np.eye(3)
-
-
-def _bone_axes(bone: FloatArray) -> FloatArray:
-    """Axes (3, 3), as columns: z along the bone (3,), x as near as possible to ahead, or to up if the bone is ahead."""
-    toward = np.array([0.0, 0.0, 1.0]) if abs(bone[0]) > np.sqrt(0.5) else np.array([1.0, 0.0, 0.0])
-    x = toward - (toward @ bone) * bone
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(bone, x), bone], axis=1)
 
 
 def _assembled(parts: list[tuple[str, int, _Ellipsoids]]) -> Surface:

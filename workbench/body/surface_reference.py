@@ -5,7 +5,6 @@ and meshes alike.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -17,12 +16,14 @@ from workbench.body.surface import Kind, Surface
 
 def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
     """log(f / C) of every part at points (K, 3) in one pose, (K, B)."""
-    exponents = np.stack([_exponent(surface, frames, i, points) for i in range(len(surface))], axis=1)
-    bounds = surface.bounds
-    return np.stack(
-        [np.logaddexp.reduce(exponents[:, low:high], axis=1) for low, high in pairwise(bounds)],
-        axis=1,
-    )
+    return np.stack([log_field(surface, frames, part, points) for part in range(len(surface.part_names))], axis=1)
+
+
+def log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
+    """log(f / C) of one part at points (K, 3) in one pose, (K,)."""
+    members = range(surface.bounds[part], surface.bounds[part + 1])
+    field: FloatArray = np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in members])
+    return field
 
 
 def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.cli.build import build, check_targets
+from workbench.cli.identity import identity
 from workbench.cli.summary import Summary, versions
 from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
@@ -59,8 +60,10 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
     asks to end there; summary.json then says so, and the recording up to there is kept as `run.rrd.part`.
     """
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
+    summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
     try:
         check_targets(config)
+        summary.identity = identity(config)
         _set_threads(config.threads)
         # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
         with threadpool_limits(limits=1, user_api="blas"):
@@ -71,6 +74,7 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
                 with _recorder(config, parts, summary) as recorder:
                     _track(parts, recorder, config, summary, quiet)
                     recorder.set_result(summary.metrics)
+                    recorder.set_cost(summary.cost)
         summary.status = "complete"
     except BaseException as error:
         summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
@@ -92,6 +96,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
             result = study.run(rng_streams(int(config.seed))["study"])
         summary.study = result.metrics
         recorder.log(result)
+        recorder.set_cost(summary.cost)
 
 
 def assemble(config: DictConfig, summary: Summary) -> Parts:
@@ -105,7 +110,9 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
         dataset: Dataset = build(config.dataset)
     with _timed(summary, "prior_learning"):
         prior: Prior = build(config.prior)
-    body: Body = build(config.body, dataset_shape=dataset.shape)
+    full_body: Body | None = getattr(dataset, "full_body", None)
+    body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body)
+    _check_skeletons(full_body, body, prior)
     likelihood = build(config.likelihood, body=body)
     live = {
         "prior": prior,
@@ -121,6 +128,17 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
             None if isinstance(inference, LeastSquares | Hybrid) and _unknown(dataset) else _start(dataset, body, prior)
         )
     return Parts(dataset, body, prior, inference, start)
+
+
+def _check_skeletons(full_body: Body | None, body: Body, prior: Prior) -> None:
+    """Raise InputError where dataset, body and prior do not speak of one skeleton."""
+    if full_body is not None and full_body.skeleton.names != body.skeleton.names:
+        raise InputError("body: dataset.skeleton=full shows every joint of the motion file: choose body=dataset")
+    if unknown := [name for name in prior.parameters if name not in body.skeleton.dof_names]:
+        raise InputError(
+            f"prior: it moves {unknown[0]}, which the tracked body does not have; dataset.skeleton and prior.skeleton "
+            "must be the same"
+        )
 
 
 def _unknown(dataset: Dataset) -> bool:
@@ -139,12 +157,11 @@ def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
         raise InputError("prior: a start from marked joints needs a cyclic prior, such as prior=walking")
     camera = next(iter(dataset.frames())).views[0].camera
     fit = start_from_marks(prior, body.skeleton, camera, dataset.start_marks)
+    pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
     log.info(
-        "start fitted to the marks: %.1f px left, phase %.2f, heading %.0f°",
-        fit.error_px / dataset.scale,
-        fit.phase,
-        np.degrees(fit.heading),
-    )
+        "start fitted to the marks: %.1f px left, phase %.2f, heading %.0f°%s",
+        fit.error_px / dataset.scale, fit.phase, np.degrees(fit.heading), pace,
+    )  # fmt: skip
     return fit.pose
 
 

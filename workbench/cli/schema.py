@@ -79,7 +79,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     },
 }
 LIVE: dict[str, set[str]] = {
-    "body": {"dataset_shape"},
+    "body": {"dataset_shape", "full_body"},
     "likelihood": {"body"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
@@ -97,6 +97,23 @@ class PathsSchema:
 
 
 @dataclass
+class ToleranceSchema:
+    """What a metric may move by: absolute, in its unit, or relative to what it was."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+
+@dataclass
+class SweepSchema:
+    """resume: folder of an earlier sweep. jobs: numbers of those to run, None: all. metric: what a tuner minimises."""
+
+    resume: str | None = None
+    jobs: list[int] | None = None
+    metric: str | None = None
+
+
+@dataclass
 class RunSchema:
     """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track."""
 
@@ -110,6 +127,8 @@ class RunSchema:
     seed: int = 0
     threads: int | None = None
     paths: PathsSchema = field(default_factory=PathsSchema)
+    check: dict[str, ToleranceSchema] = field(default_factory=dict)
+    sweep: SweepSchema = field(default_factory=SweepSchema)
 
 
 def register_schemas() -> None:

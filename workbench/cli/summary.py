@@ -1,16 +1,19 @@
 """A run's scalar results, as `summary.json` keeps them."""
 
 import json
+import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
 from workbench.evaluation.errors import held
+from workbench.files import whole_file
 from workbench.inference.step import Step
 
 RMS = ("knee_deg", "hip_deg")
@@ -40,11 +43,14 @@ class Summary:
     seed: int
     recording: Path
     started: str = field(default_factory=_now)
+    began_s: float = field(default_factory=perf_counter)
     status: str = "running"
     error: str | None = None
+    identity: str | None = None
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     steps_s: float = 0.0
+    evaluations: float = 0.0
     log_evidence: float = 0.0
     per_frame: dict[str, list[float]] = field(default_factory=dict)
     study: Mapping[str, float] | None = None
@@ -55,6 +61,7 @@ class Summary:
             self.timing[stage] = self.timing.get(stage, 0.0) + seconds
             self.steps_s += seconds
         self.frames += 1
+        self.evaluations += step.evaluations
         self.log_evidence = step.log_evidence
         if self.frames > 1:
             for name, value in {**errors, **step.diagnostics, "ess": step.ess}.items():
@@ -77,12 +84,21 @@ class Summary:
         return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
 
     @property
-    def _cost(self) -> dict[str, float]:
-        """Wall times, which are not among the metrics that a recording keeps: they differ between equal runs.
+    def cost(self) -> dict[str, float]:
+        """What the run took. It is not among the metrics, since wall times differ between equal runs.
 
-        jacobian_cost_ratio: of F with its Jacobian to F alone, where an inference measures that (paper D, section 4.1).
+        seconds: of the inference, or of the study; without what is done once, such as learning a prior. ms_per_frame:
+        the same per frame. likelihood_evaluations: of single poses; where an inference solves, of the residual in every
+        frame, without the search for a start. jacobian_cost_ratio: of F with its Jacobian to F alone, where an
+        inference measures that (paper D, section 4.1).
         """
-        found = {"ms_per_frame": 1e3 * self.steps_s / self.frames} if self.frames else {}
+        if self.study is not None:
+            return {"seconds": self.timing["study"]}
+        found: dict[str, float] = {}
+        if self.steps_s > 0.0:
+            found = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / self.frames}
+        if self.evaluations > 0.0:
+            found["likelihood_evaluations"] = self.evaluations
         if self.timing.get("residual", 0.0) > 0.0:
             found["jacobian_cost_ratio"] = self.timing["residual_jacobian"] / self.timing["residual"]
         return found
@@ -90,7 +106,7 @@ class Summary:
     def write(self, path: Path) -> None:
         """Write summary.json; numbers that are not finite become null, as JSON has none."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        numbers = {**self.metrics, **self._cost}
+        numbers = {**self.metrics, **self.cost}
         content = {
             "status": self.status,
             "experiment": self.experiment,
@@ -98,7 +114,12 @@ class Summary:
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
+            "identity": self.identity,
+            "host": platform.node(),
+            "pid": os.getpid(),
             "started": self.started,
+            "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,
         }
-        path.write_text(json.dumps(content, indent=2) + "\n")
+        with whole_file(path) as part:  # a sweep looks at it while it is written
+            part.write_text(json.dumps(content, indent=2) + "\n")

@@ -37,7 +37,9 @@ class Truth:
 class Frame:
     """One time step's observations. index: the frame's number in its source; time_s: its time, s.
 
-    points: (K, 3) observed points of the person's surface, m, in the world, where there are some.
+    points: (K, 3) observed points of the person's surface, m, in the world, where there are some. keypoints: (J, 3)
+    joints marked or detected in the first view, [u px, v px, weight 0..1], in the order of JOINT_NAMES and NaN for a
+    joint that was not; None where nobody looked for any.
     """
 
     index: int
@@ -45,6 +47,18 @@ class Frame:
     views: tuple[View, ...]
     truth: Truth | None = None
     points: FloatArray | None = None
+    keypoints: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedFrames:
+    """Joints marked in F frames, of which the first is the dataset's first frame, to start from.
+
+    times_s: (F,), s, rising. keypoints: (F, J, 3) as in `Frame`.
+    """
+
+    times_s: FloatArray
+    keypoints: FloatArray
 
 
 class Dataset(Protocol):
@@ -63,8 +77,8 @@ class Dataset(Protocol):
         """The true pose (P,) in the first frame, where the dataset knows it."""
 
     @property
-    def start_marks(self) -> FloatArray | None:
-        """Marked joints (J, 3) of the first frame, [u px, v px, weight 0..1] (NaN: no mark), where there are any."""
+    def start_marks(self) -> MarkedFrames | None:
+        """Joints marked in the first frame, and perhaps in some that follow, where there are any."""
 
     @property
     def scale(self) -> float:

@@ -10,7 +10,7 @@ from workbench.datasets.running import runner, runners
 from workbench.errors import InputError
 from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import clip_name, find_clip, load_motion
+from workbench.mocap.sources import SUFFIXES, clip_name, find_clip, load_motion
 
 _BUILTIN_SECONDS = 60.0
 _BUILTIN_SEED = 1999
@@ -39,8 +39,16 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
         if (clip := clip_name(name)) not in motions:
             raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
         return motions[clip].resampled(rate_hz)
-    if name.lower().endswith((".amc", ".bvh")):
-        return load_motion(Path(name).expanduser()).resampled(rate_hz)
+    return load_motion(motion_file(name, data)).resampled(rate_hz)
+
+
+def motion_file(name: str, data: str | None) -> Path:
+    """The .amc or .bvh file of the motion called `name`, by its path or below the folder `data`, see `find_motion`.
+
+    Raises InputError when there is no such file.
+    """
+    if name.lower().endswith(SUFFIXES):
+        return Path(name).expanduser()
     if data is None:
         raise InputError(
             f"dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
@@ -48,6 +56,6 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
             f"found {name!r}"
         )
     try:
-        return load_motion(find_clip(data, name)).resampled(rate_hz)
+        return find_clip(data, name)
     except InputError as error:
         raise InputError(f"dataset: motion {name!r}: {error}") from None

@@ -10,6 +10,7 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.body.limbs import Body
 from workbench.body.shape import Shape
 from workbench.datasets import render
 from workbench.datasets.automatic_camera import automatic_camera
@@ -36,7 +37,8 @@ class Points:
     Of n_points a share `outliers` lie anywhere in a box about the person, the others evenly over what the camera sees
     of the limbs, off along the line of sight by σ = sigma_m (z / 4 m)². clutter: as many points more of floor, wall and
     bins in that box. bar_m: width of an upright bar half-way between camera and person; it hides what is behind it, so
-    that there are fewer points. images: render what the camera sees, for the viewer; otherwise there are no views.
+    that there are fewer points. skeleton: "person", or "full" for the motion file's own with every joint, which is then
+    the tracked body too. images: render what the camera sees, for the viewer; otherwise there are no views.
 
     start: "auto" offers nothing: start_pose and phase_ends are None and whoever tracks finds both. "given" offers what
     paper D sets by hand: start_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and phase_ends,
@@ -66,6 +68,7 @@ class Points:
     images: bool = False
     start: str = "auto"
     seed: int = 0
+    skeleton: str = "person"
 
     def __post_init__(self) -> None:
         at_least = {
@@ -100,6 +103,11 @@ class Points:
         return self.take.motion.shape
 
     @property
+    def full_body(self) -> Body | None:
+        """The body of the motion file's own skeleton, where it is that which moves."""
+        return self.take.body if self.skeleton == "full" else None
+
+    @property
     def start_pose(self) -> FloatArray | None:
         """With start="given" the first pose (P,), off by σ 3 cm and 0.05 rad in every number; else None."""
         return self.take.rough_start(self.seed) if self.start == "given" else None
@@ -129,7 +137,7 @@ class Points:
         """What the person does."""
         return find_take(
             self.motion, data=self.data, rate_hz=self.rate_hz, n_frames=self.n_frames, first_frame=self.first_frame,
-            path=self.path, seed=self.seed,
+            path=self.path, seed=self.seed, skeleton=self.skeleton,
         )  # fmt: skip
 
     @cached_property

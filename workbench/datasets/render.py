@@ -201,17 +201,12 @@ def _place(body: Body, pose: FloatArray, camera: Camera) -> _PlacedLimbs:
     limbs = body.limbs
     frames = forward(body.skeleton, pose[None])
     from_joint, at = frames.rotations[0, limbs.joints], frames.positions[0, limbs.joints]
-    axes = limbs.ends - limbs.starts
-    lengths = np.linalg.norm(axes, axis=1)
-    z = np.where(lengths[:, None] > 0.0, axes / np.maximum(lengths, 1e-12)[:, None], [0.0, 0.0, 1.0])
-    x = np.array([1.0, 0.0, 0.0]) - z[:, :1] * z
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    to_limb = np.stack([x, np.cross(z, x), z], axis=1) @ from_joint.transpose(0, 2, 1)
+    to_limb = limbs.axes.transpose(0, 2, 1) @ from_joint.transpose(0, 2, 1)
     starts = at + np.einsum("lij,lj->li", from_joint, limbs.starts)
     return _PlacedLimbs(
         rotations=np.ascontiguousarray(to_limb @ camera.rotation.T),
         eyes=np.einsum("lij,lj->li", to_limb, camera.position - starts),
-        sizes=np.column_stack([lengths, limbs.radii.reshape(-1, 4)]),
+        sizes=np.column_stack([limbs.lengths, limbs.radii.reshape(-1, 4)]),
     )
 
 

@@ -27,6 +27,9 @@ from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.motion import Motion
 
+KEYPOINTS_MISSED = 0.1
+"""Share of the joints that the simulated detector does not find."""
+
 
 @dataclass(frozen=True)
 class Synthetic:
@@ -41,7 +44,8 @@ class Synthetic:
     the person is person_px tall half-way through, or smaller where the whole walk would not fit into width × height;
     those five say nothing about a camera from a file. noise: σ of the sensor, grey levels. contrast, clutter: strength
     of the clothes' texture and of the background, 1 being about 24 and 35 grey levels.
-    seed: of the clothes, the background, the noise and the builtin walker.
+    keypoint_sigma_px: σ of a detector of 2-D joints, px, that misses KEYPOINTS_MISSED of them; None: there is none.
+    seed: of the clothes, the background, the noise, the keypoints and the builtin walker.
 
     Raises InputError for parameters out of range, a motion that cannot be found or is too short, and a camera that
     never sees the person.
@@ -64,6 +68,7 @@ class Synthetic:
     noise: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
+    keypoint_sigma_px: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -78,6 +83,8 @@ class Synthetic:
             raise InputError(f"synthetic: path must be one of {', '.join(PATHS)}, found {self.path!r}")
         if not 0.0 < self.rate_hz < np.inf:
             raise InputError(f"synthetic: rate_hz must be positive, found {self.rate_hz}")
+        if self.keypoint_sigma_px is not None and not 0.0 <= self.keypoint_sigma_px < np.inf:
+            raise InputError(f"synthetic: keypoint_sigma_px must be at least 0, found {self.keypoint_sigma_px}")
         if not np.isfinite(self.view_deg):
             raise InputError(f"synthetic: view_deg must be an angle in degrees, found {self.view_deg}")
         _ = self.view_camera  # finds the motion and places the camera, so that mistakes show before the first frame
@@ -118,7 +125,21 @@ class Synthetic:
         for i, image in enumerate(self._images):
             index = self.first_frame + i
             truth = Truth(pose=poses[i], joints=places[i])
-            yield Frame(index, index / self.rate_hz, (View(self.view_camera, image),), truth)
+            views = (View(self.view_camera, image),)
+            yield Frame(index, index / self.rate_hz, views, truth, keypoints=self._keypoints(i, places[i]))
+
+    def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
+        """What the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
+        if self.keypoint_sigma_px is None:
+            return None
+        rng, camera = np.random.default_rng([self.seed, 1, i]), self.view_camera
+        pixels = camera.project(places)
+        keypoints = np.column_stack([pixels, np.ones(len(pixels))])
+        keypoints[:, :2] += self.keypoint_sigma_px * rng.standard_normal(pixels.shape)
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=1)
+        keypoints[~inside | (rng.random(len(pixels)) < KEYPOINTS_MISSED)] = np.nan
+        return keypoints
 
     @cached_property
     def view_camera(self) -> Camera:
@@ -196,7 +217,8 @@ class Synthetic:
 
     def _key(self) -> str:
         """Names the images: a digest of the poses and of every parameter that shows in them."""
-        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("data", "cache", "camera")}
+        unseen = ("data", "cache", "camera", "keypoint_sigma_px")
+        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in unseen}
         digest = hashlib.sha256(json.dumps([code_digest(render), parameters, self.shape.as_dict()]).encode())
         camera = self.view_camera
         for array in (

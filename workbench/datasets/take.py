@@ -2,20 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.body.full_skeleton import full_body, full_poses
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.datasets.frame import Truth
-from workbench.datasets.motions import find_motion
+from workbench.datasets.motions import find_motion, motion_file
 from workbench.datasets.splice import splice
 from workbench.errors import InputError
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import UNKNOWN
+from workbench.mocap.sources import UNKNOWN, read_clip
 
 STARTS = ("auto", "given")
+SKELETONS = ("person", "full")
+"""The person of 25 numbers, or the motion file's own skeleton with every joint."""
 START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
 _FINE = 4
@@ -26,6 +30,7 @@ _FINE = 4
 class Take:
     """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F.
 
+    body: the person's, or of the motion file's full skeleton; the poses (F, P) of motion and truths are this body's.
     phases: (F,) cycles, see `splice.Spliced`.
     """
 
@@ -46,7 +51,7 @@ class Take:
         return (first, last) if np.isfinite(first + last) else None
 
     def rough_start(self, seed: int) -> FloatArray:
-        """The first pose (25,) with Gaussian errors of 3 cm in place and 0.05 rad in every angle, within the limits."""
+        """The first pose (P,) with Gaussian errors of 3 cm in place and 0.05 rad in every angle, within the limits."""
         skeleton, pose = self.body.skeleton, self.motion.poses[0]
         sigma = np.full(len(pose), START_SIGMA_RAD)
         sigma[:3] = START_SIGMA_M
@@ -57,13 +62,17 @@ class Take:
 
 def find_take(
     motion: str | Sequence[str], *, data: str | None, rate_hz: float, n_frames: int, first_frame: int = 0,
-    path: str = "straight", seed: int = 0,
+    path: str = "straight", seed: int = 0, skeleton: str = "person",
 ) -> Take:  # fmt: skip
     """n_frames at rate_hz of the motion of that name, or of several spliced, from first_frame on, counted at rate_hz.
 
     Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip
-    says so, the activity. Raises InputError for a motion that cannot be found or is too short.
+    says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file.
+
+    Raises InputError for a motion that cannot be found or is too short, and another skeleton.
     """
+    if skeleton not in SKELETONS:
+        raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
     names = [str(motion)] if isinstance(motion, str | int) else [str(name) for name in motion]
     if not names:
         raise InputError("dataset: motion must name at least one motion, found none")
@@ -71,6 +80,11 @@ def find_take(
     fine = splice(clips, _FINE * (n_frames - 1) + 1, _FINE * first_frame)
     shown = replace(fine.motion, rate_hz=rate_hz, poses=fine.motion.poses[::_FINE])
     body = person(shown.shape)
+    if skeleton == "full":
+        if len(names) > 1:
+            raise InputError(f"dataset: skeleton=full shows one motion, found {len(names)} to splice")
+        body, poses = _own_skeleton(clips[0], motion_file(names[0], data))
+        shown = replace(shown, poses=poses[_FINE * first_frame :: _FINE][:n_frames])
     places = joints(body.skeleton, shown.poses)
     activities = [clips[k].activity for k in fine.clips[::_FINE]]
     truths = tuple(
@@ -78,6 +92,13 @@ def find_take(
         for pose, place, activity in zip(shown.poses, places, activities, strict=True)
     )
     return Take(shown, body, truths, fine.phases[::_FINE])
+
+
+def _own_skeleton(motion: Motion, file: Path) -> tuple[Body, FloatArray]:
+    """The body of a motion file's own skeleton, and its poses (F, P) at the rate of `motion`, the same retargeted."""
+    clip = read_clip(file)
+    poses = replace(motion, rate_hz=clip.rate_hz, poses=full_poses(clip)).resampled(motion.rate_hz).poses
+    return full_body(clip, motion.shape), poses
 
 
 def check_start(dataset: str, start: str, take: Take | None) -> None:

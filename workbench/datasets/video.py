@@ -1,6 +1,7 @@
 """Real video: a file or a folder of images, seen by a calibrated camera, with joints marked by hand in some frames."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
 from workbench.datasets.decode import count_frames, decode, frame_rate
-from workbench.datasets.frame import Frame, Truth, View
+from workbench.datasets.frame import Frame, MarkedFrames, Truth, View
 from workbench.datasets.marks import Marks, read_marks
 from workbench.errors import InputError
 
@@ -23,12 +24,14 @@ class Video:
     camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
     first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both
     included; None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the
-    source does not say or says it wrongly. start_marks: a file of marks, of which those at first_frame give the start.
-    eval_marks: a file of marks that are truth for the evaluation only. hidden_weight: the weight of a start mark on a
+    source does not say or says it wrongly. start_marks: a file of marks, of which those at first_frame, with those of
+    later frames up to start_last, give the start. keypoints: a file of marks, or of what a detector found, that are
+    observations. eval_marks: a file of marks that are truth for the evaluation only. held_out: frames whose marks are
+    kept from the keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of a mark on a
     hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to 4.
 
     Raises InputError for what cannot be read, frames that are not there, images of another size than the camera's, a
-    missing frame rate and start marks that leave out the first frame.
+    missing frame rate, start marks that leave out the first frame and frames held out that are not marked.
     """
 
     def __init__(
@@ -41,7 +44,10 @@ class Video:
         scale: float = 1.0,
         rate_hz: float | None = None,
         start_marks: str | None = None,
+        start_last: int | None = None,
+        keypoints: str | None = None,
         eval_marks: str | None = None,
+        held_out: Sequence[int] = (),
         hidden_weight: float = 0.35,
     ) -> None:
         if not 0.0 < scale <= 1.0:
@@ -58,8 +64,10 @@ class Video:
         if min(self.camera.width, self.camera.height) * scale < LEAST_SIZE_PX:
             size = f"{self.camera.width * scale:.0f}×{self.camera.height * scale:.0f}"
             raise InputError(f"video: scale {scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}")
-        self._start = None if start_marks is None else _start(read_marks(start_marks), self, hidden_weight)
-        self._truth = None if eval_marks is None else read_marks(eval_marks)
+        self.hidden_weight = hidden_weight
+        self._start = None if start_marks is None else self._first_marks(read_marks(start_marks), start_last)
+        self._keypoints = None if keypoints is None else _apart(read_marks(keypoints), held_out, False)
+        self._truth = None if eval_marks is None else _apart(read_marks(eval_marks), held_out, bool(held_out))
 
     @property
     def name(self) -> str:
@@ -77,8 +85,8 @@ class Video:
         return None
 
     @property
-    def start_marks(self) -> FloatArray | None:
-        """Marked joints (J, 3) of the first frame, [u px, v px, weight] in the resized image, NaN where unmarked."""
+    def start_marks(self) -> MarkedFrames | None:
+        """Marked joints of the first frame and of those up to start_last, in the resized image."""
         return self._start
 
     def __len__(self) -> int:
@@ -90,7 +98,8 @@ class Video:
         index = self.first_frame - 1
         for index, image in enumerate(decode(self.source, self.first_frame, self.last_frame), self.first_frame):
             self._check_size(image)
-            yield Frame(index, index / self.rate_hz, (View(camera, self._scaled(image)),), self._truth_at(index))
+            views, keypoints = (View(camera, self._scaled(image)),), self._keypoints_at(self._keypoints, index)
+            yield Frame(index, index / self.rate_hz, views, self._truth_at(index), keypoints=keypoints)
         if index < self.last_frame:
             raise InputError(f"{self.source}: ends before frame {self.last_frame}, which was there before")
 
@@ -99,6 +108,27 @@ class Video:
             return image
         # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
         return np.asarray(cv2.resize(image, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _first_marks(self, marks: Marks, last: int | None) -> MarkedFrames:
+        """The marks of the first frame and of those up to `last`."""
+        last = self.first_frame if last is None else last
+        if last < self.first_frame:
+            raise InputError(f"video: expected start_last of at least first_frame, {self.first_frame}, found {last}")
+        if self.first_frame not in marks.frames:
+            frames, first = ", ".join(map(str, marks.frames)), self.first_frame
+            raise InputError(f"{marks.source}: no marks in frame {first}, where the video starts; in {frames}")
+        used = [int(index) for index in marks.frames if self.first_frame <= index <= last]
+        times_s = np.array(used) / self.rate_hz
+        return MarkedFrames(times_s, np.array([self._keypoints_at(marks, index) for index in used]))
+
+    def _keypoints_at(self, marks: Marks | None, index: int) -> FloatArray | None:
+        """The weighted marks (J, 3) of a frame in the resized image, where there are any."""
+        found = None if marks is None else marks.at(index)
+        if found is None:
+            return None
+        pixels, visible = found
+        weights = np.where(np.isnan(pixels[:, 0]), np.nan, np.where(visible, 1.0, self.hidden_weight))
+        return np.column_stack([_resized(pixels, self.scale), weights])
 
     def _truth_at(self, index: int) -> Truth | None:
         found = None if self._truth is None else self._truth.at(index)
@@ -139,14 +169,12 @@ def _rate(source: Path, given: float | None) -> float:
     return rate
 
 
-def _start(marks: Marks, video: Video, hidden_weight: float) -> FloatArray:
-    found = marks.at(video.first_frame)
-    if found is None:
-        frames = ", ".join(map(str, marks.frames))
-        raise InputError(f"{marks.source}: no marks in frame {video.first_frame}, where the video starts; in {frames}")
-    pixels, visible = found
-    weights = np.where(np.isnan(pixels[:, 0]), np.nan, np.where(visible, 1.0, hidden_weight))
-    return np.column_stack([_resized(pixels, video.scale), weights])
+def _apart(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
+    """The marks of the frames held out, or without these."""
+    if missing := set(held_out) - set(marks.frames.tolist()):
+        raise InputError(f"{marks.source}: no marks in frame {min(missing)}, which is held out")
+    rows = np.isin(marks.frames, list(held_out)) == wanted
+    return replace(marks, frames=marks.frames[rows], pixels=marks.pixels[rows], visible=marks.visible[rows])
 
 
 def _resized(pixels: FloatArray, scale: float) -> FloatArray:

@@ -108,16 +108,10 @@ def inside(camera: Camera, points: FloatArray) -> BoolArray:
 def _placed(body: Body, pose: FloatArray, limb: IntArray, own: FloatArray) -> FloatArray:
     """Points (K, 3) of limbs (K,), each in its limb's own frame, in the world.
 
-    A limb's own frame starts at its axis' start, with z along the axis and x as near to its joint's x as can be.
+    A limb's own frame starts at its axis' start, with the axes of `Limbs.axes`.
     """
     limbs, frames = body.limbs, forward(body.skeleton, pose[None])
-    axes = limbs.ends - limbs.starts
-    z = np.where(limbs.spheres[:, None], [0.0, 0.0, 1.0], axes)
-    z = z / np.linalg.norm(z, axis=1, keepdims=True)
-    x = np.array([1.0, 0.0, 0.0]) - z[:, :1] * z
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    basis = np.stack([x, np.cross(z, x), z], axis=2)[limb]
-    in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", basis, own)
+    in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own)
     joint = limbs.joints[limb]
     points: FloatArray = np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]
     return points

@@ -6,9 +6,10 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
+from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
-from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES, Skeleton
+from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.datasets.frame import Truth
 from workbench.evaluation.posterior import weighted_quantiles
 from workbench.inference.step import Step
@@ -22,8 +23,8 @@ def step_errors(
 ) -> dict[str, float]:
     """The errors of one step that its truth allows, of the expected pose and (`_map`) of the heaviest particle.
 
-    The mean is over the joints that the parameters `moving`, those the prior moves, can move, of the 14 that are not
-    the pelvis: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
+    The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
+    of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
     moving pelvis onto pelvis. error_px: mean distance in the first view's image, in pixels of the unscaled image
     (`image_scale` is the factor the image was resized by); where joints were marked by hand, over the visible marks.
     forearm_px: width of a forearm in the same pixels, the yardstick of `held`, where the true joints are known.
@@ -58,12 +59,11 @@ def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> d
 
     Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away.
     """
-    errors = {}
+    found, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
-        columns = [i for i, name in enumerate(skeleton.dof_names) if name.endswith(f"_{joint}_flexion")]
-        if columns:
-            apart = (pose[columns] - truth[columns] + np.pi) % (2.0 * np.pi) - np.pi
-            errors[f"{joint}_deg"] = float(np.degrees(np.sqrt(np.mean(apart**2))))
+        apart = [wrapped_deg(found[name] - true[name]) for name in found if name.endswith(joint)]
+        if apart:
+            errors[f"{joint}_deg"] = float(np.sqrt(np.mean(np.square(apart))))
     return errors
 
 
@@ -73,7 +73,7 @@ def held(error_px: Sequence[float], forearm_px: Sequence[float], last: int = 5) 
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
-    """Those of ERROR_JOINTS that one of the parameters called `moving` moves: joints below the one it turns."""
+    """The joints, but the root, that one of the parameters called `moving` moves: those below the one it turns."""
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -81,7 +81,7 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
         above = int(skeleton.parents[joint])
         return translated or (above >= 0 and (above in turned or moves(above)))
 
-    return [joint for name in ERROR_JOINTS if moves(joint := skeleton.joint(name))]
+    return [joint for joint in range(1, len(skeleton.names)) if moves(joint)]
 
 
 def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:

@@ -11,7 +11,7 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[fl
     The q-quantile is the smallest value at which the weighted empirical distribution reaches q.
     """
     columns = np.ascontiguousarray(values.T)
-    order = np.argsort(columns, axis=1, kind="stable")
+    order = np.argsort(columns, axis=1)  # not the stable sort, which takes four times as long
     reached = np.cumsum(weights[order], axis=1)
     reached /= reached[:, -1:]
     ranks = np.stack([(reached < level - 1e-12).sum(axis=1) for level in levels])  # 1e-12: the sum's rounding

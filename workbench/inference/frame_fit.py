@@ -17,8 +17,16 @@ from workbench.inference.residuals import Loss, Residual
 WIDENED = (8.0, 1.0)
 """Scales of the loss, one after the other, with which a root is found that may start decimetres away: a redescending
 loss sees nothing further off than its scale (graduated non-convexity, Blake & Zisserman 1987)."""
+STEADY_FRAMES = 6
+"""Frames over which the phase's speed is taken when a motion is followed: the last difference alone is so noisy that a
+phase may stall, and from half a cycle behind nothing brings it back."""
+STYLE_HELD = 0.4
+"""Part of the smoothness that a style has while a motion is followed: one frame alone bends it to fit a wrong phase."""
 FLAT = 1.0
 """Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
+
+PACE_HZ = 14.0
+"""The frames a second for which `Smoothness` is given, paper D's."""
 
 PRIOR_PHASES = 64
 PRIOR_RAD = 0.05
@@ -40,7 +48,8 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Standard deviations of what may change between frames, at D's 14 Hz or thereabouts.
+    """Standard deviations of what may change between frames at PACE_HZ; over other times as a random walk of the
+    coefficients and of the speeds.
 
     style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
     differences of μ, cycles. position, rotation: second differences of the root, m and rad.
@@ -125,18 +134,32 @@ def global_motion(decoder: MotionDecoder, residuals: Sequence[Residual], loss: L
 
 
 def follow(
-    decoder: MotionDecoder, residuals: Sequence[Residual], loss: Loss, known: FloatArray, smoothness: Smoothness
+    decoder: MotionDecoder,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    loss: Loss,
+    known: FloatArray,
+    smoothness: Smoothness,
 ) -> FloatArray:
     """States (T, D) of all frames, of which the first ones are `known` (F ≥ 2, D), and the next follow one by one.
 
     Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held;
-    the root is first found with a wide loss, since what goes wrong here is hard to undo.
+    the phase goes on at its mean speed of late, and the root is first found with a wide loss: what goes wrong here is
+    hard to undo.
     """
-    states, free = list(known), PoseDecoder(decoder.skeleton)
-    deviations = np.concatenate([np.full(decoder.n_style, smoothness.style), smoothness.second_differences])
+    states, free, phase = list(known), PoseDecoder(decoder.skeleton), decoder.n_style
+    gaps = PACE_HZ * np.diff(times_s)
     for t in tqdm(range(len(known), len(residuals)), desc="following", unit="frame", disable=None, leave=False):
-        ahead = 2.0 * states[t - 1] - states[t - 2]
+        before, after = gaps[t - 2 : t]
+        ahead = states[t - 1] + (states[t - 1] - states[t - 2]) * (after / before)
         ahead[: decoder.n_style] = states[t - 1][: decoder.n_style]
+        first = max(t - 1 - STEADY_FRAMES, 0)
+        speed = (states[t - 1][phase] - states[first][phase]) / gaps[first : t - 1].sum()
+        ahead[phase] = states[t - 1][phase] + speed * after
+        bend = after * np.sqrt(0.5 * (before + after)) * smoothness.second_differences
+        deviations = np.concatenate(
+            [np.full(decoder.n_style, min(1.0, STYLE_HELD * smoothness.style * np.sqrt(after))), bend]
+        )
         near = fit_root(free, residuals[t], loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
         state = np.concatenate([ahead[:-N_ROOT], near.x[:N_ROOT]])
         prior = Gaussian.independent(ahead, deviations)

@@ -74,7 +74,7 @@ class Hybrid:
             guided, self.likelihood, n_particles=self.n_particles, ess_threshold=self.ess_threshold
         )
         for step, said in zip(inference.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
-            yield replace(step, warnings=step.warnings + said)
+            yield replace(step, warnings=step.warnings + said, evaluations=step.evaluations + fit.iterations)
 
 
 class Guided:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import forward
@@ -14,11 +15,13 @@ from workbench.body.surface import KINDS, Kind, Surface, attach, person_surface,
 from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.decoding import Decoder, MotionDecoder, MotionModel, PoseDecoder
-from workbench.inference.frame_fit import Smoothness, follow, global_motion, pose_prior, track_poses
+from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, follow, global_motion, pose_prior, track_poses
 from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.phase_grid import find_phase, start_from_points
-from workbench.inference.residuals import Loss, Residual, surface_residual
+from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe
+from workbench.inference.phase_grid import find_phase, roots_from_points
+from workbench.inference.residuals import Loss, Residual, upright_residual
 from workbench.inference.robust import LOSSES
+from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, first_keypoints, likely_pose, likely_roots
 from workbench.inference.step import Step
 from workbench.learning.activities import ActivityModel
 from workbench.learning.activity_classes import classify
@@ -30,8 +33,10 @@ START_POINTS = 150
 START_SIGMA_M = 0.02
 START_LOSS = Loss("geman_mcclure", 1.5)
 """The start always looks at distances with this deviation and loss: the field says nothing far from the body."""
+START_GAP_S = 1.0 / PACE_HZ
+"""The start leaves out frames that are closer than this to one before, in which a person moves little."""
 FEW_INLIERS = 0.3
-"""Where fewer of a frame's points are near the body, the step says so."""
+"""Where fewer of a frame's points and keypoints are near the body, the step says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,25 +74,27 @@ def fit_sequence(
     smoothness: Smoothness,
     frames_per_style: int,
     phases: tuple[float, float] | None,
+    roots: FloatArray | None = None,
     coarse: tuple[Sequence[Residual], Loss] | None = None,
     max_iterations: int = 40,
     tolerance: float = 1e-4,
 ) -> Fit:
     """A motion model fitted to T frames at times (T,), s, whatever their residuals are made of.
 
-    The root of decoder.rest is the start in the first frame. coarse: residuals and loss to start with, where others
-    are faster to compute or see further. phases: those of the first and the last frame, cycles,
-    between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
+    roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
+    coarse: residuals and loss to start with, where others are faster to compute or see further. phases: those of the
+    first and the last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see
+    `phase_grid`.
     """
     clock = perf_counter()
-    root, (far, wide) = decoder.rest[:N_ROOT], (residuals, loss) if coarse is None else coarse
+    roots = decoder.rest[None, :N_ROOT] if roots is None else roots
+    far, wide = (residuals, loss) if coarse is None else coarse
     if phases is None:
-        known = find_phase(decoder, far, times_s, wide, smoothness, root)
-        states = follow(decoder, far, wide, known, smoothness)
+        states = _start(decoder, far, times_s, wide, smoothness, roots)
     else:
         part = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9)
         mu = phases[0] + (phases[1] - phases[0]) * part
-        states = global_motion(decoder, far, wide, decoder.states(np.zeros(decoder.n_style), mu, root))
+        states = global_motion(decoder, far, wide, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
     problem = fit_problem(decoder, residuals, times_s, loss, smoothness, frames_per_style)
     states, covariances, found = fit_motion(problem, states, max_iterations=max_iterations, tolerance=tolerance)
@@ -95,16 +102,39 @@ def fit_sequence(
     return _fit(decoder, residuals, loss, states, covariances, found.iterations, found.costs, timing_s)
 
 
+def _start(
+    decoder: MotionDecoder,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    loss: Loss,
+    smoothness: Smoothness,
+    roots: FloatArray,
+) -> FloatArray:
+    """States (T, D) to start from: found in frames that show something START_GAP_S apart, linear between and beyond."""
+    shown: list[int] = []
+    for t, residual in enumerate(residuals):
+        apart = not shown or times_s[t] - times_s[shown[-1]] > 0.99 * START_GAP_S
+        if apart and len(residual(decoder.rest)[0]):
+            shown.append(t)
+    if not shown:
+        raise InputError(f"least squares: none of {len(times_s)} frames shows enough to start from; give the phases")
+    far, times = [residuals[t] for t in shown], times_s[shown]
+    known = find_phase(decoder, far, times, loss, smoothness, roots)
+    states = follow(decoder, far, times, loss, known, smoothness)
+    if len(states) == 1:
+        return np.repeat(states, len(times_s), axis=0)
+    return np.asarray(make_interp_spline(times, states, k=1)(times_s))
+
+
 def fit_poses(
     decoder: PoseDecoder,
     residuals: Sequence[Residual],
     loss: Loss,
     start: FloatArray,
-    model: MotionDecoder | None = None,
+    prior: Gaussian | None = None,
 ) -> Fit:
-    """The baseline without a motion model, frame by frame from a pose (P,); `model`: its poses as a Gaussian prior."""
+    """The baseline without a motion model, frame by frame from a pose (P,), with a Gaussian prior over poses or not."""
     clock = perf_counter()
-    prior = None if model is None else pose_prior(model)
     poses, covariances, searches = track_poses(decoder, residuals, loss, start, prior)
     iterations = float(np.mean([search.iterations for search in searches]))
     costs = tuple(search.costs[-1] for search in searches)
@@ -130,18 +160,21 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
             frame=frame, space=fit.space, particles=state + draws,
             poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
             expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=0.0,
-            diagnostics=diagnostics, timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+            diagnostics=diagnostics, evaluations=fit.iterations,
+            timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
         )  # fmt: skip
 
 
 class LeastSquares:
-    """Fits a person's surface to points, all frames at once: an inference that yields its steps after solving.
+    """Fits a person to points on the surface, to 2-D keypoints or to both, all frames at once: an inference that yields
+    its steps after solving.
 
     style: "steady", one α for all frames (D, section 4.2), "frame", one for every `frames_per_style` frames (section
     4.3), or "none", no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the model's
-    poses. kind: of the residual, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the same
-    unit. loss: "squared", "huber" or "geman_mcclure", which bends at `scale`, in that unit too. phases: (μ₁, μ_T),
-    cycles, or None to take phase_ends, what the dataset offers, or without those to find them. sigma_style,
+    poses. kind: of the residual of points, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the
+    same unit. sigma_px: that of a keypoint, px of the image it was seen in. loss: "squared", "huber" or
+    "geman_mcclure", which bends at `scale`, in the unit of sigma, and for keypoints at as many deviations. phases:
+    (μ₁, μ_T), cycles, or None to take phase_ends, what the dataset offers, or without those to find them. sigma_style,
     sigma_phase, sigma_position, sigma_rotation: see `frame_fit.Smoothness`. most_points: a frame's points beyond are
     thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
 
@@ -163,6 +196,7 @@ class LeastSquares:
         loss: str = "geman_mcclure",
         scale: float = 0.03,
         sigma: float = 0.02,
+        sigma_px: float = 4.0,
         frames_per_style: int = 1,
         phases: tuple[float, float] | None = None,
         pose_prior: bool = False,
@@ -179,9 +213,10 @@ class LeastSquares:
             if given not in known:
                 raise InputError(f"inference: {name} must be one of {', '.join(known)}, found {given!r}")
         positive = {
-            "scale": scale, "sigma": sigma, "frames_per_style": frames_per_style, "sigma_style": sigma_style,
-            "sigma_phase": sigma_phase, "sigma_position": sigma_position, "sigma_rotation": sigma_rotation,
-            "most_points": most_points, "max_iterations": max_iterations, "n_particles": n_particles,
+            "scale": scale, "sigma": sigma, "sigma_px": sigma_px, "frames_per_style": frames_per_style,
+            "sigma_style": sigma_style, "sigma_phase": sigma_phase, "sigma_position": sigma_position,
+            "sigma_rotation": sigma_rotation, "most_points": most_points, "max_iterations": max_iterations,
+            "n_particles": n_particles,
         }  # fmt: skip
         for name, value in positive.items():
             if not 0.0 < value < np.inf:
@@ -190,7 +225,7 @@ class LeastSquares:
             raise InputError("inference: expected a motion model; only style=none without pose_prior does without")
         self.skeleton, self.model = body.skeleton, model
         self.surface = person_surface(body) if surface is None else surface
-        self.style, self.kind, self.sigma = style, kind, sigma
+        self.style, self.kind, self.sigma, self.sigma_px = style, kind, sigma, sigma_px
         self.loss = Loss(loss, scale / sigma)
         self.frames_per_style, self.pose_prior = frames_per_style, pose_prior
         self.phases = phase_ends if phases is None else phases
@@ -209,19 +244,19 @@ class LeastSquares:
     ) -> Iterator[Step]:
         """One step per frame once all are fitted, from about the pose `start` (P,), or None to find the person.
 
-        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame
-        without points is bridged by its neighbours, or without a motion model keeps the pose before, and says so.
+        rng_streams: generators named "start", which thins points, and "prior", which draws the particles. A frame that
+        shows nothing is bridged by its neighbours, or without a motion model keeps the pose before, and says so.
         Raises InputError when there is nothing to fit.
         """
         frames = list(frames)
-        fit, points, warnings = self.fit_frames(frames, start, rng_streams["start"])
+        fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
-        for step, seen, said in zip(drawn, points, warnings, strict=True):
-            near = step.diagnostics["inliers"]
-            if len(seen) and near < FEW_INLIERS:
-                said = (*said, f"frame {step.frame.index}: only {near:.0%} of the points lie near the body")
+        for step, seen, said in zip(drawn, observed, warnings, strict=True):
+            near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
+            if kinds and near < FEW_INLIERS:
+                said = (*said, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
             parts = self._attachment(step)
-            timing_s = {**step.timing_s, **self._one_evaluation(step.expected_pose, seen)}
+            timing_s = {**step.timing_s, **self._one_evaluation(step.expected_pose, seen.points)}
             told, probabilities = self._told(step)
             diagnostics = {**step.diagnostics, **probabilities}
             yield replace(
@@ -230,6 +265,8 @@ class LeastSquares:
 
     def _one_evaluation(self, pose: FloatArray, points: FloatArray) -> dict[str, float]:
         """Seconds that F, and F with its Jacobian, take with attachments fixed: paper D's measure of its cost."""
+        if not len(points):
+            return {}
         frames = forward(self.skeleton, pose[None])
         parts = attach(self.surface, frames, points, self.kind)
         arguments = (self.skeleton, self.surface, pose, points, self.kind, parts)
@@ -265,59 +302,64 @@ class LeastSquares:
 
     def fit_frames(
         self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator
-    ) -> tuple[Fit, list[FloatArray], list[tuple[str, ...]]]:
-        """The fit of all frames, with each frame's points that were used and what there is to say about them.
+    ) -> tuple[Fit, list[Observed], list[tuple[str, ...]]]:
+        """The fit of all frames, with what was used of each and what there is to say about it.
 
         rng: thins points. Raises InputError when there is nothing to fit.
         """
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
-        points, warnings = self._points(frames, rng)
-        if not any(map(len, points)):
-            raise InputError(f"least squares: expected points to fit, found none in {len(frames)} frames")
-        return self.fit(points, np.array([frame.time_s for frame in frames]), start), points, warnings
+        seen, warnings = observe(frames, self.skeleton, self.most_points, rng)
+        if not kinds_seen(seen):
+            raise InputError(f"least squares: expected points or keypoints to fit, found none in {len(frames)} frames")
+        return self.fit(seen, np.array([frame.time_s for frame in frames]), start), seen, warnings
 
-    def fit(self, points: Sequence[FloatArray], times_s: FloatArray, start: FloatArray | None) -> Fit:
-        """The fit of T frames of points (K, 3), m, at times (T,), s; `start` as for `run`."""
-        residuals = [surface_residual(self.skeleton, self.surface, seen, self.kind, self.sigma) for seen in points]
-        coarse = [
-            surface_residual(
-                self.skeleton, self.surface, seen[:: max(1, len(seen) // START_POINTS)], "distance", START_SIGMA_M
-            )
-            for seen in points
-        ]
-        if start is None:
-            start = start_from_points(self.skeleton, points, times_s)
-        decoder = None if self.model is None else MotionDecoder(self.skeleton, self.model, start)
+    def fit(self, seen: Sequence[Observed], times_s: FloatArray, start: FloatArray | None) -> Fit:
+        """The fit of T frames at times (T,), s; `start` as for `run`."""
+        residuals = self._residuals(seen)
+        rest = np.zeros(len(self.skeleton.dof_names)) if start is None else start
+        decoder = None if self.model is None else MotionDecoder(self.skeleton, self.model, rest)
         if decoder is None or self.style == "none":
-            prior = decoder if self.pose_prior else None
+            prior = pose_prior(decoder) if decoder is not None and self.pose_prior else None
+            start = self._first_pose(seen, times_s, prior) if start is None else start
             return fit_poses(PoseDecoder(self.skeleton), residuals, self.loss, start, prior)
         return fit_sequence(
-            decoder, residuals, times_s, self.loss,
-            coarse=(coarse, START_LOSS), smoothness=self.smoothness, phases=self.phases,
-            max_iterations=self.max_iterations,
+            decoder, residuals, times_s, self.loss, coarse=self._coarse(seen), smoothness=self.smoothness,
+            phases=self.phases, roots=self._first_roots(decoder, seen, times_s) if start is None else None,
             frames_per_style=len(residuals) if self.style == "steady" else self.frames_per_style,
+            max_iterations=self.max_iterations,
         )  # fmt: skip
 
-    def _points(
-        self, frames: Sequence[Frame], rng: np.random.Generator
-    ) -> tuple[list[FloatArray], list[tuple[str, ...]]]:
-        """Each frame's usable points (K, 3) and what there is to say about them."""
-        clouds, warnings = [], []
-        for frame in frames:
-            given = np.empty((0, 3)) if frame.points is None else frame.points
-            points = given[np.isfinite(given).all(axis=1)]
-            said = []
-            if len(points) < len(given):
-                said.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
-            if len(points) > self.most_points:
-                said.append(f"frame {frame.index}: {len(points)} points thinned to {self.most_points}")
-                points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
-            if not len(points):
-                said.append(f"frame {frame.index}: no points; bridged by the frames beside it")
-            clouds.append(points)
-            warnings.append(tuple(said))
-        return clouds, warnings
+    def _residuals(self, seen: Sequence[Observed]) -> list[Residual]:
+        """Of every frame. Where keypoints are all there is, a person is upright in the frames between them too."""
+        residuals = [one.residual(self.skeleton, self.surface, self.kind, self.sigma, self.sigma_px) for one in seen]
+        if kinds_seen(seen) != ("keypoints",):
+            return residuals
+        upright = upright_residual(self.skeleton, UPRIGHT_SIGMA_RAD)
+        return [upright if one.keypoints is None else own for one, own in zip(seen, residuals, strict=True)]
+
+    def _coarse(self, seen: Sequence[Observed]) -> tuple[list[Residual], Loss]:
+        """What the start looks at, and with which loss: some of the points, and keypoints where there are enough."""
+        thin = [Observed(one.points[:: max(1, len(one.points) // START_POINTS)], enough_keypoints(one)) for one in seen]
+        far = [one.residual(self.skeleton, self.surface, "distance", START_SIGMA_M, self.sigma_px) for one in thin]
+        return far, START_LOSS if "points" in kinds_seen(seen) else KEYPOINT_LOSS
+
+    def _first_roots(self, decoder: MotionDecoder, seen: Sequence[Observed], times_s: FloatArray) -> FloatArray:
+        """Where the person may be, (n, 6), in the first frame that shows enough: by its keypoints, else by points."""
+        keypoints = first_keypoints(seen)
+        if keypoints is None:
+            return roots_from_points(self.skeleton, [one.points for one in seen], times_s)
+        return likely_roots(decoder, keypoints, keypoints.residual(self.skeleton, self.sigma_px))
+
+    def _first_pose(self, seen: Sequence[Observed], times_s: FloatArray, prior: Gaussian | None) -> FloatArray:
+        """The same without a motion: a pose (P,)."""
+        keypoints = first_keypoints(seen)
+        if keypoints is None:
+            roots = roots_from_points(self.skeleton, [one.points for one in seen], times_s)
+            if len(roots) > 1:
+                raise InputError("least squares: the person moves too little to tell where they face; give a start")
+            return np.concatenate([roots[0], np.zeros(len(self.skeleton.dof_names) - N_ROOT)])
+        return likely_pose(self.skeleton, keypoints, keypoints.residual(self.skeleton, self.sigma_px), prior)
 
 
 def _fit(

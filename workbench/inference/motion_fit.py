@@ -13,7 +13,7 @@ from workbench.body.skeleton import N_ROOT
 from workbench.errors import InputError
 from workbench.inference.bordered import Arrow
 from workbench.inference.decoding import MotionDecoder
-from workbench.inference.frame_fit import Smoothness
+from workbench.inference.frame_fit import PACE_HZ, Smoothness
 from workbench.inference.levenberg_marquardt import Minimum, Quadratic, minimise
 from workbench.inference.residuals import Loss, Residual
 
@@ -91,8 +91,8 @@ def fit_problem(
     columns, n_border = _columns(styles, decoder.n_style)
     n = int(columns.max()) + 1
     rows = [
-        *_style_rows(styles, columns[:, : decoder.n_style], smoothness.style),
-        *_second_differences(columns[:, decoder.n_style :], times_s, smoothness.second_differences),
+        *_style_rows(styles, columns[:, : decoder.n_style], PACE_HZ * times_s, smoothness.style),
+        *_second_differences(columns[:, decoder.n_style :], PACE_HZ * times_s, smoothness.second_differences),
     ]
     places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
     at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
@@ -153,24 +153,27 @@ _Row = tuple[IntArray, FloatArray]
 """Columns and values of one row of R."""
 
 
-def _style_rows(styles: IntArray, columns: IntArray, new: float) -> list[_Row]:
-    """Rows of the autoregression of the styles; columns: (T, d)."""
+def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: float) -> list[_Row]:
+    """Rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
     first = np.searchsorted(styles, np.arange(styles[-1] + 1))
     rows = [(columns[0, k : k + 1], np.ones(1)) for k in range(columns.shape[1])]
     for before, after in pairwise(first):
-        kept = max(0.0, 1.0 - new**2) ** (0.5 * (after - before))
+        kept = max(0.0, 1.0 - new**2) ** (0.5 * (times[after] - times[before]))
         deviation = np.sqrt(1.0 - kept**2)
         pairs = np.stack([columns[before], columns[after]], axis=1)
         rows += [(pair, np.array([-kept, 1.0]) / deviation) for pair in pairs]
     return rows
 
 
-def _second_differences(columns: IntArray, times_s: FloatArray, deviations: FloatArray) -> list[_Row]:
-    """Rows of the second differences of columns (T, m) with deviations (m,); over uneven times those of the slopes."""
+def _second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[_Row]:
+    """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
+
+    Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle.
+    """
     rows = []
-    mean = float(np.diff(times_s).mean()) if len(times_s) > 1 else 0.0
     for t in range(1, len(columns) - 1):
-        before, after = mean / np.diff(times_s[t - 1 : t + 2])
-        values = np.array([before, -before - after, after])
+        before, after = 1.0 / np.diff(times[t - 1 : t + 2])
+        walked = np.sqrt(0.5 * (times[t + 1] - times[t - 1]))
+        values = np.array([before, -before - after, after]) / walked
         rows += [(columns[t - 1 : t + 2, k], values / deviation) for k, deviation in enumerate(deviations)]
     return rows

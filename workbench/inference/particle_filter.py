@@ -1,7 +1,7 @@
 """The particle filter: sequential importance resampling (paper A, section 4.1; Gordon, Salmond & Smith 1993)."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -86,7 +86,8 @@ class ParticleFilter:
             else:
                 particles, gained, warnings = self._advance(particles, previous, frame, rng_streams, clock)
                 log_evidence += gained
-            yield _step(frame, self.prior, particles, log_evidence, warnings, clock)
+            step = _step(frame, self.prior, particles, log_evidence, warnings, clock)
+            yield replace(step, evaluations=0.0 if previous is None else float(self.n_particles))
             previous = frame
 
     def _advance(

@@ -7,8 +7,10 @@ frequency is a straight line through the table; the best few lines are refined b
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from tqdm import tqdm
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
@@ -29,6 +31,7 @@ SPEED_MARGIN = 1.25
 """How much slower or faster than any example of the model a motion may be."""
 LEAST_TRAVEL_M = 0.1
 """Over the first frames; less tells nothing about where a person faces."""
+N_HEADINGS = 8
 _FINE = 4  # phases between two of the table that lines may start at
 _APART = 0.1  # cycles between lines that are worth refining both
 
@@ -61,20 +64,18 @@ def find_phase(
     smoothness: Smoothness,
     root: FloatArray,
 ) -> FloatArray:
-    """States (F, D) of the first F ≤ N_FRAMES of the frames; root: (6,) about where the person is in the first one.
+    """States (F, D) of the first F ≤ N_FRAMES of the frames, each of which shows something.
 
-    Raises InputError when fewer than half of these frames show anything.
+    root: (6,) about where the person is in the first one, or several guesses (n, 6).
     """
     residuals, times_s = residuals[:N_FRAMES], times_s[:N_FRAMES]
-    seen = [len(residual(decoder.rest)[0]) > 0 for residual in residuals]
-    if 2 * sum(seen) < len(seen):
-        raise InputError(f"least squares: only {sum(seen)} of the first {len(seen)} frames show anything to start from")
     lines: list[tuple[float, FloatArray]] = []
-    for style in activity_styles(decoder.model):
-        costs, roots = phase_table(decoder, residuals, loss, style.alpha, root)
-        for cost, phases in best_lines(costs, times_s, style.rates_hz):
+    tried = list(product(activity_styles(decoder.model), np.atleast_2d(root)))
+    for style, guess in tqdm(tried, desc="phase", unit="grid", disable=None, leave=False):
+        costs, roots = phase_table(decoder, residuals, loss, style.alpha, guess)
+        for cost, phases in best_lines(costs, times_s, _fine_enough(style.rates_hz, times_s)):
             cells = np.round(phases * N_PHASES).astype(int) % N_PHASES
-            lines.append((cost, decoder.states(style.alpha, phases, roots[np.arange(len(seen)), cells])))
+            lines.append((cost, decoder.states(style.alpha, phases, roots[np.arange(len(times_s)), cells])))
     lines.sort(key=lambda line: line[0])
     problem = fit_problem(decoder, residuals, times_s, loss, smoothness, len(residuals))
     refined = [fit_motion(problem, states, max_iterations=15, tolerance=1e-3) for _, states in lines[:N_REFINED]]
@@ -86,18 +87,20 @@ def phase_table(
 ) -> tuple[FloatArray, FloatArray]:
     """Costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.
 
-    The root of a frame starts from that of the best phase in the frame before, at first with a wide loss.
+    The root of a frame starts from that of the best phase in the frame before, or in the first one from the phase that
+    fits best as it is, at first with a wide loss.
     """
     costs, roots = np.empty((len(residuals), N_PHASES)), np.empty((len(residuals), N_PHASES, N_ROOT))
     poses = decoder.poses(decoder.states(alpha, np.arange(N_PHASES) / N_PHASES, root))
-    free, wide, best = PoseDecoder(decoder.skeleton), loss.wider(TABLE_WIDENED), 0
+    free, wide, near = PoseDecoder(decoder.skeleton), loss.wider(TABLE_WIDENED), list(poses)
     for t, residual in enumerate(residuals):
-        poses[:, :N_ROOT] = fit_root(free, residual, loss, [poses[best]], WIDENED[:1]).x[:N_ROOT]
+        poses[:, :N_ROOT] = fit_root(free, residual, loss, near, WIDENED[:1]).x[:N_ROOT]
         for k, pose in enumerate(poses):
             found = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
             costs[t, k], roots[t, k] = found.costs[-1], found.x[:N_ROOT]
         best = int(costs[t].argmin())
         poses[:, :N_ROOT] = roots[t, best]
+        near = [poses[best]]
     return costs, roots
 
 
@@ -120,11 +123,11 @@ def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> 
     return chosen
 
 
-def start_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
-    """A rough pose (P,) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
-    way they move over the first frames.
+def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
+    """Rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
+    way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell.
 
-    Raises InputError when they move too little to tell. Medians stand outliers, but not a wall behind the person.
+    Raises InputError without points in two of the first frames. Medians stand outliers, but not a wall behind.
     """
     shown = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
     if len(shown) < 2:
@@ -132,15 +135,19 @@ def start_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s:
     middles = np.array([np.median(points[t], axis=0) for t in shown])
     line = np.polynomial.polynomial.polyfit(times_s[shown] - times_s[0], middles, 1)
     travel = line[1, :2] * (times_s[shown[-1]] - times_s[shown[0]])
-    if np.linalg.norm(travel) < LEAST_TRAVEL_M:
-        raise InputError(
-            f"least squares: the person moves {100.0 * np.linalg.norm(travel):.0f} cm in the first frames, too little "
-            "to tell where they face; give a starting pose"
-        )
-    pose = np.zeros(len(skeleton.dof_names))
-    pose[3] = np.arctan2(travel[1], travel[0])
-    pose[:3] = line[0] - joints(skeleton, pose[None])[0].mean(axis=0)
-    return pose
+    moves = np.linalg.norm(travel) >= LEAST_TRAVEL_M
+    headings = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS
+    poses = np.zeros((1 if moves else N_HEADINGS, len(skeleton.dof_names)))
+    poses[:, 3] = np.arctan2(travel[1], travel[0]) if moves else headings
+    poses[:, :3] = line[0] - joints(skeleton, poses).mean(axis=1)
+    return poses[:, :N_ROOT]
+
+
+def _fine_enough(rates_hz: FloatArray, times_s: FloatArray) -> FloatArray:
+    """The range of frequencies in as many steps, or in so many that neighbours end less than a table's phase apart."""
+    low, high = rates_hz[[0, -1]]
+    steps = int(np.ceil((high - low) * (times_s[-1] - times_s[0]) * N_PHASES))
+    return rates_hz if steps < len(rates_hz) else np.linspace(low, high, steps + 1)
 
 
 def _distance(first: FloatArray, second: FloatArray) -> float:

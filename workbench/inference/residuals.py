@@ -1,10 +1,10 @@
-"""What one frame says about a pose, as a function of the pose: points on the surface, marked pixels, known joints.
+"""What one frame says about a pose, as a function of the pose: points on the surface, keypoints, known joints.
 
 A residual function takes a pose (P,) to whitened residuals (K,), dimensionless, and their derivative (K, P). Whatever
 it has to look up for that pose, such as the part of the body that each point belongs to, it looks up anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -16,7 +16,9 @@ from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface, attach, residual_jacobian
 from workbench.inference.robust import LOSSES
-from workbench.inference.start import projection_jacobian
+
+UPRIGHT = slice(4, 6)
+"""Pitch and roll in a pose."""
 
 Residual: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -87,6 +89,38 @@ def keypoint_residual(
         return apart.ravel(), (slopes * whitening[:, :, None]).reshape(apart.size, -1)
 
     return residual
+
+
+def upright_residual(skeleton: Skeleton, sigma_rad: float) -> Residual:
+    """Of pitch and roll of the root, small in people who stand, walk or run, and badly seen by one camera."""
+    leaning = np.eye(len(skeleton.dof_names))[UPRIGHT] / sigma_rad
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return leaning @ pose, leaning
+
+    return residual
+
+
+def stacked(residuals: Sequence[Residual]) -> Residual:
+    """All of them together."""
+    if len(residuals) < 2:
+        return residuals[0] if residuals else _nothing
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = zip(*(one(pose) for one in residuals), strict=True)
+        return np.concatenate(misses), np.concatenate(slopes)
+
+    return residual
+
+
+def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
+    """Derivative (n, 2, 3), px/m, of the pixels of world points (n, 3); the lens' distortion is left out."""
+    x, y, z = camera.to_camera(points).T
+    zero = np.zeros_like(z)
+    focal_x, focal_y = camera.matrix[0, 0], camera.matrix[1, 1]
+    seen = np.array([[focal_x / z, zero, -focal_x * x / z**2], [zero, focal_y / z, -focal_y * y / z**2]])
+    jacobian: FloatArray = seen.transpose(2, 0, 1) @ camera.rotation
+    return jacobian
 
 
 def _nothing(pose: FloatArray) -> tuple[FloatArray, FloatArray]:

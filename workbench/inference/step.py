@@ -18,7 +18,8 @@ class Step:
     ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far). activity: what the person is told to do,
     such as "walk", by inferences that tell it. attachment: (K,) the part of the body that each of the frame's points
     belongs to, as a number, -1 for none. diagnostics: scalars worth a curve. warnings: sentences for the person who
-    runs this. timing_s: seconds spent per stage.
+    runs this. evaluations: how often the likelihood was evaluated for this frame, for one pose each, or the residual by
+    inferences that solve. timing_s: seconds spent per stage.
     """
 
     frame: Frame
@@ -35,4 +36,5 @@ class Step:
     attachment: IntArray | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from workbench import __version__
 from workbench.arrays import FloatArray
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
 from workbench.learning.activity_cycles import ActivityCycles
@@ -39,6 +40,11 @@ class ActivityModel:
     activities: tuple[str, ...]
     sources: tuple[str, ...]
     cycle_rate_hz: FloatArray
+
+    @property
+    def pose_names(self) -> tuple[str, ...]:
+        """The pose that the angles belong to: the person's, or a root and all these angles of another skeleton."""
+        return POSE_NAMES if set(self.angles) <= set(POSE_NAMES) else (*POSE_NAMES[:N_ROOT], *self.angles)
 
     def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
         """The joint angles (..., C), rad, for coefficients (..., d) in units of `scales` at phases (...,) in cycles.

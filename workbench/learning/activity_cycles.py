@@ -1,7 +1,7 @@
 """Cycles of several activities, cut from motions and brought to one length by slerp (paper D, section 3.2)."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -68,17 +68,32 @@ class ActivityCycles:
         return replace(self, angles=tuple(self.angles[k] for k in columns), curves=self.curves[:, :, columns])
 
 
-def activity_cycles(motions: Sequence[Motion], *, n_phases: int = 64, most_per_clip: int = 4) -> ActivityCycles:
+Followed = tuple[Skeleton, FloatArray]
+"""A skeleton and its poses (F, P) in every frame of a motion."""
+
+
+def followed_person(motion: Motion) -> Followed:
+    """The motion as it is: the person's 25 numbers."""
+    return person_skeleton(motion.shape), motion.poses
+
+
+def activity_cycles(
+    motions: Sequence[Motion],
+    *,
+    n_phases: int = 64,
+    most_per_clip: int = 4,
+    followed: Callable[[Motion], Followed] = followed_person,
+) -> ActivityCycles:
     """Whole cycles of walking, running and their like in the motions, at most `most_per_clip` of each.
 
+    followed: gives the skeleton and the poses to cut cycles from; the gait's events are always the person's.
     Phase 0 is where the left thigh is furthest ahead of the right. Motions without a whole cycle are named in a
     warning. Raises InputError when there is none in any, and as `cut`.
     """
     parts, without = [], []
     for motion in tqdm(motions, desc="cycles", unit="clip", disable=None):
         part = cut(
-            person_skeleton(motion.shape),
-            motion.poses,
+            *followed(motion),
             gait_events(motion, SHORTEST_S),
             rate_hz=motion.rate_hz,
             activity=motion.activity,

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from workbench.body import full_skeleton
 from workbench.datasets.gait import builtin_motions
 from workbench.datasets.running import builtin_runs
 from workbench.digest import code_digest
@@ -25,6 +26,7 @@ from workbench.learning import (
     windows,
 )
 from workbench.learning.activities import ActivityModel, learn_activities, read_activities, write_activities
+from workbench.learning.activity_cycles import Followed, followed_person
 from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.gaps import with_gaps
 from workbench.learning.store import Provenance, read_model, write_model
@@ -33,7 +35,7 @@ from workbench.learning.windows import Windows, learn_windows, read_windows, wri
 from workbench.mocap import asf_amc, bvh, clip, retarget
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import clip_name, cmu_clips, find_sources, import_sources
+from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
 
 log = logging.getLogger(__name__)
 Model = TypeVar("Model")
@@ -137,25 +139,30 @@ def activity_model(
     variance: float = 0.9,
     n_components: int | None = None,
     most_per_clip: int = 4,
+    skeleton: str = "person",
 ) -> ActivityModel:
     """The motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as for
     `learn_activities`, most_per_clip as for `activity_cycles`.
 
-    Raises InputError when the motions cannot be read or hold too few cycles.
+    skeleton: "person", or "full" for every joint of the files' own skeleton, which must be one and the same.
+    Raises InputError when the motions cannot be read or hold too few cycles, and for a skeleton they do not have.
     """
+    followed = followed_person if skeleton == "person" else _own_skeletons(skeleton, motions, data, angles)
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
     provenance = _provenance(
         chosen,
-        code_digest(cycles, retarget, activity_cycles, activity_models),
+        code_digest(cycles, retarget, activity_cycles, activity_models, full_skeleton),
         angles=",".join(angles),
         variance=variance,
         n_components=n_components,
         most_per_clip=most_per_clip,
+        skeleton=skeleton,
     )
 
     def learn() -> ActivityModel:
-        whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip)
-        return learn_activities(whole, angles=angles, variance=variance, n_components=n_components)
+        whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
+        modelled = angles if skeleton == "person" else whole.angles
+        return learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
 
     return _cached(
         Path(cache).expanduser() / "models" / f"activities-{provenance.key[:16]}.h5",
@@ -163,6 +170,24 @@ def activity_model(
         learn,
         lambda path, model: write_activities(path, model, provenance),
     )
+
+
+def _own_skeletons(
+    skeleton: str, motions: str, data: str | None, angles: Sequence[str]
+) -> Callable[[Motion], Followed]:
+    """What gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
+    if skeleton != "full":
+        raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
+    if data is None or motions == "builtin":
+        raise InputError("prior: skeleton=full needs recordings: set paths.data or $WORKBENCH_DATA, and motions=bandai")
+    if list(angles) != ["body"]:
+        raise InputError(f"prior: skeleton=full models every joint angle, found angles={list(angles)}")
+
+    def followed(motion: Motion) -> Followed:
+        clip = read_clip(find_clip(data, motion.name))
+        return full_skeleton.full_skeleton(clip), full_skeleton.full_poses(clip)
+
+    return followed
 
 
 def training_motions(

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
+from workbench.mocap.clip import Clip
 from workbench.mocap.motion import Motion
 from workbench.mocap.retarget import retarget
 from workbench.mocap.text import fail, read_lines
@@ -55,10 +56,25 @@ def find_sources(paths: Iterable[str | Path]) -> list[Path]:
     return list(found.values())
 
 
-def load_motion(path: str | Path, unit: str = "cm") -> Motion:
-    """The motion of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), retargeted.
+def read_clip(path: str | Path, unit: str = "cm") -> Clip:
+    """The skeleton and movement of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), as it is.
 
-    Subject, activity and rate come from the CMU index (index.csv beside the file or in the folder above) where there
+    The rate of an .amc comes from the CMU index (index.csv beside the file or in the folder above), where there is one.
+    Raises InputError for what the readers refuse, and for a file of another kind.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".amc":
+        row = _index_row(path)
+        return read_amc(path, rate_hz=row.rate_hz) if row else read_amc(path)
+    if path.suffix.lower() == ".bvh":
+        return read_bvh(path, unit)
+    raise InputError(f"{path}: expected a motion file ({', '.join(SUFFIXES)})")
+
+
+def load_motion(path: str | Path, unit: str = "cm") -> Motion:
+    """The motion of a clip, see `read_clip`, retargeted.
+
+    Subject and activity come from the CMU index (index.csv beside the file or in the folder above) where there
     is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
     licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
     `source` is the file's name with its folder's, never the whole path.
@@ -66,21 +82,16 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
     """
     path = Path(path)
+    clip = read_clip(path, unit)
     bandai = re.fullmatch(r"dataset-(\d+)_([^_]+)_([^_]+)_\d+", path.stem)
     subject = activity = licence = UNKNOWN
     if path.suffix.lower() == ".amc":
-        row = _index_row(path)
-        clip = read_amc(path, rate_hz=row.rate_hz) if row else read_amc(path)
-        if row:
+        if row := _index_row(path):
             subject, activity, licence = row.subject, row.activity, CMU_LICENCE
         elif re.fullmatch(r"\d+_\d+", path.stem):
             subject, licence = path.stem.partition("_")[0], CMU_LICENCE
-    elif path.suffix.lower() == ".bvh":
-        clip = read_bvh(path, unit)
-        if bandai:
-            subject, activity, licence = f"bandai-{bandai[1]}", bandai[2], BANDAI_LICENCE
-    else:
-        raise InputError(f"{path}: expected a motion file ({', '.join(SUFFIXES)})")
+    elif bandai:
+        subject, activity, licence = f"bandai-{bandai[1]}", bandai[2], BANDAI_LICENCE
     try:
         motion = retarget(clip)
     except InputError as error:  # which knows the clip, but not its file

@@ -3,8 +3,7 @@
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.errors import InputError
+from workbench.body.skeleton import N_ROOT
 from workbench.learning.activities import ActivityModel
 from workbench.priors.state import StateSpace
 
@@ -29,7 +28,7 @@ class Activity:
     starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
     heading, and a tenth of that sideways and upwards.
 
-    Raises InputError when the model speaks of angles that the pose does not have.
+    Poses are the person's, or those of the full skeleton that the model was learned on.
     """
 
     def __init__(
@@ -48,24 +47,22 @@ class Activity:
         start_rotation: float = 0.03,
         start_velocity: float = 2.0,
     ) -> None:
-        if unknown := [name for name in model.angles if name not in POSE_NAMES[N_ROOT:]]:
-            raise InputError(f"prior: the motion model's {unknown[0]!r} is no joint angle of a pose")
-        self.model = model
-        self.parameters = tuple(name for name in POSE_NAMES if name in (*POSE_NAMES[:N_ROOT], *model.angles))
+        self.model, names = model, model.pose_names
+        self.parameters = tuple(name for name in names if name in (*names[:N_ROOT], *model.angles))
         d = len(model.scales)
         self.space = StateSpace.of(
             {
                 "coefficients": (tuple(f"a{k + 1}" for k in range(d)), "σ"),
                 "phase": (("phase",), "cycle"),
                 "phase_speed": (("phase_speed",), "cycle/s"),
-                "root_position": (POSE_NAMES[:3], "m"),
-                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
-                "root_velocity": (tuple(f"{name}_velocity" for name in POSE_NAMES[:3]), "m/s"),
-                "held": (tuple(name for name in POSE_NAMES[N_ROOT:] if name not in model.angles), "rad"),
+                "root_position": (names[:3], "m"),
+                "root_rotation": (names[3:N_ROOT], "rad"),
+                "root_velocity": (tuple(f"{name}_velocity" for name in names[:3]), "m/s"),
+                "held": (tuple(name for name in names[N_ROOT:] if name not in model.angles), "rad"),
             }
         )
-        self._angles = [POSE_NAMES.index(name) for name in model.angles]
-        self._held = [POSE_NAMES.index(name) for name in self.space.names[self.space.slices["held"]]]
+        self._angles = [names.index(name) for name in model.angles]
+        self._held = [names.index(name) for name in self.space.names[self.space.slices["held"]]]
         self._sigma = np.zeros(len(self.space))
         self._start = np.zeros(len(self.space))
         for name, sigma, start in (
@@ -126,7 +123,7 @@ class Activity:
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         slices = self.space.slices
-        poses = np.empty((len(state), len(POSE_NAMES)))
+        poses = np.empty((len(state), len(self.model.pose_names)))
         poses[:, :3], poses[:, 3:N_ROOT] = state[:, slices["root_position"]], state[:, slices["root_rotation"]]
         poses[:, self._held] = state[:, slices["held"]]
         poses[:, self._angles] = self.model.angles_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
@@ -135,7 +132,7 @@ class Activity:
     def pose_jacobian(self, state: FloatArray) -> FloatArray:
         """Derivative of the poses with respect to the states, (N, P, D)."""
         slices = self.space.slices
-        jacobian = np.zeros((len(state), len(POSE_NAMES), len(self.space)))
+        jacobian = np.zeros((len(state), len(self.model.pose_names), len(self.space)))
         by_alpha, by_mu = self.model.jacobian_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
         jacobian[:, self._angles, slices["coefficients"]] = by_alpha
         jacobian[:, self._angles, slices["phase"].start] = by_mu

@@ -2,8 +2,11 @@
 
 ESTIMATE = (255, 159, 28)
 BODY = (214, 160, 112)
+SKIN = (214, 190, 170, 110)
+"""With an alpha, so that points and skeletons within the surface are seen."""
 TRUTH = (64, 196, 255)
 TRUTH_HIDDEN = (38, 104, 138)
+KEYPOINT = (120, 255, 130)
 MODEL = (235, 235, 235)
 TRAIL = (120, 120, 120)
 LIGHTEST_PARTICLE = (66, 28, 80)

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import platform
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,12 +12,19 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
+from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
 from workbench.errors import InputError
 from workbench.recording import viewer
 
 logger = logging.getLogger(__name__)
+
+FORMAT = 2
+"""The version of what a recording holds and where, in the property `run`; raised whenever a reader must know.
+
+1, without a number: up to the release before there was one. 2: `run` has the keys format and platform.
+"""
 
 _SPARE_BYTES = 100_000_000  # many times what is written between two flushes
 _LONGEST_WRITE_S = 120.0
@@ -63,12 +71,13 @@ class RecordingFile:
             sinks.append(rr.GrpcSink(viewer.URL))
         elif self.live:
             self.live = False
-            self._warn(f"no viewer listens at {viewer.HOST}:{viewer.PORT}: recording to the file only")
+            self.warn(f"no viewer listens at {viewer.HOST}:{viewer.PORT}: recording to the file only")
         try:
             self.stream.set_sinks(*sinks)
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
-        self.send_property("run", {"id": self._run_id, "status": "running"})
+        about = {"id": self._run_id, "status": "running", "format": FORMAT, "platform": _platform()}
+        self.send_property("run", about)
         self.send_property("provenance", self._provenance)
         self.stream.send_property("config", rr.TextDocument(self._config_yaml, media_type="text/plain"))
         self.flush()
@@ -112,12 +121,18 @@ class RecordingFile:
             if not self.live or "gRPC" not in str(error):
                 raise OSError(f"{self.part}: writing failed, {error}") from error
             if not self._viewer_is_gone:
-                self._warn(f"the viewer at {viewer.HOST}:{viewer.PORT} is gone: recording to the file only")
+                self.warn(f"the viewer at {viewer.HOST}:{viewer.PORT} is gone: recording to the file only")
             self._viewer_is_gone = True
 
-    def _warn(self, sentence: str) -> None:
+    def warn(self, sentence: str) -> None:
+        """Tell a sentence, which waits in `warnings` to be recorded."""
         logger.warning(sentence)
         self.warnings.append(sentence)
+
+
+def _platform() -> str:
+    """The operating system and the processor, on which the last bits of results depend."""
+    return f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
 
 
 def arrow(values: Mapping[str, Any]) -> rr.AnyValues:

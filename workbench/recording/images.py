@@ -20,7 +20,7 @@ from workbench.recording import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
-OVERLAYS = ("particles", "estimate", "truth", "truth_marks")
+OVERLAYS = ("particles", "estimate", "truth", "truth_marks", "keypoints")
 _TAKEN = ("estimate", "truth", "particles")
 # What is drawn over an image, from below upwards: (name, colour, half a line's width in the viewer's points).
 _LINES = (("particles", None, 0.4), ("estimate", colours.ESTIMATE, 1.75), ("truth", colours.TRUTH, 1.0))
@@ -105,6 +105,21 @@ def truth_marks(shown: Picture, known: Truth | None, names: tuple[str, ...]) -> 
         draw_order=40.0,
     )
     yield f"{shown.path}/image/truth_marks", points
+
+
+def keypoints(shown: Picture, given: FloatArray | None, names: tuple[str, ...]) -> Entities:
+    """The frame's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
+    found = np.full((len(names), 3), np.nan) if given is None else given
+    there: BoolArray = np.all(np.isfinite(found), axis=1)
+    points = rr.Points2D(
+        straightened(shown.source, found[there, :2]),
+        colors=[colours.KEYPOINT],
+        radii=rr.Radius.ui_points(4.5 * np.sqrt(found[there, 2])),
+        labels=[name for name, seen in zip(names, there, strict=True) if seen],
+        show_labels=False,
+        draw_order=35.0,
+    )
+    yield f"{shown.path}/image/keypoints", points
 
 
 def straightened(camera: Camera, pixels: FloatArray) -> FloatArray:

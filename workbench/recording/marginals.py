@@ -81,6 +81,10 @@ class Marginals:
 
 
 def histogram(values: FloatArray, weights: FloatArray, edges: FloatArray) -> FloatArray:
-    """Weight of the values (N,) in each bin between the edges (B + 1,); values outside count in the outermost bins."""
-    mass, _ = np.histogram(values.clip(edges[0], edges[-1]), bins=edges, weights=weights)
-    return mass
+    """Weight of the values (N,) in each bin between equidistant edges (B + 1,); those outside count in the outermost.
+
+    Faster than NumPy's, which sorts.
+    """
+    n_bins = len(edges) - 1
+    bins = ((values - edges[0]) * (n_bins / (edges[-1] - edges[0]))).clip(0, n_bins - 1).astype(np.int64)
+    return np.asarray(np.bincount(bins, weights, minlength=n_bins), dtype=np.float64)

@@ -1,29 +1,25 @@
-"""Read a run's or a study's recording back, finished or cut off."""
+"""Read recordings of runs and studies back, finished or cut off: one by `read`, many by `open_runs`."""
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rerun.chunk import Chunk, RrdReader
-from rerun.error_utils import RerunWarning
+import yaml
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.recording.chunks import Curve, curves, properties, read_chunks, static_values
 from workbench.recording.figures import figure_of
+from workbench.recording.file import FORMAT
+from workbench.recording.track import timed_joints, timed_true_joints
 from workbench.studies.study import Figure
 
-_READ = ["/__properties/**", "/metrics/**", "/estimate/pose", "/posterior/**", "/figures/**", "/note"]
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Numbers over frames. frames: (F,), ascending; values: (F, k)."""
-
-    frames: IntArray
-    values: FloatArray
+_SUFFIXES = (".rrd", ".rrd.part")
+_LONGEST_CONFIG = 1_000_000  # characters; ours have some thousand
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +39,28 @@ class MarginalPictures:
 
 
 @dataclass(frozen=True, eq=False)
+class Joints:
+    """Where J joints were. names: J. frames: (F,), ascending. positions: (F, J, 3), m, in the world, to float32."""
+
+    names: tuple[str, ...]
+    frames: IntArray
+    positions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """What a recording says about its run.
 
     properties: by name, then by key: run, config, provenance, body, shape, metrics, each where it was written.
-    scalars: every recorded curve by its entity path, e.g. metrics/ess. marginals: None before the first flush.
-    figures, note: a study's, as it made them; of a run that tracks there are none. A study has neither poses nor
-    metrics over frames: its numbers are the property metrics.
+    metrics: the metrics recorded over frames, by name; a study's have one frame.
+
+    These are read at once; everything else when it is first asked for, and kept. What is asked for later is read from
+    the file as it is then, and raises InputError when it can no longer be read.
     """
 
     path: Path
     properties: Mapping[str, Mapping[str, Any]]
-    scalars: Mapping[str, Curve]
-    marginals: MarginalPictures | None
-    figures: tuple[Figure, ...] = ()
-    note: str | None = None
+    metrics: Mapping[str, Curve]
 
     @property
     def status(self) -> str:
@@ -65,124 +68,196 @@ class Run:
         return str(self.properties["run"]["status"])
 
     @property
+    def format(self) -> int:
+        """The version of what recordings hold; 1 where none was written, before there was a second."""
+        return int(self.properties["run"].get("format", 1))
+
+    @property
+    def platform(self) -> str | None:
+        """The operating system and the processor it was made on; None before these were written."""
+        return self.properties["run"].get("platform")
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Where the run came from: experiment, seed, versions of Python and packages."""
+        return self.properties.get("provenance", {})
+
+    @property
+    def result(self) -> Mapping[str, float]:
+        """The run's numbers, by name; none before the run is complete."""
+        return self.properties.get("metrics", {})
+
+    @property
     def config(self) -> str:
         """The resolved configuration, YAML."""
-        return str(self.properties["config"]["TextDocument:text"])
+        return str(self.properties.get("config", {}).get("TextDocument:text", ""))
+
+    @cached_property
+    def settings(self) -> dict[str, Any]:
+        """The resolved configuration as plain lists and dicts. Whatever is written in it, nothing is looked up.
+
+        Raises InputError when it is no YAML mapping, or one with references to its own parts, which ours never are.
+        """
+        return _settings(self.path, self.config)
 
     @property
     def metric_names(self) -> tuple[str, ...]:
         """Names of the metrics that were recorded over frames, sorted."""
-        return tuple(sorted(path.removeprefix("metrics/") for path in self.scalars if path.startswith("metrics/")))
+        return tuple(sorted(self.metrics))
 
     def metric(self, name: str) -> tuple[IntArray, FloatArray]:
         """Frames (F,) and values (F,) of a metric; raises InputError when it was not recorded."""
-        if name not in self.metric_names:
+        if name not in self.metrics:
             raise InputError(f"{self.path}: no metric {name!r}, it has {', '.join(self.metric_names) or 'none'}")
-        curve = self.scalars[f"metrics/{name}"]
-        return curve.frames, curve.values[:, 0]
+        return self.metrics[name].frames, self.metrics[name].values[:, 0]
 
     @property
+    def is_study(self) -> bool:
+        """Whether this is a study, which tracks nobody: it has no poses, and its numbers are its result."""
+        return "body" not in self.properties
+
+    @cached_property
     def poses(self) -> tuple[IntArray, FloatArray]:
         """Frames (F,) and expected poses (F, P), exactly as they were tracked; F = 0 when none was written.
 
         Raises InputError for a study's recording.
         """
-        curve = self.scalars.get("estimate/pose")
-        if "body" not in self.properties:
+        if self.is_study:
             raise InputError(f"{self.path}: expected a run that tracks a person, found a study, which has no poses")
+        curve = curves(read_chunks(self.path, ["/estimate/pose"])).get("estimate/pose")
         if curve is None:
             return np.empty(0, dtype=np.int64), np.empty((0, len(self.properties["body"]["pose"])))
         return curve.frames, curve.values
+
+    @cached_property
+    def joints(self) -> Joints:
+        """The joints of the expected poses; F = 0 when none was written."""
+        frames, _, positions = timed_joints(self.path)
+        return self._joints(frames, positions)
+
+    @cached_property
+    def true_joints(self) -> Joints:
+        """The true joints, in the frames that have them; F may be 0."""
+        frames, _, positions = timed_true_joints(self.path)
+        return self._joints(frames, positions)
+
+    @cached_property
+    def scalars(self) -> Mapping[str, Curve]:
+        """Every recorded curve by its entity path, e.g. metrics/ess, posterior/parameters/root_x/mean."""
+        return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
+
+    @cached_property
+    def marginals(self) -> MarginalPictures | None:
+        """The marginals over frames; None before the first flush, and of a study."""
+        tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
+        axes = self.properties.get("marginals")
+        return None if tensor is None or axes is None else _marginals(tensor, axes)
+
+    @cached_property
+    def figures(self) -> tuple[Figure, ...]:
+        """A study's figures, as it made them; none of a run that tracks."""
+        columns = static_values(read_chunks(self.path, ["/figures/**"])).values()
+        found = [{key: value.as_py() for key, value in values.items()} for values in columns if "kind" in values]
+        return tuple(figure_of(values) for values in sorted(found, key=lambda values: values["order"][0]))
+
+    @cached_property
+    def note(self) -> str | None:
+        """A study's text; None of a run that tracks."""
+        note = static_values(read_chunks(self.path, ["/note"])).get("note")
+        return None if note is None else str(note["TextDocument:text"][0])
+
+    def _joints(self, frames: IntArray, positions: FloatArray) -> Joints:
+        names = tuple(self.properties.get("body", {}).get("joints", ()))
+        if len(frames) and positions.shape[1:] != (len(names), 3):
+            raise InputError(f"{self.path}: expected the places of {len(names)} joints, found {positions.shape[1:]}")
+        return Joints(names, frames, positions.reshape(len(frames), len(names), 3))
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A recording that cannot be read, and why, in one sentence that names it."""
+
+    path: Path
+    reason: str
 
 
 def read(path: str | Path) -> Run:
     """The run or study recorded at `path`, an .rrd or a .part left by a run that did not end well.
 
-    Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message.
+    Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
+    or a newer release wrote it.
     """
     path = Path(path)
-    static: dict[str, dict[str, Any]] = {}
-    pieces: dict[str, list[tuple[IntArray, FloatArray]]] = {}
-    for chunk in _chunks(path):
-        entity = chunk.entity_path.removeprefix("/")
-        if chunk.is_static:
-            static.setdefault(entity, {}).update(_latest(chunk))
-        elif "Scalars:scalars" in chunk.to_record_batch().schema.names:
-            pieces.setdefault(entity, []).append(_numbers(chunk))
-    properties = {
-        entity.removeprefix("__properties/"): {key: _plain(value) for key, value in values.items()}
-        for entity, values in static.items()
-        if entity.startswith("__properties/")
-    }
-    if "status" not in properties.get("run", {}):
+    chunks = read_chunks(path, ["/__properties/**", "/metrics/**"])
+    found = properties(static_values(chunks))
+    if "status" not in found.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
-    scalars = {entity: _curve(found) for entity, found in pieces.items()}
-    note = static.get("note")
-    text = None if note is None else str(note["TextDocument:text"][0])
-    return Run(path, properties, scalars, _marginals(static), _figures(static), text)
+    if not isinstance(version := found["run"].get("format", 1), int) or version > FORMAT:
+        raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
+    metrics = {entity.removeprefix("metrics/"): curve for entity, curve in curves(chunks).items()}
+    return Run(path, found, metrics)
 
 
-def _chunks(path: Path) -> list[Chunk]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such recording")
-    try:
-        with warnings.catch_warnings():
-            # A recording cut off has no footer; that it was cut off is what its status says.
-            warnings.simplefilter("ignore", RerunWarning)
-            return RrdReader(path).stream().filter(content=_READ).to_chunks()
-    except (RuntimeError, ValueError) as error:
-        torn = "exceeds file size" in str(error)
-        advice = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the tear" if torn else ""
-        raise InputError(f"{path}: expected a whole Rerun recording: {error}{advice}") from None
+def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
+    """All recordings in these files and below these folders, sorted by path; and those that cannot be read.
+
+    A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
+    place that does not exist. A file with flipped bits may, seldom, end the process: see `workbench.recording.probe`.
+    """
+    runs: list[Run] = []
+    problems: list[Unreadable] = []
+    for path in find_recordings(*places):
+        try:
+            runs.append(read(path))
+        except InputError as error:
+            problems.append(Unreadable(path, str(error)))
+    return runs, problems
 
 
-def _latest(chunk: Chunk) -> dict[str, Any]:
-    """The last value of each static component, as Arrow."""
-    batch = chunk.to_record_batch()
-    columns = {name: batch.column(name).drop_null() for name in batch.schema.names if not name.startswith("rerun.")}
-    return {name: column[-1] for name, column in columns.items() if len(column)}
+def find_recordings(*places: str | Path) -> list[Path]:
+    """These files, and what ends in .rrd or .rrd.part below these folders; sorted.
+
+    Raises InputError for a place that does not exist.
+    """
+    found: set[Path] = set()
+    for place in map(Path, places):
+        if place.is_dir():
+            found |= {path for path in place.rglob("*.rrd*") if path.name.endswith(_SUFFIXES) and path.is_file()}
+        elif place.exists():
+            found.add(place)
+        else:
+            raise InputError(f"{place}: expected a recording or a folder of recordings, found nothing there")
+    return sorted(found)
 
 
-def _numbers(chunk: Chunk) -> tuple[IntArray, FloatArray]:
-    batch = chunk.to_record_batch()
-    frames = np.asarray(batch.column("frame"), dtype=np.int64)
-    values = np.asarray(batch.column("Scalars:scalars").flatten(), dtype=np.float64)
-    return frames, values.reshape(len(frames), -1)
+class _PlainLoader(yaml.SafeLoader):
+    """YAML without references: a few lines of references to references stand for more than any memory holds."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("a reference")
+        return super().compose_node(parent, index)
 
 
-def _curve(pieces: Sequence[tuple[IntArray, FloatArray]]) -> Curve:
-    frames, values = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    order = np.argsort(frames, kind="stable")
-    return Curve(frames[order], values[order])
+def _settings(path: Path, text: str) -> dict[str, Any]:
+    found: object = None
+    if len(text) <= _LONGEST_CONFIG:
+        with suppress(yaml.YAMLError, RecursionError, ValueError):
+            found = yaml.load(text, _PlainLoader)
+    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
+        raise InputError(f"{path}: expected the configuration to be a mapping in plain YAML, found something else")
+    return found
 
 
-def _plain(value: Any) -> Any:
-    """A property's Arrow list as a Python value, alone when it holds one."""
-    values = value.as_py()
-    return values[0] if len(values) == 1 else values
-
-
-def _marginals(static: Mapping[str, Mapping[str, Any]]) -> MarginalPictures | None:
-    tensor, axes = static.get("posterior/marginals"), static.get("__properties/marginals")
-    if tensor is None or axes is None:
-        return None
+def _marginals(tensor: Mapping[str, Any], axes: Mapping[str, Any]) -> MarginalPictures:
     data = tensor["Tensor:data"][0]
     log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
+    names, units = (np.atleast_1d(axes[key]).tolist() for key in ("names", "units"))
     return MarginalPictures(
-        names=tuple(axes["names"].as_py()),
-        units=tuple(axes["units"].as_py()),
-        low=np.array(axes["low"].as_py()),
-        high=np.array(axes["high"].as_py()),
-        frames=np.array(axes["frames"].as_py()),
+        names=tuple(names),
+        units=tuple(units),
+        low=np.atleast_1d(axes["low"]),
+        high=np.atleast_1d(axes["high"]),
+        frames=np.atleast_1d(axes["frames"]),
         log_mass=log_mass,
     )
-
-
-def _figures(static: Mapping[str, Mapping[str, Any]]) -> tuple[Figure, ...]:
-    """A study's figures, in their order."""
-    found = [
-        {key: value.as_py() for key, value in columns.items()}
-        for entity, columns in static.items()
-        if entity.startswith("figures/") and "kind" in columns
-    ]
-    return tuple(figure_of(columns) for columns in sorted(found, key=lambda columns: columns["order"][0]))

@@ -10,13 +10,16 @@ import rerun as rr
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
+from workbench.body.flexion import flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.body.surface import person_surface
+from workbench.body.surface_mesh import can_mesh
 from workbench.errors import InputError
 from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
-from workbench.recording import images, scene
-from workbench.recording.blueprint import layout
+from workbench.recording import blueprint, fit, images, scene
 from workbench.recording.file import RecordingFile
 from workbench.recording.marginals import systematic
 from workbench.recording.posterior import Posterior
@@ -34,12 +37,13 @@ class Recorder:
 
     body, space: of the steps to come. live: send every frame to a viewer too, if one listens at 127.0.0.1:9876.
     n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a marginal.
-    coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
+    coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`. surface:
+    record the expected pose's implicit surface as a mesh; without scikit-image a sentence says that there is none.
     Raises InputError when a number is out of range.
 
     Images of a camera with distortion are straightened first, since the viewer's pinhole has none. Cameras stand
-    still. Frames without views are shown by the way they go through the world. Times spent (Step.timing_s) are not
-    recorded: they differ between equal runs.
+    still. Frames without views are shown by the way they go through the world. Times spent are
+    recorded in the property `cost` alone: they differ between equal runs.
     """
 
     def __init__(
@@ -53,10 +57,11 @@ class Recorder:
         provenance: Mapping[str, str | float | int],
         application_id: str = "workbench",
         live: bool = False,
-        n_particles_shown: int = 200,
+        n_particles_shown: int = 100,
         marginal_bins: int = 64,
         flush_every: int = 10,
         jpeg_quality: int = 85,
+        surface: bool = False,
         coefficient_scale: FloatArray | None = None,
     ) -> None:
         self._body = body
@@ -72,6 +77,7 @@ class Recorder:
         self._n_particles_shown, self._flush_every, self._jpeg_quality = n_particles_shown, flush_every, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
+        self._keypoints = False
         self._file = RecordingFile(
             path,
             run_id=run_id,
@@ -81,6 +87,9 @@ class Recorder:
             live=live,
         )
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
+        self._surface = person_surface(body) if surface and can_mesh() else None
+        if surface and self._surface is None:
+            self._file.warn("the surface is not drawn, only the limbs: its mesh needs scikit-image, the extra 'mesh'")
 
     def __enter__(self) -> Self:
         self._file.__enter__()
@@ -114,6 +123,9 @@ class Recorder:
         self._series.add(frame.index, time, self._posterior.add(step))
         self._series.add(frame.index, time, {f"metrics/{name}": value for name, value in measured.items()})
         self._series.add(frame.index, time, {"estimate/pose": step.expected_pose})
+        if frame.points is not None:
+            self._series.add(frame.index, time, fit.curves(self._body.skeleton, step))
+        self._file.send(fit.activities(step))
         self._diagnostics = tuple(step.diagnostics)
         if self._n_frames == 0:
             self._begin(step, tuple(measured))
@@ -122,8 +134,6 @@ class Recorder:
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
-        if step.activity is not None:
-            self._stream.log("estimate/activity", rr.TextDocument(step.activity))
         self._n_frames += 1
         due = self._n_frames % self._flush_every == 0
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
@@ -137,6 +147,10 @@ class Recorder:
         """Record the run's scalar results as the property `metrics`."""
         self._file.send_property("metrics", {name: float(value) for name, value in metrics.items()})
 
+    def set_cost(self, cost: Mapping[str, float]) -> None:
+        """Record what the run took as the property `cost`, in which equal runs differ."""
+        self._file.send_property("cost", {name: float(value) for name, value in cost.items()})
+
     def _log_scene(self, step: Step) -> None:
         figure, truth = self._figure, step.frame.truth
         true = scene.true_joints(figure.skeleton, truth)
@@ -144,6 +158,8 @@ class Recorder:
         drawn = np.unique(systematic(np.exp(step.log_weights), self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         self._file.send(scene.estimate(figure, step.expected_pose))
+        if self._surface is not None:
+            self._file.send(scene.skin(figure, self._surface, step.expected_pose))
         self._file.send(scene.particles(figure, cloud, shades))
         self._file.send(scene.truth(figure, true))
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
@@ -160,6 +176,9 @@ class Recorder:
         if step.frame.views:
             first = self._picture(step.frame.views[0].camera)
             self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
+            self._keypoints |= step.frame.keypoints is not None
+            if self._keypoints:  # from the first on in every frame, which clears those before
+                self._file.send(images.keypoints(first, step.frame.keypoints, JOINT_NAMES))
 
     def _picture(self, camera: Camera) -> images.Picture:
         if camera.name not in self._pictures:
@@ -169,12 +188,21 @@ class Recorder:
 
     def _begin(self, step: Step, metrics: tuple[str, ...]) -> None:
         self._file.send(self._posterior.begin(step), static=True)
-        posterior, person = self._posterior, step.expected_pose[:3]
-        cameras = [self._picture(view.camera) for view in step.frame.views]
-        n_coefficients = len(posterior.coefficients)
-        self._stream.send_blueprint(
-            layout(cameras, person, posterior.names, posterior.favourites, metrics, n_coefficients)
+        legs = tuple(flexions(self._body.skeleton, step.expected_pose)) if step.frame.points is not None else ()
+        shown = blueprint.Shown(
+            cameras=[self._picture(view.camera) for view in step.frame.views],
+            person=step.expected_pose[:3],
+            towards=scene.seen_from(step),
+            parameters=self._posterior.names,
+            pictured=self._posterior.favourites,
+            metrics=metrics,
+            n_coefficients=len(self._posterior.coefficients),
+            flexions=legs,
+            activity=step.activity is not None,
+            surface=self._surface is not None,
         )
+        self._file.send(fit.fixed(legs), static=True)
+        self._stream.send_blueprint(blueprint.fit_layout(shown) if legs else blueprint.layout(shown))
 
     def _send_pictures(self) -> None:
         if self._n_frames > self._n_frames_pictured:

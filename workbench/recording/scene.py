@@ -16,13 +16,18 @@ from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
+from workbench.body.surface import Surface
+from workbench.body.surface_mesh import surface_mesh
 from workbench.datasets.frame import Truth
+from workbench.inference.step import Step
 from workbench.recording import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
 POINTS = "world/points"
+SKIN_SPACING_M = 0.025
+"""Grid of the recorded mesh: 14 ms and 180 kB a frame; at 15 mm three times as much and hardly smoother."""
 _ELLIPSOIDS_PER_CONE = 11  # with fewer the rings show, with more nothing is gained
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
@@ -31,14 +36,15 @@ _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 class Figure:
     """A body prepared for drawing.
 
-    chains: (C, longest) joints, paths that cover every bone once. half_sizes, centers: (E, 3), m, ellipsoids in the
-    frames of the joints carriers (E,).
+    chains: (C, longest) joints, paths that cover every bone once. half_sizes, centers: (E, 3), m, ellipsoids with axes
+    (E, 3, 3), as columns, in the frames of the joints carriers (E,).
     """
 
     skeleton: Skeleton
     chains: IntArray
     half_sizes: FloatArray
     centers: FloatArray
+    axes: FloatArray
     carriers: IntArray
 
 
@@ -67,8 +73,40 @@ def estimate(drawn: Figure, pose: FloatArray) -> Entities:
     yield from _bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
-    quaternions = Rotation.from_matrix(rotations).as_quat()
+    quaternions = Rotation.from_matrix(rotations @ drawn.axes).as_quat()
     yield f"{ESTIMATE}/body", rr.Ellipsoids3D.from_fields(centers=centers, quaternions=quaternions)
+
+
+def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
+    """The expected pose's (P,) implicit surface as a mesh; InputError without scikit-image, see `surface_mesh`."""
+    vertices, triangles = surface_mesh(surface, forward(drawn.skeleton, pose[None]), SKIN_SPACING_M)
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normals = np.zeros_like(vertices)
+    np.add.at(normals, triangles, np.cross(b - a, c - a)[:, None])  # weighted by the triangles' areas
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    yield (
+        f"{ESTIMATE}/surface",
+        rr.Mesh3D(
+            vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=colours.SKIN
+        ),
+    )
+
+
+def seen_from(step: Step) -> FloatArray:
+    """Horizontally from the person to where to look from, (2,), m: where points are seen from, or else so that the
+    first camera is in the background."""
+    views, points, person = step.frame.views, step.frame.points, step.expected_pose[:2]
+    if points is not None:
+        points = points[np.isfinite(points).all(axis=1) & (step.attachment is None or step.attachment >= 0)]
+    if points is not None and len(points):
+        away, turn = points[:, :2].mean(axis=0) - person, np.radians(-25.0)
+    elif views:
+        away, turn = person - views[0].camera.position[:2], np.radians(-40.0)
+    else:
+        return np.array([2.1, -2.1])
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    towards: FloatArray = (3.0 if points is None else 2.3) * rotation @ away / max(float(np.linalg.norm(away)), 1e-6)
+    return towards
 
 
 def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
@@ -136,20 +174,20 @@ def _chains(skeleton: Skeleton) -> IntArray:
     return np.array([path + path[-1:] * (longest - len(path)) for path in paths])
 
 
-def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Half sizes (E, 3), centres (E, 3) and joints (E,) of the ellipsoids that stand for the limbs.
+def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Half sizes (E, 3), centres (E, 3), axes (E, 3, 3) and joints (E,) of the ellipsoids that stand for the limbs.
 
     Rerun has no truncated cone with elliptical section: each is drawn as a row of ellipsoids with the cone's
-    section at their middle, dense near the ends, which rounds the ends too. Limbs lie along their frame's z axis.
+    section at their middle, dense near the ends, which rounds the ends too.
     """
-    half_sizes, centers, carriers = [], [], []
+    half_sizes, centers, numbers = [], [], []
     for i in range(len(limbs)):
         n = 1 if limbs.spheres[i] else _ELLIPSOIDS_PER_CONE
         u = (1.0 - np.cos(np.linspace(0.0, np.pi, n)))[:, None] / 2.0
-        axis, (first, last) = limbs.ends[i] - limbs.starts[i], limbs.radii[i]
-        length = float(np.linalg.norm(axis))
+        axis, length, (first, last) = limbs.ends[i] - limbs.starts[i], limbs.lengths[i], limbs.radii[i]
         reach = np.minimum(u * length + first.min(), (1.0 - u) * length + last.min())
         half_sizes.append(np.hstack([first + u * (last - first), reach]))
         centers.append(limbs.starts[i] + u * axis)
-        carriers.append(np.full(n, limbs.joints[i]))
-    return np.concatenate(half_sizes), np.concatenate(centers), np.concatenate(carriers)
+        numbers.append(np.full(n, i))
+    limb = np.concatenate(numbers)
+    return np.concatenate(half_sizes), np.concatenate(centers), limbs.axes[limb], limbs.joints[limb]

@@ -69,6 +69,10 @@ class StudyRecorder:
             tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
         self._file.stream.send_blueprint(_layout(tabs))
 
+    def set_cost(self, cost: Mapping[str, float]) -> None:
+        """Record what the study took as the property `cost`, in which equal studies differ."""
+        self._file.send_property("cost", {name: float(value) for name, value in cost.items()})
+
     def _draw(self, figure: Figure, width: float, height: float) -> View:
         path = entity(figure)
         title = figure.name.rpartition("/")[2]

@@ -1,15 +1,13 @@
-"""The expected poses and the true joints of a recording, with their times."""
+"""The expected poses, their joints and the true joints of a recording, with their times."""
 
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.recording.chunks import read_chunks
 
 Timed = tuple[IntArray, FloatArray, FloatArray]
 """Frames (F,), ascending; times (F,), s; one value for each, (F, ...)."""
@@ -18,6 +16,11 @@ Timed = tuple[IntArray, FloatArray, FloatArray]
 def timed_poses(path: Path) -> Timed:
     """Frames, times and expected poses (F, P) of a recording that `reader.read` accepts."""
     return _timed(path, "/estimate/pose", "Scalars:scalars")
+
+
+def timed_joints(path: Path) -> Timed:
+    """Frames, times and joints of the expected poses (F, J, 3), m, to float32."""
+    return _timed(path, "/world/estimate/joints", "Points3D:positions")
 
 
 def timed_true_joints(path: Path) -> Timed:
@@ -34,12 +37,9 @@ def _timed(path: Path, entity: str, component: str) -> Timed:
 
 def _rows(path: Path, entity: str, component: str) -> Iterator[tuple[int, int, list[Any]]]:
     """(frame, time in ns, value) of every frame where the component holds something."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RerunWarning)  # a run cut off has no footer; `read` says how it ended
-        chunks = RrdReader(path).stream().filter(content=entity, is_static=False).to_chunks()
-    for chunk in chunks:
+    for chunk in read_chunks(path, [entity]):
         batch = chunk.to_record_batch()
-        if component in batch.schema.names:
+        if not chunk.is_static and component in batch.schema.names:
             columns = (batch.column("frame"), batch.column("time").cast("int64"), batch.column(component))
             for frame, time_ns, value in zip(*(column.to_pylist() for column in columns), strict=True):
                 if value:

@@ -1,0 +1,91 @@
+"""The experiment on every joint of a motion file, on generated files that look like Bandai's."""
+
+import json
+
+import numpy as np
+import pytest
+from bandai_files import write_bandai_like
+
+from workbench.datasets.gait import subjects, walker
+from workbench.datasets.running import runner, runners
+from workbench.recording.reader import read
+
+SMALL = ("dataset.n_frames=8", "dataset.n_points=150", "prior.n_components=3", "inference.n_particles=30")
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """A folder as paths.data: three walks and two runs of generated people."""
+    folder = tmp_path_factory.mktemp("data")
+    for k, person in enumerate(subjects(3, np.random.default_rng(5)), start=1):
+        name = f"dataset-2_walk_normal_{k:03d}"
+        write_bandai_like(folder / "bandai" / "dataset-2" / f"{name}.bvh", walker(person, 4.0, 30.0))
+    for k, person in enumerate(runners(2, np.random.default_rng(6)), start=1):
+        name = f"dataset-1_run_active_{k:03d}"
+        write_bandai_like(folder / "bandai" / "dataset-1" / f"{name}.bvh", runner(person, 4.0, 30.0))
+    return folder
+
+
+def test_every_joint_is_tracked_with_a_model_of_its_own(recordings, run):
+    code, told, folder = run(
+        "out", "experiment=points_full", f"paths.data={recordings}", f"paths.cache={recordings}", *SMALL
+    )
+    assert code == 0, told
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    # generated people whose model was learned from others: a body is about as thick as these bounds
+    assert metrics["error_abs_mm"] < 60.0
+    assert metrics["knee_deg"] < 15.0
+    assert metrics["hip_deg"] < 15.0
+    assert {"activity_accuracy", "jacobian_cost_ratio"} <= metrics.keys()
+    found = read(folder / "run.rrd")
+    body = found.properties["body"]
+    assert len(body["joints"]) == 21
+    assert {"LowerLeg_L_y", "UpperLeg_R_y"} <= set(body["pose"])
+    assert found.poses[1].shape == (8, len(body["pose"]))
+    assert found.true_joints.positions.shape == (8, 21, 3)
+
+
+FULL = ("dataset.skeleton=full", "prior.skeleton=full", "prior.motions=bandai")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("experiment", "overrides"),
+    [
+        ("points_no_model", ()),
+        ("points_hybrid", ()),
+        ("points_particle_filter", ()),
+        ("points_walk_steady", ("dataset.images=true",)),
+    ],
+)
+def test_other_experiments_on_points_take_every_joint_too(recordings, run, experiment, overrides):
+    paths = (f"paths.data={recordings}", f"paths.cache={recordings}")
+    code, told, folder = run("out", f"experiment={experiment}", *paths, *SMALL, *FULL, *overrides)
+    assert code == 0, told
+    assert np.isfinite(json.loads((folder / "summary.json").read_text())["metrics"]["error_abs_mm"])
+    assert len(read(folder / "run.rrd").properties["body"]["joints"]) == 21
+
+
+@pytest.mark.parametrize(
+    ("overrides", "sentence"),
+    [
+        (("prior.skeleton=person",), "prior: it moves neck_turn, which the tracked body does not have"),
+        (("dataset.skeleton=person",), "which the tracked body does not have; dataset.skeleton and prior.skeleton"),
+        (("body=height", "body.height_m=1.7"), "choose body=dataset"),
+        (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
+        (("prior.angles=[lower_body]",), "prior: skeleton=full models every joint angle"),
+        (("dataset.skeleton=whole",), "dataset: skeleton must be one of person, full, found 'whole'"),
+        (("prior.skeleton=whole",), "prior: skeleton must be person or full, found 'whole'"),
+        (
+            ("dataset.motion=[dataset-2_walk_normal_001,dataset-1_run_active_001]", "prior.leave_out=[]"),
+            "shows one motion",
+        ),
+        (("dataset.motion=builtin",), "dataset: motion 'builtin'"),
+    ],
+)
+def test_what_does_not_fit_together_is_told(recordings, run, overrides, sentence):
+    code, told, _ = run(
+        "out", "experiment=points_full", f"paths.data={recordings}", f"paths.cache={recordings}", *SMALL, *overrides
+    )
+    assert code == 2
+    assert sentence in told

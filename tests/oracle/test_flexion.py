@@ -1,0 +1,51 @@
+"""The flexion of hips and knees: what bends which way, on the person's and on motion files' skeletons."""
+
+import numpy as np
+import pytest
+from full_skeleton_clips import BANDAI_LIKE, clip, wandering
+
+from workbench.body.flexion import FLEXIONS, flexions
+from workbench.body.full_skeleton import full_skeleton
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.evaluation.errors import flexion_errors
+
+BANDAI = full_skeleton(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)))
+PERSON = person(from_height(1.8)).skeleton
+LEGS = {
+    "left_hip": ("left_knee", "LowerLeg_L"), "right_hip": ("right_knee", "LowerLeg_R"),
+    "left_knee": ("left_ankle", "Foot_L"), "right_knee": ("right_ankle", "Foot_R"),
+}  # fmt: skip
+
+
+def bent(skeleton, name, angle):
+    """A pose in which the one flexion is `angle`, rad."""
+    pose = np.zeros(len(skeleton.dof_names))
+    [(dof, sign)] = [(dof, sign) for dof, sign in FLEXIONS[name].items() if dof in skeleton.dof_names]
+    pose[skeleton.dof(dof)] = sign * angle
+    return pose
+
+
+@pytest.mark.parametrize(("skeleton", "k"), [(PERSON, 0), (BANDAI, 1)], ids=["person", "full"])
+@pytest.mark.parametrize("name", FLEXIONS)
+def test_hips_bend_ahead_and_knees_back_on_every_skeleton(skeleton, k, name):
+    pose = bent(skeleton, name, 0.5)
+    moved = skeleton.joint(LEGS[name][k])
+    ahead = (joints(skeleton, pose[None]) - joints(skeleton, np.zeros_like(pose)[None]))[0, moved, 0]
+    bone = np.linalg.norm(skeleton.offsets[moved])
+    assert ahead == pytest.approx(np.sin(0.5) * bone * (1.0 if name.endswith("hip") else -1.0))
+    found = flexions(skeleton, pose)
+    assert found == {other: pytest.approx(np.degrees(0.5) if other == name else 0.0) for other in FLEXIONS}
+
+
+def test_whole_turns_are_no_flexion_and_no_error():
+    pose = bent(PERSON, "left_knee", 0.3)
+    turned = bent(PERSON, "left_knee", 0.3 + 2.0 * np.pi)
+    assert flexions(PERSON, turned)["left_knee"] == pytest.approx(np.degrees(0.3))
+    assert flexion_errors(PERSON, turned, pose)["knee_deg"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_errors_on_a_full_skeleton_are_those_of_both_legs():
+    errors = flexion_errors(BANDAI, bent(BANDAI, "right_hip", 0.1), np.zeros(len(BANDAI.dof_names)))
+    assert errors == {"knee_deg": 0.0, "hip_deg": pytest.approx(np.degrees(0.1) / np.sqrt(2.0))}

@@ -1,0 +1,63 @@
+"""The start of the demonstration video, and her walk, from joints marked by hand."""
+
+import numpy as np
+import pytest
+
+from workbench.body import person
+from workbench.body.kinematics import joints
+from workbench.datasets.video import Video
+from workbench.inference.least_squares import LeastSquares
+from workbench.inference.start import motion_model, start_from_marks
+from workbench.priors.from_motions import walking
+
+SCALE = 0.5
+
+
+@pytest.fixture(scope="module")
+def prior(data, tmp_path_factory):
+    return walking(motions="cmu", data=str(data), cache=str(tmp_path_factory.mktemp("cache")))
+
+
+@pytest.fixture(scope="module")
+def woman():
+    return person.of_height(None, height_m=1.65, lengths={"thigh": 0.40, "calf": 0.365, "forearm": 0.24})
+
+
+def video(data, **parameters):
+    folder = data / "sports2d_walk"
+    files = {name: str(folder / "keypoints.csv") for name in ("start_marks", "keypoints")}
+    whole = {"first_frame": 64, "last_frame": 160, "scale": SCALE, **files, **parameters}
+    return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **whole)
+
+
+@pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
+def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
+    dataset = video(data, start_last=last)
+    camera = dataset.camera.scaled(SCALE)
+    fit = start_from_marks(prior, woman.skeleton, camera, dataset.start_marks)
+    first = dataset.start_marks.keypoints[0]
+    apart = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
+    # visible joints are marked to 4 px, hidden ones to 6–10; a steady style over five frames adds its share
+    assert np.nanmean(apart) < (5.0 if last is None else 8.0)
+    assert abs((fit.heading + np.pi / 2.0 + np.pi) % (2.0 * np.pi) - np.pi) < 0.2  # to the left, the camera's −x
+    # she stands in frame 100 as in 64, 1.2 s before: one cycle
+    assert fit.rate_hz == pytest.approx(rate_hz, abs=0.06, nan_ok=True)
+
+
+@pytest.mark.slow
+def test_the_walk_between_marks(data, prior, woman):
+    dataset = video(data, held_out=[130])
+    inference = LeastSquares(
+        woman, motion_model(prior.model), style="steady", sigma_px=2.0, sigma_phase=0.005, sigma_position=0.01,
+        sigma_rotation=0.01, n_particles=20,
+    )  # fmt: skip
+    frames = list(dataset.frames())
+    fit, _, _ = inference.fit_frames(frames, None, np.random.default_rng(0))
+    every, camera = video(data)._keypoints, frames[0].views[0].camera
+    errors = {}
+    for index in map(int, every.frames):
+        seen = camera.project(joints(woman.skeleton, fit.poses[index - 64][None])[0])
+        marks = (every.at(index)[0] + 0.5) * SCALE - 0.5
+        errors[index] = np.nanmean(np.linalg.norm(seen - marks, axis=1)) / SCALE
+    assert max(error for index, error in errors.items() if index != 130) < 15.0
+    assert errors[130] < 55.0  # the length of her forearm: who was lost for half a cycle would be a step away

@@ -1,0 +1,108 @@
+"""What frames show of a person that a fit can use: points of the surface, and 2-D joints in the first view."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.skeleton import JOINT_NAMES, Skeleton
+from workbench.body.surface import Kind, Surface
+from workbench.datasets.frame import Frame
+from workbench.errors import InputError
+from workbench.inference.residuals import Residual, keypoint_residual, stacked, surface_residual, upright_residual
+
+UPRIGHT_SIGMA_RAD = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Joints (M,) of the skeleton that `camera` saw at marks (M, 3), [u px, v px, weight above 0]; M ≥ 1."""
+
+    joints: IntArray
+    marks: FloatArray
+    camera: Camera
+
+    def residual(self, skeleton: Skeleton, sigma_px: float) -> Residual:
+        """With a deviation of sigma_px over the root of the weight, and of an upright root, see `upright_residual`."""
+        seen = keypoint_residual(skeleton, self.camera, self.joints, self.marks, sigma_px)
+        return stacked([seen, upright_residual(skeleton, UPRIGHT_SIGMA_RAD)])
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What one frame shows. points: (K, 3), m."""
+
+    points: FloatArray
+    keypoints: Keypoints | None
+
+    def residual(self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float) -> Residual:
+        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px."""
+        parts = [] if not len(self.points) else [surface_residual(skeleton, surface, self.points, kind, sigma)]
+        parts += [] if self.keypoints is None else [self.keypoints.residual(skeleton, sigma_px)]
+        return stacked(parts)
+
+
+def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
+    """Those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and have a weight; None without any."""
+    rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
+    found = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
+    return Keypoints(found, given[rows], camera) if len(rows) else None
+
+
+def observe(
+    frames: Sequence[Frame], skeleton: Skeleton, most_points: int, rng: np.random.Generator
+) -> tuple[list[Observed], list[tuple[str, ...]]]:
+    """What each frame shows, and what there is to say about it: points left out or thinned, and nothing to be seen.
+
+    most_points: a frame's points beyond are thinned at random. Raises InputError for keypoints without a view.
+    """
+    seen, warnings = [], []
+    for frame in frames:
+        points, said = _points(frame, most_points, rng)
+        seen.append(Observed(points, _keypoints(frame, skeleton)))
+        warnings.append(said)
+    for first, sentence in _gaps(frames, seen):
+        warnings[first].append(sentence)
+    return seen, [tuple(said) for said in warnings]
+
+
+def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
+    """Of "points" and "keypoints" those that some frame shows."""
+    points, keypoints = any(len(one.points) for one in seen), any(one.keypoints is not None for one in seen)
+    return ("points",) * points + ("keypoints",) * keypoints
+
+
+def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
+    """The frame's usable points (K, 3), m, and what was done about the others."""
+    given = np.empty((0, 3)) if frame.points is None else frame.points
+    points, said = given[np.isfinite(given).all(axis=1)], []
+    if len(points) < len(given):
+        said.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
+    if len(points) > most:
+        said.append(f"frame {frame.index}: {len(points)} points thinned to {most}")
+        points = points[np.sort(rng.choice(len(points), most, replace=False))]
+    return points, said
+
+
+def _keypoints(frame: Frame, skeleton: Skeleton) -> Keypoints | None:
+    if frame.keypoints is None:
+        return None
+    if not frame.views:
+        raise InputError(f"frame {frame.index}: expected a view with the camera that saw the keypoints, found none")
+    return usable_keypoints(skeleton, frame.keypoints, frame.views[0].camera)
+
+
+def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, str]]:
+    """Where every run of frames that show nothing begins, and a sentence about it."""
+    expected, gaps = " or ".join(kinds_seen(seen)), []
+    for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and seen[t].keypoints is None):
+        first, *others = run
+        if empty and others:
+            place = f"frames {frames[first].index} to {frames[others[-1]].index}"
+            gaps.append((first, f"{place}: no {expected}; bridged by the frames beside them"))
+        elif empty:
+            gaps.append((first, f"frame {frames[first].index}: no {expected}; bridged by the frames beside it"))
+    return gaps

@@ -1,0 +1,211 @@
+"""Compare two recordings of one configuration: bit for bit, or by tolerances."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.recording.figures import numbers
+from workbench.recording.reader import Run
+
+EXACT = ("python", "workbench", "numpy", "scipy", "numba", "opencv-python-headless")
+"""What must be of the same version, beside the platform, for equal runs to give equal bits."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a number may move: by `absolute`, in its unit, or `relative` times what it was."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+    def allows(self, was: FloatArray | float, now: FloatArray | float) -> bool:
+        """Whether every number is finite and moved no further."""
+        was, now = np.asarray(was, dtype=np.float64), np.asarray(now, dtype=np.float64)
+        if was.shape != now.shape or not (np.isfinite(was).all() and np.isfinite(now).all()):
+            return False
+        return bool((np.abs(now - was) <= np.maximum(self.absolute, self.relative * np.abs(was))).all())
+
+    def __str__(self) -> str:
+        parts = [f"{self.absolute:g}"] if self.absolute > 0.0 else []
+        parts += [f"{100.0 * self.relative:g} %"] if self.relative > 0.0 else []
+        return "± " + (" or ".join(parts) or "0")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the comparison of one quantity came to.
+
+    quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value; None where
+    it has none. tolerance: exact, or what it may move by. detail: where it differs first.
+    """
+
+    quantity: str
+    was: float | None
+    now: float | None
+    tolerance: str
+    passed: bool
+    detail: str = ""
+
+
+def exactly_comparable(was: Run, now: Run) -> bool:
+    """Whether the two were made on one platform by the same versions, so that equal runs give equal bits."""
+    same = all(was.provenance.get(name) == now.provenance.get(name) for name in EXACT)
+    return same and was.platform is not None and was.platform == now.platform
+
+
+def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Finding]:
+    """What became of every number of `was` in `now`.
+
+    Where `exactly_comparable`, all that is recorded in full precision must be equal bit for bit: results, metrics of
+    every frame, expected poses, and the pictures of the marginals, in which every weight and every particle counts.
+    Elsewhere results must lie within `tolerances`, by metric, or those called "default", figures within "figures".
+    In both: a number that is not finite, a metric or frame that is missing, and a run that is not complete is a
+    failure. A metric that is new is none.
+    """
+    if (broken := _incomplete(was, now)) is not None:
+        return [broken]
+    exact = exactly_comparable(was, now)
+    place = "" if was.is_study else _first_pose(was, now)
+    found = [_metric(name, was, now, None if exact else _of(tolerances, name), place) for name in _names(was, now)]
+    if was.is_study:
+        return found + list(_figures(was, now, None if exact else _of(tolerances, "figures")))
+    found += [_frames(was, now), _poses(now, place, exact)]
+    return found + (list(_marginals(was, now)) if exact else [])
+
+
+def _incomplete(was: Run, now: Run) -> Finding | None:
+    for name, run in (("what was recorded", was), ("the new run", now)):
+        if run.status != "complete":
+            return Finding("run", None, None, "complete", False, f"{name} is not complete (status: {run.status})")
+    if was.is_study != now.is_study:
+        return Finding("run", None, None, "same kind", False, "one tracks a person, the other is a study")
+    return None
+
+
+def _of(tolerances: Mapping[str, Tolerance], name: str) -> Tolerance:
+    return tolerances.get(name) or tolerances.get("default") or Tolerance()
+
+
+def _names(was: Run, now: Run) -> list[str]:
+    return sorted({*was.result, *was.metrics, *now.result, *now.metrics})
+
+
+def _metric(name: str, was: Run, now: Run, tolerance: Tolerance | None, place: str) -> Finding:
+    """tolerance: None for exact. Judges the run's number and, where exact or there is none, those of every frame."""
+    before, after = _number(name, was), _number(name, now)
+    text = "exact" if tolerance is None else str(tolerance)
+    if after is None:
+        return Finding(name, before, None, text, False, "missing")
+    if before is None:
+        return Finding(name, None, after, text, True, "new")
+    if (name in was.result) != (name in now.result) or (name in was.metrics) != (name in now.metrics):
+        return Finding(name, before, after, text, False, "missing as the run's number or over frames")
+    at = _first_frame(name, was, now, tolerance or Tolerance())
+    passed = (tolerance or Tolerance()).allows(before, after) and (tolerance is not None or not at)
+    detail = (at or place) if tolerance is None else "; ".join(filter(None, (at, place)))  # exact: poses have a row
+    return Finding(name, before, after, text, passed, "" if passed else detail)
+
+
+def _number(name: str, run: Run) -> float | None:
+    if name in run.result:
+        return float(run.result[name])
+    return float(run.metric(name)[1].mean()) if name in run.metrics else None
+
+
+def _first_frame(name: str, was: Run, now: Run, tolerance: Tolerance) -> str:
+    """The first frame in which a metric moved too far; empty where none did, or it is not recorded over frames."""
+    if name not in was.metrics or name not in now.metrics:
+        return ""
+    frames, before, after = _common(was.metric(name), now.metric(name))
+    if missing := sorted(set(was.metric(name)[0].tolist()) - set(frames.tolist())):
+        return f"missing in frame {missing[0]}"
+    for frame, old, new in zip(frames.tolist(), before, after, strict=True):
+        if not tolerance.allows(old, new):
+            return f"first differs in frame {frame}: {old:.6g} by {new - old:+.3g}"
+    return ""
+
+
+def _common(
+    was: tuple[IntArray, FloatArray], now: tuple[IntArray, FloatArray]
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The frames (F,) that both have, and their values."""
+    frames, first, second = np.intersect1d(was[0], now[0], return_indices=True)
+    return frames, was[1][first], now[1][second]
+
+
+def _frames(was: Run, now: Run) -> Finding:
+    before, after = set(was.poses[0].tolist()), set(now.poses[0].tolist())
+    odd = sorted(before ^ after)
+    detail = f"frame {odd[0]} is {'missing' if odd[0] in before else 'new'}, {len(odd)} in all" if odd else ""
+    return Finding("frame numbers", len(before), len(after), "exact", not odd, detail)
+
+
+def _first_pose(was: Run, now: Run) -> str:
+    """Where the expected poses differ first: the frame, the joint that moved most, and by how much."""
+    frames, before, after = _common(was.poses, now.poses)
+    if before.shape != after.shape:
+        return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"
+    differ = np.flatnonzero((before.view(np.int64) != after.view(np.int64)).any(axis=1))
+    if len(differ) == 0:
+        return ""
+    row, frame = differ[0], int(frames[differ[0]])
+    return f"poses first differ in frame {frame}: {_joint(was, now, frame) or _angle(was, before[row], after[row])}"
+
+
+def _joint(was: Run, now: Run, frame: int) -> str:
+    """The joint that is furthest away in a frame; empty where float32, as joints are recorded, sees no difference."""
+    places = [run.joints.positions[run.joints.frames == frame] for run in (was, now)]
+    if places[0].shape != places[1].shape or not len(places[0]):
+        return ""
+    away = np.linalg.norm(places[1][0] - places[0][0], axis=-1)
+    return f"{was.joints.names[int(np.argmax(away))]} by {1e3 * away.max():.3g} mm" if away.max() > 0.0 else ""
+
+
+def _angle(run: Run, before: FloatArray, after: FloatArray) -> str:
+    moved = np.nan_to_num(np.abs(after - before), nan=np.inf)
+    names = run.properties["body"]["pose"]
+    return f"{names[int(np.argmax(moved))]} by {moved.max():.3g} (m or rad)"
+
+
+def _poses(now: Run, place: str, exact: bool) -> Finding:
+    """place: where they differ first, which matters where exact."""
+    if not np.isfinite(now.poses[1]).all():
+        return Finding("poses", None, None, "finite", False, "not all numbers are finite")
+    if exact:
+        return Finding("poses", None, None, "exact", not place, place)
+    return Finding("poses", None, None, "finite", True)
+
+
+def _marginals(was: Run, now: Run) -> Iterator[Finding]:
+    before, after = was.marginals, now.marginals
+    if before is not None and after is not None and before.names == after.names:
+        pairs = [(before.low, after.low), (before.high, after.high), (before.log_mass, after.log_mass)]
+        equal = all(np.array_equal(a, b) for a, b in pairs)
+        yield Finding("marginals", None, None, "exact", equal, "" if equal else "they differ")
+    elif before is not None:
+        yield Finding("marginals", None, None, "exact", False, "missing, or of other parameters")
+
+
+def _figures(was: Run, now: Run, tolerance: Tolerance | None) -> Iterator[Finding]:
+    """A study's figures, number by number."""
+    text = "exact" if tolerance is None else str(tolerance)
+    after = {figure.name: numbers(figure) for figure in now.figures}
+    for figure in was.figures:
+        if figure.name not in after:
+            yield Finding(f"figure {figure.name}", None, None, text, False, "missing")
+            continue
+        old, new = numbers(figure), after[figure.name]
+        odd = [key for key in {**old, **new} if not _alike(old.get(key), new.get(key), tolerance or Tolerance())]
+        yield Finding(f"figure {figure.name}", None, None, text, not odd, f"{odd[0]} differs" if odd else "")
+
+
+def _alike(old: object, new: object, tolerance: Tolerance) -> bool:
+    if old is None or new is None:
+        return False
+    first, second = np.asarray(old), np.asarray(new)
+    if first.dtype.kind == "f" and first.shape == second.shape:
+        gaps = np.isnan(first)  # in curves, which must stay where they are
+        return bool(np.array_equal(gaps, np.isnan(second))) and tolerance.allows(first[~gaps], second[~gaps])
+    return bool(np.array_equal(first, second))

@@ -1,0 +1,64 @@
+"""What a fit to points is judged by: flexion of hips and knees against the truth, and the activity told (paper D)."""
+
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from workbench.body.flexion import FLEXIONS, flexions
+from workbench.body.skeleton import Skeleton
+from workbench.inference.step import Step
+from workbench.recording import colours
+
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+
+FLEXION, ACTIVITY = "flexion", "activity"
+_ROWS = (("estimate", colours.ESTIMATE, 4.0), ("truth", colours.TRUTH, 1.5))  # the viewer draws them in this order
+
+
+def curves(skeleton: Skeleton, step: Step) -> dict[str, float]:
+    """One frame's flexions by entity path, degrees, of the estimate and, where it is known, of the true pose."""
+    poses, truth = {"estimate": step.expected_pose}, step.frame.truth
+    if truth is not None and truth.pose is not None:
+        poses["truth"] = truth.pose
+    return {
+        f"{FLEXION}/{name}/{row}": angle
+        for row, pose in poses.items()
+        for name, angle in flexions(skeleton, pose).items()
+    }
+
+
+def fixed(names: Sequence[str]) -> Entities:
+    """The looks of the curves of `names`, keys of FLEXIONS."""
+    for name in names:
+        for row, colour, width in _ROWS:
+            yield f"{FLEXION}/{name}/{row}", rr.SeriesLines(colors=[colour], widths=[width], names=[row])
+
+
+def activities(step: Step) -> Entities:
+    """The activity told and the true one, as lanes of a timeline."""
+    truth = step.frame.truth
+    if step.activity is not None:
+        yield f"{ACTIVITY}/estimate", rr.StateChange(state=step.activity)
+    if truth is not None and truth.activity is not None:
+        yield f"{ACTIVITY}/truth", rr.StateChange(state=truth.activity)
+
+
+def views(names: Sequence[str]) -> rrb.Grid:
+    """A plot for each of the flexions `names`, left and right side by side."""
+    ordered = [name for name in FLEXIONS if name in names]
+    plots = [
+        rrb.TimeSeriesView(
+            origin=f"/{FLEXION}/{name}",
+            name=f"{name.replace('_', ' ')} flexion (degrees)",
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=k == 0),
+        )
+        for k, name in enumerate(ordered)
+    ]
+    return rrb.Grid(*plots, grid_columns=2, name="flexion")
+
+
+def timeline() -> rrb.StateTimelineView:
+    """The activities' lanes."""
+    return rrb.StateTimelineView(origin=f"/{ACTIVITY}", name="activity")

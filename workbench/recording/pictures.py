@@ -1,0 +1,147 @@
+"""What a recording shows of single frames, for figures: images with skeletons over them, bodies and points in space."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+
+from workbench.arrays import ByteArray, FloatArray, IntArray
+from workbench.errors import InputError
+from workbench.recording.chunks import Curve, curves, read_chunks
+from workbench.recording.fit import ACTIVITY, FLEXION
+from workbench.recording.images import OVERLAYS
+from workbench.recording.reader import Run
+from workbench.recording.scene import ESTIMATE, POINTS, TRUTH
+
+_SKELETONS = OVERLAYS[:3]  # the others are points
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What the first camera saw in a frame. image: (height, width) grey or (height, width, 3) RGB, straightened.
+
+    skeletons: "particles", "estimate", "truth", each as lines (n, k, 2), pixels of the image; n may be 0.
+    """
+
+    frame: int
+    image: ByteArray
+    skeletons: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A frame in the world, m. estimate, truth: skeletons as lines (n, k, 3). points: those observed, (K, 3).
+
+    vertices, triangles: (V, 3) and (T, 3), the surface of the expected pose. What was not recorded is empty.
+    """
+
+    frame: int
+    estimate: FloatArray
+    truth: FloatArray
+    points: FloatArray
+    vertices: FloatArray
+    triangles: IntArray
+
+
+def pictures(run: Run, frames: Sequence[int]) -> list[Picture]:
+    """The images of these frames; raises InputError where one of them has none."""
+    found = _read(run, ["/world/**"], frames)
+    cameras = sorted(path for path, components in found.items() if "EncodedImage:blob" in components)
+    if not cameras:
+        raise InputError(f"{run.path}: expected images of frames {list(frames)}, found none")
+    jpegs = found[cameras[0]]["EncodedImage:blob"]
+    if missing := [frame for frame in frames if frame not in jpegs]:
+        raise InputError(f"{run.path}: no image of frame {missing[0]}")
+    lines = {name: found.get(f"{cameras[0]}/{name}", {}).get("LineStrips2D:strips", {}) for name in _SKELETONS}
+    return [
+        Picture(frame, _decoded(jpegs[frame]), {name: _lines(rows.get(frame), 2) for name, rows in lines.items()})
+        for frame in frames
+    ]
+
+
+def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
+    """These frames in the world; raises InputError where one was not recorded."""
+    found = _read(run, ["/world/**"], frames)
+    skeletons = {path: found.get(f"{path}/skeleton", {}).get("LineStrips3D:strips", {}) for path in (ESTIMATE, TRUTH)}
+    if missing := [frame for frame in frames if frame not in skeletons[ESTIMATE]]:
+        raise InputError(f"{run.path}: no frame {missing[0]}")
+    points = found.get(POINTS, {}).get("Points3D:positions", {})
+    mesh = found.get(f"{ESTIMATE}/surface", {})
+    vertices, triangles = mesh.get("Mesh3D:vertex_positions", {}), mesh.get("Mesh3D:triangle_indices", {})
+    return [
+        Scene(
+            frame=frame,
+            estimate=_lines(skeletons[ESTIMATE][frame], 3),
+            truth=_lines(skeletons[TRUTH].get(frame), 3),
+            points=_flat(points.get(frame)).reshape(-1, 3),
+            vertices=_flat(vertices.get(frame)).reshape(-1, 3),
+            triangles=_flat(triangles.get(frame)).reshape(-1, 3).astype(np.int64),
+        )
+        for frame in frames
+    ]
+
+
+def flexions(run: Run) -> dict[str, dict[str, Curve]]:
+    """By hip or knee, such as left_hip, then "estimate" and, where it is known, "truth": degrees over frames.
+
+    Empty for a run that was not fitted to points.
+    """
+    found: dict[str, dict[str, Curve]] = {}
+    for path, curve in curves(read_chunks(run.path, [f"/{FLEXION}/**"])).items():
+        _, name, row = path.split("/")
+        found.setdefault(name, {})[row] = curve
+    return found
+
+
+def activities(run: Run) -> dict[str, dict[int, str]]:
+    """The activity in every frame, as told ("estimate") and as it was ("truth"), where they are known."""
+    found = _read(run, [f"/{ACTIVITY}/**"], None)
+    return {
+        path.removeprefix(f"{ACTIVITY}/"): {
+            frame: str(value.as_py()[0]) for frame, value in rows["StateChange:state"].items()
+        }
+        for path, rows in found.items()
+        if "StateChange:state" in rows
+    }
+
+
+def _read(run: Run, contents: Sequence[str], frames: Iterable[int] | None) -> dict[str, dict[str, dict[int, Any]]]:
+    """By entity path, component and frame: what is there, as Arrow. frames: only these; None: all."""
+    wanted = None if frames is None else set(frames)
+    found: dict[str, dict[str, dict[int, Any]]] = {}
+    for chunk in read_chunks(run.path, list(contents)):
+        if chunk.is_static:
+            continue
+        batch = chunk.to_record_batch()
+        numbers = batch.column("frame").to_pylist()
+        rows = [row for row, frame in enumerate(numbers) if wanted is None or frame in wanted]
+        for name in batch.schema.names if rows else ():
+            if ":" in name:
+                column = found.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
+                column |= {numbers[row]: batch.column(name)[row] for row in rows if batch.column(name)[row].is_valid}
+    return found
+
+
+def _flat(cell: Any) -> FloatArray:
+    """All numbers in a cell of nested lists, (n,); none where there is no cell."""
+    if cell is None or not len(cell):
+        return np.empty(0)
+    values = cell.values
+    while pa.types.is_nested(values.type):
+        values = values.flatten()
+    numbers: FloatArray = np.asarray(values, dtype=np.float64)
+    return numbers
+
+
+def _lines(cell: Any, n_axes: int) -> FloatArray:
+    n = 0 if cell is None else len(cell)
+    return _flat(cell).reshape(n, -1, n_axes) if n else np.empty((0, 2, n_axes))
+
+
+def _decoded(cell: Any) -> ByteArray:
+    jpeg = _flat(cell).astype(np.uint8)
+    image = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
+    return image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])  # OpenCV decodes to BGR

@@ -1,0 +1,57 @@
+"""Find the recordings whose bytes are damaged so that Rerun's decoder does not survive reading them."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from workbench.errors import InputError
+from workbench.recording.reader import Run, read
+
+_READ, _DAMAGED = "read", "damaged"
+
+
+def fatal(paths: Sequence[Path]) -> set[Path]:
+    """Those of the recordings that end whoever reads them, by an error that is no InputError or without any.
+
+    A flipped bit can make the decoder ask for more memory than there is, on which it aborts without raising; so
+    another process goes first, and a new one goes on behind every file that one does not survive.
+    """
+    found: set[Path] = set()
+    left = list(paths)
+    while left:
+        command = [sys.executable, "-m", "workbench.recording.probe", *map(str, left)]
+        told = subprocess.run(command, capture_output=True, text=True, check=False).stdout.split()
+        found |= {path for path, word in zip(left, told, strict=False) if word == _DAMAGED}
+        found |= set(left[len(told) : len(told) + 1])
+        left = left[len(told) + 1 :]
+    return found
+
+
+def read_all(path: Path) -> Run:
+    """A recording with everything that `Run` knows of it; raises InputError as that does."""
+    run = read(path)
+    if not run.is_study:
+        _ = run.poses
+    _ = run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures, run.note
+    return run
+
+
+def main(paths: Sequence[str]) -> None:
+    """Read the recordings one by one and print after each whether reading it again is safe."""
+    for path in paths:
+        print(_outcome(Path(path)), flush=True)
+
+
+def _outcome(path: Path) -> str:
+    try:
+        read_all(path)
+    except InputError:
+        return _READ  # whoever reads it next is told what is wrong with it
+    except Exception:  # noqa: BLE001 (damaged values lead anywhere)
+        return _DAMAGED
+    return _READ
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
