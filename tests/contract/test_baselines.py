@@ -1,0 +1,40 @@
+"""The recordings kept to check against: small, whole, safe to run, and each made by a line of recordings/README.md."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from workbench.cli.run import prepare_hydra
+from workbench.cli.stored import own_defaults, runnable, tolerances
+from workbench.recording.reader import open_runs
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+
+
+@pytest.fixture(scope="module")
+def baselines():
+    runs, problems = open_runs(RECORDINGS / "baselines")
+    assert problems == []
+    return {run.path.stem: run for run in runs}
+
+
+def test_each_is_made_by_a_line_of_the_readme(baselines):
+    lines = re.findall(r"^baseline (\w+) (\w+)", (RECORDINGS / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert dict(lines) == {name: run.provenance["experiment"] for name, run in baselines.items()}
+
+
+def test_they_are_small(baselines):
+    sizes = [run.path.stat().st_size for run in baselines.values()]
+    assert max(sizes) <= 1.5e6
+    assert sum(sizes) <= 12e6
+
+
+def test_they_are_complete_and_may_be_run_by_anybody(baselines):
+    prepare_hydra()
+    own = own_defaults(["paths.data=null", "paths.cache=/some/cache"])
+    for run in baselines.values():
+        assert run.status == "complete"
+        assert run.settings["paths"] == {"data": None, "cache": "~/.cache/workbench"}  # nobody's own folder
+        assert runnable(run, [], own).paths.cache == "/some/cache"
+        assert "default" in tolerances(run, own)

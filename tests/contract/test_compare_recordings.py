@@ -1,0 +1,181 @@
+"""Two recordings compared: bit for bit, by tolerances, and what is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recording_steps import BODY, SPACE, errors, steps
+
+from workbench.recording import file
+from workbench.recording.compare import EXACT, Tolerance, compare, exactly_comparable
+from workbench.recording.compare_seeds import compare_seeds
+from workbench.recording.reader import read
+from workbench.recording.recorder import Recorder
+from workbench.recording.study import StudyRecorder
+from workbench.studies.study import Bars, Curves, StudyResult
+
+VERSIONS = dict.fromkeys(EXACT, "1.0")
+LOOSE = {"default": Tolerance(relative=0.05), "error_mm": Tolerance(absolute=3.0)}
+RESULT = {"error_mm": 40.0, "frames": 4.0}
+
+
+@pytest.fixture(scope="module")
+def tracked():
+    return list(steps(4, n_particles=30))
+
+
+@pytest.fixture
+def made(tmp_path, tracked):
+    """Record a run, changed as asked, and read it."""
+    paths = (tmp_path / f"{k}.rrd" for k in range(10))
+
+    def make(run=tracked, result=RESULT, versions=VERSIONS, measured=errors):
+        path = next(paths)
+        with Recorder(path, BODY, SPACE, run_id=path.name, config_yaml="", provenance=versions) as recording:
+            for step in run:
+                recording.log(step, measured(step))
+            recording.set_result(result)
+        return read(path)
+
+    return make
+
+
+def failed(was, now, tolerances=LOOSE):
+    return {finding.quantity: finding for finding in compare(was, now, tolerances) if not finding.passed}
+
+
+def with_pose(step, index, by):
+    pose = step.expected_pose.copy()
+    pose[index] += by
+    return replace(step, expected_pose=pose)
+
+
+def test_equal_runs_are_equal_in_every_number(made):
+    was, now = made(), made()
+    assert exactly_comparable(was, now)
+    findings = compare(was, now, {})
+    assert {finding.quantity for finding in findings} == {
+        "error_mm", "error_relative_mm", "ess", "log_evidence", "visible_limbs", "frames",
+        "frame numbers", "poses", "marginals",
+    }  # fmt: skip
+    assert all(finding.passed and finding.tolerance == "exact" for finding in findings)
+
+
+def test_the_first_frame_and_joint_that_differ_are_named_with_by_how_much(made, tracked):
+    knee = BODY.skeleton.dof("left_knee_flexion")
+    moved = [*tracked[:2], *(with_pose(step, knee, 0.01) for step in tracked[2:])]
+    found = failed(made(), made(moved))
+    shank = 1e3 * 0.01 * BODY.shape.as_dict()["calf"]  # an arc, in mm
+    place, _, distance = found["poses"].detail.rpartition(" by ")
+    assert place == f"poses first differ in frame {tracked[2].frame.index}: left_ankle"
+    assert float(distance.removesuffix(" mm")) == pytest.approx(shank, rel=0.01)
+    assert f"first differs in frame {tracked[2].frame.index}: " in found["error_mm"].detail
+
+
+def test_the_last_bit_counts_where_version_and_platform_are_the_same(made, tracked):
+    index = 24
+    step = tracked[3]
+    bit = np.spacing(step.expected_pose[index])
+    found = failed(made(), made([*tracked[:3], with_pose(step, index, bit)], measured=lambda step: {}), {})
+    assert BODY.skeleton.dof_names[index] in found["poses"].detail
+    assert f"frame {step.frame.index}" in found["poses"].detail
+
+
+def test_weights_that_move_show_in_the_marginals(made, tracked):
+    swapped = tracked[1].log_weights.copy()
+    swapped[[0, 1]] = swapped[[1, 0]]  # the effective sample size stays
+    assert set(failed(made(), made([tracked[0], replace(tracked[1], log_weights=swapped), *tracked[2:]]))) == {
+        "marginals"
+    }
+
+
+@pytest.mark.parametrize("other", ["numpy", "platform"])
+def test_elsewhere_results_may_move_by_their_tolerance(made, tracked, monkeypatch, other):
+    was = made()
+    if other == "platform":
+        monkeypatch.setattr(file, "_platform", lambda: "another")
+    versions = VERSIONS | ({other: "2.0"} if other != "platform" else {})
+    moved = [with_pose(step, 0, 0.001) for step in tracked]
+    assert failed(was, made(moved, RESULT | {"error_mm": 42.9}, versions)) == {}
+    found = failed(was, made(moved, RESULT | {"error_mm": 43.1}, versions))
+    assert found.keys() == {"error_mm"}
+    assert found["error_mm"].tolerance == "± 3"
+    assert f"poses first differ in frame {tracked[0].frame.index}" in found["error_mm"].detail
+
+
+@pytest.mark.parametrize("versions", [VERSIONS, VERSIONS | {"numpy": "2.0"}], ids=["exact", "close"])
+class TestAlways:
+    def test_a_metric_that_is_missing_fails_and_a_new_one_does_not(self, made, versions):
+        was, now = made(), made(result={"frames": 4.0, "pace": 1.0}, measured=lambda step: {}, versions=versions)
+        assert failed(was, now).keys() == {"error_mm", "error_relative_mm"}
+        assert failed(was, now)["error_mm"].detail == "missing"
+        assert [finding.detail for finding in compare(was, now, LOOSE) if finding.quantity == "pace"] == ["new"]
+
+    def test_a_metric_that_is_missing_over_frames_alone_fails(self, made, versions):
+        now = made(versions=versions, measured=lambda step: {"error_relative_mm": errors(step)["error_relative_mm"]})
+        assert failed(made(), now).keys() == {"error_mm"}
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_a_number_that_is_not_finite_fails_even_where_it_was_none_before(self, made, versions, value):
+        odd = RESULT | {"error_mm": value}
+        assert "error_mm" in failed(made(), made(result=odd, versions=versions))
+        assert "error_mm" in failed(made(result=odd), made(result=odd, versions=versions))
+
+    def test_a_pose_that_is_not_finite_fails(self, made, tracked, versions):
+        now = made(versions=versions)
+        now.poses[1][3, 4] = np.nan
+        assert failed(made(), now)["poses"].detail == "not all numbers are finite"
+
+    def test_a_missing_frame_is_named(self, made, tracked, versions):
+        found = failed(made(), made([*tracked[:2], tracked[3]], versions=versions))
+        assert found["frame numbers"].detail == f"frame {tracked[2].frame.index} is missing, 1 in all"
+        extra = failed(made([*tracked[:2], tracked[3]]), made(versions=versions))
+        assert extra["frame numbers"].detail == f"frame {tracked[2].frame.index} is new, 1 in all"
+
+    def test_a_run_that_is_not_complete_fails(self, made, tracked, versions):
+        whole = made(versions=versions)
+        cut = replace(whole, properties={**whole.properties, "run": {**whole.properties["run"], "status": "running"}})
+        for was, now, which in ((whole, cut, "the new run"), (cut, whole, "what was recorded")):
+            assert failed(was, now)["run"].detail == f"{which} is not complete (status: running)"
+
+
+def study(path, curve, names=("a", "b"), versions=VERSIONS, metrics=None):
+    x = np.arange(4.0)
+    figures = [Curves(names[0], x, {"knee": curve}, x_name="t", y_name="rad"), Bars(names[1], x, x**2, x_name="k")]
+    with StudyRecorder(path, run_id="s", config_yaml="", provenance=versions) as recorder:
+        recorder.log(StudyResult(figures=tuple(figures), metrics=metrics or {"n": 3.0}, note="what it shows"))
+    return read(path)
+
+
+def test_studies_are_compared_by_metrics_and_figures(tmp_path):
+    curve = np.array([1.0, 2.0, 3.0, np.nan])  # a gap in a curve is no failure
+    was = study(tmp_path / "a.rrd", curve)
+    assert failed(was, study(tmp_path / "b.rrd", curve)) == {}
+    bit = failed(was, study(tmp_path / "c.rrd", np.nextafter(curve, 9.0)))
+    assert {name: finding.detail for name, finding in bit.items()} == {"figure a": "curves differs"}
+    assert failed(was, study(tmp_path / "d.rrd", curve, names=("a", "c")))["figure b"].detail == "missing"
+    assert "n" in failed(was, study(tmp_path / "e.rrd", curve, metrics={"n": 4.0}))
+
+
+def test_figures_of_studies_made_elsewhere_may_move_by_their_tolerance(tmp_path):
+    curve, versions = np.array([1.0, 2.0, np.nan, 4.0]), VERSIONS | {"scipy": "2.0"}
+    was = study(tmp_path / "a.rrd", curve)
+    allowed = {"figures": Tolerance(relative=0.01), "default": Tolerance()}
+    assert failed(was, study(tmp_path / "b.rrd", 1.009 * curve, versions=versions), allowed) == {}
+    assert failed(was, study(tmp_path / "c.rrd", 1.011 * curve, versions=versions), allowed).keys() == {"figure a"}
+    whole = np.nan_to_num(curve)
+    assert failed(was, study(tmp_path / "d.rrd", whole, versions=versions), allowed).keys() == {"figure a"}
+
+
+def test_a_run_and_a_study_are_not_alike(made, tmp_path):
+    assert failed(made(), study(tmp_path / "a.rrd", np.arange(4.0))).keys() == {"run"}
+
+
+def test_seeds_are_judged_as_distributions_and_a_missing_number_fails(made):
+    new = [made([], {"error_mm": value, "held": 1.0}) for value in (40.0, 44.0, 42.0, 41.0)]
+    near, far = made([], {"error_mm": 45.0, "held": 1.0}), made([], {"error_mm": 90.0, "held": 1.0, "gone": 2.0})
+    assert [finding.passed for finding in compare_seeds([near], new, 2)] == [True, True]
+    found = {finding.quantity: finding for finding in compare_seeds([far], new, 3)}
+    assert not found["error_mm"].passed
+    assert (found["error_mm"].was, found["error_mm"].now) == (90.0, 41.75)
+    assert found["gone"].detail == "missing from 4 of 5 runs"

@@ -1,0 +1,335 @@
+"""workbench-check: runs stored configurations again, compares, and refuses what could do harm."""
+
+import json
+import os
+import shutil
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_module
+from omegaconf import OmegaConf
+from rerun.chunk import RrdReader
+
+from workbench.cli import again as again_module
+from workbench.cli.check import main
+from workbench.cli.run import prepare_hydra
+from workbench.cli.stored import own_defaults, runnable, tolerances
+from workbench.errors import InputError
+from workbench.recording.file import RecordingFile
+from workbench.recording.reader import read
+
+FORMAT_1 = Path(__file__).parents[1] / "contract" / "recordings" / "format_1.rrd"
+SMALL = (
+    "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
+    "inference.n_particles=60", "recorder.n_particles_shown=5",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(autouse=True)
+def somewhere(tmp_path, cache, monkeypatch):
+    """An empty current folder, a cache, and no recorded motion."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+
+
+@pytest.fixture(scope="module")
+def settings():
+    """The configuration of a small walk, as recordings store it."""
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        config = compose("config", overrides=[*SMALL, "paths.data=null", "paths.cache=/home/someone/cache"])
+    return OmegaConf.to_yaml(config, resolve=True)
+
+
+@pytest.fixture(scope="module")
+def walk(settings, cache, tmp_path_factory):
+    """The folder of baselines: one walk."""
+    folder = tmp_path_factory.mktemp("baselines")
+    config = stored(folder / "config.rrd", yaml.safe_load(settings))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("WORKBENCH_CACHE", str(cache))
+        done = again_module.again(config, runnable(config, [], own_defaults([])), folder / "run")
+    (folder / "config.rrd").unlink()
+    (folder / "kept").mkdir()
+    return Path(shutil.move(done.path, folder / "kept" / "walk.rrd"))
+
+
+def stored(path, config, experiment="walk_straight"):
+    """A recording that holds a configuration and nothing else."""
+    text = config if isinstance(config, str) else yaml.safe_dump(config)
+    with RecordingFile(path, run_id="x", config_yaml=text, provenance={"experiment": experiment}):
+        pass
+    return read(path)
+
+
+def check(capsys, *arguments, suspicious=False):
+    """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not suspicious:
+            patch.setattr("workbench.cli.check.fatal", lambda paths: set())
+        code = main([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, printed.out + printed.err
+
+
+def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
+    code, told = check(capsys, walk.parent, suspicious=True)
+    assert code == 0, told
+    assert told.splitlines()[1].split() == [str(walk), "all", "18", "exact", "ok"]
+    assert not list(Path.cwd().iterdir())  # nothing is left behind
+
+
+def test_a_constant_that_moved_by_one_percent_fails_and_names_metric_and_frame(walk, capsys, tmp_path):
+    junit = tmp_path / "out.xml"
+    code, told = check(capsys, walk, "prior.sigma_phase=0.00909", "--junit", junit)
+    assert code == 1
+    (metric,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
+    assert "FAILED first differs in frame 1: " in metric
+    (poses,) = [line for line in told.splitlines() if "  poses  " in line]
+    assert "FAILED poses first differ in frame 1: " in poses
+    assert poses.endswith(" mm")
+    suite = ET.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("errors")) == ("18", "0")
+    failures = {case.get("name"): case[0].get("message") for case in suite if len(case)}
+    assert len(failures) == int(suite.get("failures")) > 0
+    assert "first differs in frame 1" in failures["error_abs_mm"]
+
+
+def test_two_recordings_are_compared_without_running(walk, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.cli.check.again", None)
+    other = shutil.copy(walk, tmp_path / "other.rrd")
+    code, told = check(capsys, walk, other, "-v")
+    assert code == 0, told
+    assert told.count(f"{walk} → {other}") == 18
+    code, told = check(capsys, walk, other, "--update")
+    assert (code, "compared without running" in told) == (2, True)
+
+
+def test_a_metric_that_is_no_longer_made_fails(walk, capsys, monkeypatch):
+    monkeypatch.setattr("workbench.cli.execute.step_errors", lambda *parts: {})
+    code, told = check(capsys, walk)
+    assert code == 1
+    (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
+    assert line.endswith("FAILED missing")
+
+
+def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp_path):
+    folder = tmp_path / "two"
+    folder.mkdir()
+    for name in ("a.rrd", "b.rrd"):
+        shutil.copy(walk, folder / name)
+    run = again_module.execute
+
+    def once(config, experiment, place, quiet):
+        monkeypatch.setattr(again_module, "execute", run)
+        raise ZeroDivisionError("by a defect")
+
+    monkeypatch.setattr(again_module, "execute", once)
+    code, told = check(capsys, folder)
+    assert code == 1
+    assert "FAILED crashed: ZeroDivisionError: by a defect" in told.splitlines()[1]
+    assert told.splitlines()[2].endswith("ok")
+
+
+def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp_path):
+    path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
+    before = read(path).result["error_abs_mm"]
+    code, told = check(capsys, path, "prior.sigma_phase=0.012", "--update")
+    assert code == 0
+    after = read(path).result["error_abs_mm"]
+    (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
+    assert line.split()[2:4] == [f"{before:.6g}", f"{after:.6g}"]
+    assert read(path).settings["prior"]["sigma_phase"] == 0.012
+    assert path.stat().st_size < walk.stat().st_size
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["here", "walk.rrd"]
+    assert check(capsys, path)[0] == 0
+    assert "nothing moved" in check(capsys, path, "--update")[1]
+
+
+def test_a_run_that_crashes_renews_nothing(walk, capsys, tmp_path, monkeypatch):
+    path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
+    content = path.read_bytes()
+    code, told = check(capsys, path, "inference.n_particles=0", "--update")
+    assert (code, "stays as it is: crashed: InputError" in told) == (1, True)
+    assert path.read_bytes() == content
+
+
+def test_both_runs_are_recorded_beside_each_other(walk, capsys, tmp_path):
+    diff = tmp_path / "diff.rrd"
+    code, told = check(capsys, walk, "seed=1", "--record", diff)
+    assert (code, str(diff.name) in told.splitlines()[-1]) == (1, True)
+    entities = {chunk.entity_path for chunk in RrdReader(diff).stream().to_chunks()}
+    below = {name: {path[2:] for path in entities if path.startswith(f"/{name}/")} for name in "ab"}
+    assert below["a"] == below["b"] >= {"/metrics/error_abs_mm", "/world/estimate/joints", "/properties/config"}
+    assert len(RrdReader(diff).blueprints()) == 1
+
+
+def test_seeds_compare_distributions(walk, capsys):
+    code, told = check(capsys, walk, "--seeds", "4")
+    assert code == 0, told
+    assert f"{walk}  all 14" in told
+    code, told = check(capsys, walk, "--seeds", "4", "prior.start_position=0.5")
+    assert code == 1
+    assert "means of 1 and 4 seeds lie too far apart" in told
+
+
+def test_new_runs_may_be_kept(walk, capsys, tmp_path):
+    assert check(capsys, walk, "--keep", tmp_path / "kept")[0] == 0
+    assert json.loads((tmp_path / "kept" / "000" / "summary.json").read_text())["status"] == "complete"
+
+
+def test_a_recording_of_an_older_format_stays_checkable(capsys):
+    code, told = check(capsys, FORMAT_1, "-v")
+    assert code in (0, 1)  # numbers may have moved since
+    assert "crashed" not in told
+    rows = {line.split()[1]: line.split() for line in told.splitlines()[1:]}
+    assert rows["error_abs_mm"][4:8] == ["±", "3", "or", "10"]  # today's tolerance: it has none of its own
+    assert rows["frames"][2:4] == ["4", "4"]
+
+
+DAMAGE = {
+    "empty": lambda content: b"",
+    "truncated": lambda content: content[: len(content) // 2],
+    "torn inside a message": lambda content: content[:-300],
+    "header only": lambda content: content[:16],
+    "other bytes": lambda content: os.urandom(len(content)),
+    "bits flipped": lambda content: bytes(b ^ (k % 97 == 0) for k, b in enumerate(content)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_recording_is_refused_by_name_and_the_others_are_checked(walk, capsys, tmp_path, damage):
+    folder = tmp_path / "damaged"
+    folder.mkdir()
+    (folder / "bad.rrd").write_bytes(DAMAGE[damage](walk.read_bytes()))
+    code, told = check(capsys, folder, suspicious=damage == "bits flipped")
+    assert code == 2
+    (line,) = [line for line in told.splitlines() if "REFUSED" in line]
+    assert "bad.rrd: expected" in line
+    assert "Traceback" not in told
+
+
+def test_a_single_flipped_bit_never_passes_for_a_crash_of_the_check(walk, capsys, tmp_path):
+    """A bit is flipped in each of twelve places; the check ends with a verdict on every file."""
+    folder, content = tmp_path / "flipped", walk.read_bytes()
+    folder.mkdir()
+    for k in range(12):
+        flipped = bytearray(content)
+        flipped[(k * len(content)) // 12 + 7] ^= 1 << (k % 8)
+        (folder / f"{k:02d}.rrd").write_bytes(flipped)
+    with pytest.MonkeyPatch.context() as patch:  # what is readable needs no running here
+        patch.setattr("workbench.cli.check.again", lambda was, config, place: was)
+        code, told = check(capsys, folder, suspicious=True)
+    assert code == 2
+    assert len({line.split()[0] for line in told.splitlines() if "flipped" in line}) == 12
+
+
+HOSTILE = {
+    "foreign target": ({"dataset": {"_target_": "os.system", "command": "true"}}, "dataset._target_"),
+    "one of ours that is no component": (
+        {"body": {"_target_": "workbench.mocap.library.write_library", "path": "x.h5", "motions": []}},
+        "body._target_",
+    ),
+    "foreign target inside": ({"prior": {"extra": [{"_target_": "subprocess.run"}]}}, "prior.extra[0]._target_"),
+    "arguments by place": ({"recorder": {"_args_": ["/tmp/x"]}}, "recorder._args_[0]"),
+    "interpolation": ({"dataset": {"motion": "${oc.env:HOME}"}}, "dataset.motion"),
+    "interpolated seed": ({"seed": "${oc.env:SECRET,0}"}, "seed"),
+    "absolute path": ({"dataset": {"motion": "/etc/passwd.bvh"}}, "dataset.motion"),
+    "home": ({"prior": {"motions": "~/.ssh/motions.h5"}}, "prior.motions"),
+    "climbing": ({"prior": {"motions": "../../motions.h5"}}, "prior.motions"),
+    "climbing out of its data": ({"prior": {"motions": "/home/someone/cache/../x.h5"}}, "prior.motions"),
+    "address": ({"dataset": {"motion": "rtsp://example.org/x.bvh"}}, "dataset.motion"),
+    "windows": ({"dataset": {"motion": "C:\\x.bvh"}}, "dataset.motion"),
+}
+
+
+def changed(settings, changes):
+    found = yaml.safe_load(settings)
+    for key, value in changes.items():
+        found[key] = {**found.get(key, {}), **value} if isinstance(value, dict) else value
+    return found
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_configuration_is_refused_with_its_key(settings, capsys, tmp_path, case):
+    changes, key = HOSTILE[case]
+    stored(tmp_path / "hostile.rrd", changed(settings, changes))
+    code, told = check(capsys, tmp_path / "hostile.rrd")
+    assert code == 2
+    (line,) = [line for line in told.splitlines() if "REFUSED" in line]
+    assert f"hostile.rrd: {key}: " in line
+    assert not list(Path.cwd().iterdir())
+
+
+def test_nothing_is_written_where_a_stored_configuration_says(settings, tmp_path, cache):
+    away = tmp_path / "away"
+    changes = {
+        "recorder": {"path": str(away / "x.rrd"), "live": True},
+        "hydra": {"run": {"dir": str(away)}},
+        "dataset": {"cache": str(away)},
+        "threads": 10_000,
+    }
+    run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
+    with pytest.raises(InputError, match=r"recorder\.path: .* lies outside paths\.data"):
+        runnable(run, [], own_defaults([]))
+    del changes["recorder"]["path"], changes["hydra"]
+    run = stored(tmp_path / "hostile.rrd", changed(settings, changes), experiment="../../away")
+    config = runnable(run, [], own_defaults([]))
+    assert (config.dataset.cache, config.prior.cache, config.paths.cache) == (str(cache),) * 3
+    assert (config.recorder.live, config.threads) == (False, None)
+    done = again_module.again(run, config, tmp_path / "place")
+    assert done.path == tmp_path / "place" / "run.rrd"
+    assert not away.exists()
+
+
+def test_paths_are_those_of_whoever_checks(settings, tmp_path):
+    theirs = {"paths": {"data": "/home/someone/data/", "cache": "/home/someone/cache"}}
+    theirs |= {"dataset": {"data": "/home/someone/data/", "motion": "/home/someone/data/mine.bvh"}}
+    run = stored(tmp_path / "run.rrd", changed(settings, theirs))
+    own = own_defaults(["paths.data=/my/data"])
+    config = runnable(run, ["paths.data=/my/data"], own)
+    assert (config.dataset.data, config.dataset.motion) == ("/my/data/", "/my/data/mine.bvh")
+    with pytest.raises(InputError, match=r"dataset\.data: .* lies outside paths\.data"):
+        runnable(run, [], own_defaults([]))
+    config = runnable(run, ["dataset.motion=/elsewhere/x.bvh", "seed=4"], own)
+    assert (config.dataset.motion, config.seed) == ("/elsewhere/x.bvh", 4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], "nowhere: expected a recording or a folder of recordings, found nothing there"),
+        (["."], "expected recordings (.rrd), found none"),
+        (["seed=3"], "expected recordings (.rrd), found none"),
+        (["WALK", "--seeds", "1"], "--seeds: expected 2 or more, found 1"),
+        (["WALK", "--seeds", "3", "--update"], "--seeds compares many runs"),
+        (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
+        (["WALK", "+prior.x=1"], "expected key=value with one value"),
+        (["WALK", "seed=1,2"], "expected key=value with one value"),
+        (["WALK", "seed=[1"], "seed=[1"),
+    ],
+)
+def test_wrong_arguments_are_told_in_one_sentence(walk, capsys, arguments, words):
+    code, told = check(capsys, *[walk if argument == "WALK" else argument for argument in arguments])
+    assert code == 2
+    assert words in told
+    assert "Traceback" not in told
+
+
+def test_tolerances_travel_in_the_recording(settings, tmp_path):
+    run = stored(tmp_path / "run.rrd", changed(settings, {"check": {"default": {"absolute": 7.0, "relative": 0.0}}}))
+    own = own_defaults([])
+    assert str(tolerances(run, own)["default"]) == "± 7"
+    for wrong in ({"default": 3}, {"default": {"absolut": 1.0}}, {"default": {"absolute": "much"}}):
+        run = stored(tmp_path / "run.rrd", changed(settings, {"check": wrong}))
+        with pytest.raises(InputError, match="check: expected absolute and relative"):
+            tolerances(run, own)

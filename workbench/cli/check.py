@@ -1,0 +1,192 @@
+"""workbench-check: do the configurations stored in recordings still give what was recorded?"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+from tqdm import tqdm
+
+from workbench.cli.again import again, same_but_for_seeds, with_other_seeds
+from workbench.cli.check_report import Check, exit_code, moved, table, write_junit
+from workbench.cli.run import prepare_hydra
+from workbench.cli.stored import own_defaults, runnable, tolerances
+from workbench.errors import InputError
+from workbench.files import whole_file
+from workbench.recording.compare import Finding, compare
+from workbench.recording.compare_seeds import compare_seeds
+from workbench.recording.condense import condense
+from workbench.recording.probe import fatal
+from workbench.recording.reader import Run, find_recordings, read
+from workbench.recording.side_by_side import write_side_by_side
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 130 when interrupted."""
+    arguments = _parser().parse_intermixed_args(argv)
+    try:
+        _refuse_contradictions(arguments)
+        with _folder(arguments.keep) as folder:
+            checks = _checks(arguments, folder)
+            print(moved(checks) if arguments.update else table(checks, arguments.verbose))
+            code = _renew(checks) if arguments.update else exit_code(checks)
+            if arguments.junit is not None:
+                write_junit(arguments.junit, checks)
+            if arguments.record is not None:
+                _record(arguments.record, checks)
+        return code
+    except (InputError, HydraException, OmegaConfBaseException) as error:
+        print(f"workbench-check: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("workbench-check: interrupted", file=sys.stderr)
+        return 130
+
+
+def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
+    overrides = [text for text in arguments.what if _is_override(text)]
+    places = [Path(text) for text in arguments.what if not _is_override(text)]
+    if not (paths := find_recordings(*places)):
+        raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
+    runs, refused = _read(paths)
+    pair = len(places) == 2 and all(place.is_file() for place in places)
+    prepare_hydra()
+    own = own_defaults(overrides)
+    if pair and not arguments.run:
+        if overrides or arguments.seeds or arguments.update:
+            raise InputError("two recordings are compared without running; give --run to run each of them again")
+        return refused or [_compared(f"{places[0]} → {places[1]}", *_in_order(runs, places), own)]
+    if arguments.seeds:
+        return refused + _by_seeds(runs, overrides, own, arguments.seeds, folder)
+    bar = tqdm(runs, unit="recording", disable=None)
+    return refused + [_run_again(run, k, overrides, own, folder) for k, run in enumerate(bar)]
+
+
+def _read(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
+    """The recordings, and those that cannot be read."""
+    runs, refused, damaged = [], [], fatal(paths)
+    for path in paths:
+        try:
+            if path in damaged:
+                raise InputError(f"{path}: expected a whole recording, found damage that crashes whoever reads it")
+            runs.append(read(path))
+        except InputError as error:
+            refused.append(Check(str(path), refused=str(error)))
+    return runs, refused
+
+
+def _in_order(runs: Sequence[Run], places: Sequence[Path]) -> tuple[Run, Run]:
+    by_path = {run.path: run for run in runs}
+    return by_path[places[0]], by_path[places[1]]
+
+
+def _compared(name: str, was: Run, now: Run, own: DictConfig) -> Check:
+    try:
+        return Check(name, compare(was, now, tolerances(was, own)), was=was, now=now)
+    except InputError as error:
+        return Check(name, refused=str(error))
+
+
+def _run_again(was: Run, k: int, overrides: Sequence[str], own: DictConfig, folder: Path) -> Check:
+    try:
+        config = runnable(was, overrides, own)
+    except InputError as error:
+        return Check(str(was.path), refused=str(error))
+    now = again(was, config, folder / f"{k:03d}")
+    if isinstance(now, Finding):
+        return Check(str(was.path), [now], was=was)
+    return _compared(str(was.path), was, now, own)
+
+
+def _by_seeds(runs: Sequence[Run], overrides: Sequence[str], own: DictConfig, n: int, folder: Path) -> list[Check]:
+    """Groups of recordings that differ in their seeds, each against n runs with other seeds."""
+    checks, groups = [], []
+    for group in same_but_for_seeds(runs):
+        try:
+            groups.append((group, runnable(group[0], overrides, own)))
+        except InputError as error:
+            checks.append(Check(str(group[0].path), refused=str(error)))
+    n_judged = sum(len(group[0].result) for group, _ in groups)
+    for k, (group, config) in enumerate(groups):
+        name = str(group[0].path) + (f" and {len(group) - 1} more" if len(group) > 1 else "")
+        new = with_other_seeds(group, config, n, folder / f"{k:03d}")
+        checks.append(Check(name, [new] if isinstance(new, Finding) else compare_seeds(group, new, n_judged)))
+    return checks
+
+
+def _renew(checks: Sequence[Check]) -> int:
+    """Put what the runs came to in place of the recordings; the exit code. What was refused or crashed stays."""
+    for check in checks:
+        if check.refused is not None:
+            print(f"{check.name}: stays as it is: {check.refused}", file=sys.stderr)
+        elif check.was is None or check.now is None:
+            print(f"{check.name}: stays as it is: {check.findings[0].detail}", file=sys.stderr)
+        else:
+            with whole_file(check.was.path) as part:
+                condense(check.now, part)
+    if any(check.refused is not None for check in checks):
+        return 2
+    return 1 if any(check.now is None for check in checks) else 0
+
+
+def _record(path: Path, checks: Sequence[Check]) -> None:
+    """Both runs of the first recording that failed, or else of the first, in one recording."""
+    pairs = sorted((check for check in checks if check.now is not None), key=lambda check: check.passed)
+    if not pairs or pairs[0].was is None or pairs[0].now is None:
+        raise InputError(f"{path}: expected two runs to show beside each other, found none")
+    with whole_file(path) as part:
+        write_side_by_side(part, pairs[0].was, pairs[0].now)
+    print(f"{pairs[0].name}: look at both: rerun {os.path.relpath(path)}")
+
+
+def _is_override(text: str) -> bool:
+    return "=" in text and not Path(text).exists()
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    if arguments.seeds is not None and arguments.seeds < 2:
+        raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
+    if arguments.seeds is not None and (arguments.update or arguments.record is not None):
+        raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
+
+
+@contextmanager
+def _folder(keep: Path | None) -> Iterator[Path]:
+    """Where new runs go: `keep`, or a folder that is removed."""
+    if keep is not None:
+        yield keep
+        return
+    with TemporaryDirectory(prefix="workbench-check-") as folder:
+        yield Path(folder)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="workbench-check",
+        description=__doc__,
+        epilog="Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may "
+        "move by what the recording's configuration allows it (check:).",
+    )
+    parser.add_argument(
+        "what", metavar="FOLDER|RUN.rrd|key=value", nargs="+",
+        help="recordings to run again, and overrides such as paths.data=DATA; exactly two recordings are compared "
+        "with each other, and nothing is run",
+    )  # fmt: skip
+    parser.add_argument("--run", action="store_true", help="run again, also where exactly two recordings are given")
+    parser.add_argument("--seeds", metavar="K", type=int, help="compare with K runs of other seeds, as distributions")
+    parser.add_argument("--update", action="store_true", help="put the new runs in place of the recordings")
+    parser.add_argument("--record", metavar="DIFF.rrd", type=Path, help="write both runs beside each other")
+    parser.add_argument("--junit", metavar="OUT.xml", type=Path, help="write the outcome for a build server")
+    parser.add_argument("--keep", metavar="FOLDER", type=Path, help="keep the new runs there")
+    parser.add_argument("-v", "--verbose", action="store_true", help="show the numbers that passed, too")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,121 @@
+"""From the configuration stored in a recording to one that is safe to run here.
+
+A recording may come from a stranger. What its configuration may do is build components of the workbench, read below
+`paths.data` of whoever runs it, and write to that person's cache and to the folder that the run is given.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Any
+
+from hydra import compose, initialize_config_module
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+
+from workbench.cli.schema import COMPONENTS
+from workbench.errors import InputError
+from workbench.recording.compare import Tolerance
+from workbench.recording.reader import Run
+
+_TARGETS = {f"{part.__module__}.{part.__qualname__}" for parts in COMPONENTS.values() for part in parts.values()}
+
+
+def own_defaults(overrides: Sequence[str]) -> DictConfig:
+    """Today's top level, with this person's paths and today's tolerances; overrides of paths are followed."""
+    paths = [text for text in overrides if text.startswith("paths.")]
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        return compose("config", overrides=["experiment=custom", *paths])
+
+
+def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
+    """The stored configuration with our paths in place of its own, and with `overrides`, key=value.
+
+    Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
+    results do not depend on them, and no viewer is called. Raises InputError, naming the recording and the key, for
+    an interpolation, a target that is no component, an override of a key that is not there, or a path that leads out
+    of paths.data and was not given as an override.
+    """
+    settings = run.settings
+    _refuse_foreign(run, settings)
+    ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
+    moved = {**dict.fromkeys(COMPONENTS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
+    moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}
+    if isinstance(moved["recorder"], dict):
+        moved["recorder"]["live"] = False
+    moved.setdefault("check", OmegaConf.to_container(own.check))
+    config = OmegaConf.create(moved)
+    given = [_apply(run, config, text) for text in overrides]
+    for place, value in _leaves(moved, ""):
+        trusted = any(f"{place}.".startswith((f"{key}.", f"{key}[")) for key in ("paths", *given))
+        if isinstance(value, str) and not trusted and _leads_out(value, ours.values()):
+            raise InputError(f"{run.path}: {place}: {value!r} lies outside paths.data; if it is meant, say {place}=…")
+    return config
+
+
+def _refuse_foreign(run: Run, settings: Mapping[str, Any]) -> None:
+    for place, value in _leaves(settings, ""):
+        if isinstance(value, str) and "${" in value:
+            raise InputError(f"{run.path}: {place}: expected a resolved configuration, found {value!r}")
+        special = [key for key in place.split(".") if key.startswith("_")]
+        if special and (special != ["_target_"] or value not in _TARGETS):
+            raise InputError(f"{run.path}: {place}: expected a component of the workbench, refused {value!r}")
+
+
+def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
+    """Those stored with the recording; today's where it has none. Raises InputError for what is no tolerance."""
+    today: Any = OmegaConf.to_container(own.check)
+    found = run.settings.get("check", today)
+    try:
+        return {name: Tolerance(**{key: float(value) for key, value in keys.items()}) for name, keys in found.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise InputError(f"{run.path}: check: expected absolute and relative for every metric, found others") from None
+
+
+def _leaves(value: object, place: str) -> list[tuple[str, object]]:
+    """Every value that is neither list nor mapping, with its place; an empty one of these too."""
+    if isinstance(value, Mapping) and value:
+        return [pair for key, item in value.items() for pair in _leaves(item, f"{place}.{key}" if place else str(key))]
+    if isinstance(value, list) and value:
+        return [pair for index, item in enumerate(value) for pair in _leaves(item, f"{place}[{index}]")]
+    return [(place, value)]
+
+
+def _moved(value: Any, theirs: object, ours: Mapping[str, str]) -> Any:
+    """The same with our folders where texts begin with theirs; without paths.data of our own, theirs stays."""
+    if isinstance(value, Mapping):
+        moved = {key: _moved(item, theirs, ours) for key, item in value.items()}
+        return moved | ({"cache": ours["cache"]} if "cache" in moved else {})  # the one folder that parts write to
+    if isinstance(value, list):
+        return [_moved(item, theirs, ours) for item in value]
+    for name, folder in ours.items():
+        old = theirs.get(name) if isinstance(theirs, Mapping) else None
+        if isinstance(value, str) and isinstance(old, str) and old and (value + "/").startswith(old.rstrip("/") + "/"):
+            return folder + value[len(old.rstrip("/")) :]
+    return value
+
+
+def _apply(run: Run, config: DictConfig, text: str) -> str:
+    """Set the key that an override key=value names, and return it."""
+    try:
+        override = OverridesParser.create().parse_override(text)
+    except HydraException as error:
+        raise InputError(f"{text}: expected key=value: {error}") from None
+    key = override.key_or_group
+    if override.is_add() or override.is_delete() or override.is_sweep_override():
+        raise InputError(f"{text}: expected key=value with one value")
+    parent, _, name = key.rpartition(".")
+    node = OmegaConf.select(config, parent) if parent else config
+    if not isinstance(node, DictConfig) or name not in node:
+        raise InputError(f"{run.path}: {text}: its configuration has no key {key!r}")
+    OmegaConf.update(config, key, override.value())
+    return key
+
+
+def _leads_out(text: str, allowed: Iterable[str]) -> bool:
+    """Whether a text could be a path, or an address, that leads out of the folders allowed and the current one."""
+    path, other = PurePosixPath(text), PureWindowsPath(text)
+    if ".." in other.parts or "://" in text:
+        return True
+    absolute = path.is_absolute() or bool(other.root) or text.startswith("~")
+    return absolute and not any(path.is_relative_to(folder) for folder in allowed)
