@@ -1,0 +1,33 @@
+"""Runs made up in memory for reports."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from workbench.recording.reader import Run
+
+
+def made_up(
+    prior: str = "walking",
+    n: int = 500,
+    seed: Any = 0,
+    status: str = "complete",
+    cost: dict[str, float] | None = None,
+    study: bool = False,
+    run_id: str = "",
+    version: str = "1",
+    **metrics: float,
+) -> Run:
+    """A run of `prior` with n particles; its metrics by name."""
+    config = {"prior": {"_target_": f"workbench.priors.{prior}"}, "inference": {"n_particles": n}, "seed": seed}
+    properties: dict[str, dict[str, Any]] = {
+        "run": {"status": status, "id": run_id},
+        "config": {"TextDocument:text": yaml.safe_dump(config)},
+        "provenance": {"experiment": "custom", "workbench": version},
+        "metrics": metrics,
+        "cost": cost or {},
+    }
+    if not study:
+        properties["body"] = {"joints": ["pelvis"], "pose": ["root_x"]}
+    return Run(Path(f"{prior}_{n}_{seed}_{status}.rrd"), properties, {})

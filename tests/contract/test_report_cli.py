@@ -1,0 +1,228 @@
+"""workbench-report: from recordings to the terminal, Markdown, CSV, plots and a page that needs nothing else."""
+
+import base64
+import csv
+import json
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+from recording_steps import BODY, SPACE, errors, steps
+
+from workbench.body.kinematics import joints
+from workbench.cli import report
+from workbench.recording.reader import read
+from workbench.recording.recorder import Recorder
+from workbench.recording.study import StudyRecorder
+from workbench.report.statistics import joint_errors
+from workbench.studies.study import StudyResult
+
+PLOTS = ["coverage", "error_against_particles", "error_against_time", "error_per_joint"]
+
+
+def config(prior, n, seed):
+    inference = {"n_particles": n}
+    return json.dumps({"prior": {"_target_": f"workbench.priors.{prior}"}, "inference": inference, "seed": seed})
+
+
+def without_images(run):
+    return [replace(step, frame=replace(step.frame, views=())) for step in run]
+
+
+def record(folder, run, prior="walking", n=100, seed=0, error=10.0, end=None):
+    """A recording of these steps; `end`: what to raise after them."""
+    path = folder / f"{prior}_{n}_{seed}" / "run.rrd"
+    labels = {"run_id": str(path), "config_yaml": config(prior, n, seed), "provenance": {"experiment": "custom"}}
+    with Recorder(path, BODY, SPACE, **labels) as recording:
+        for step in run:
+            recording.log(step, errors(step))
+        if end is not None:
+            raise end
+        recording.set_result({"error_abs_mm": error, "coverage_90": 0.8, "ess_mean": 5.0})
+        recording.set_cost({"seconds": n / 100.0, "likelihood_evaluations": n * len(run)})
+    return path
+
+
+@pytest.fixture(scope="module")
+def run():
+    return without_images(steps(4, n_particles=20))
+
+
+@pytest.fixture(scope="module")
+def sweep(run, tmp_path_factory):
+    """Two priors, two numbers of particles, two seeds; one failed, one was killed, one is torn."""
+    folder = tmp_path_factory.mktemp("reports") / "sweep"
+    for k, (prior, n, seed) in enumerate((p, n, s) for p in ("walking", "smooth") for n in (100, 400) for s in (0, 1)):
+        record(folder, run, prior, n, seed, error=10.0 + k)
+    with pytest.raises(KeyboardInterrupt):
+        record(folder, run, seed=2, end=KeyboardInterrupt())
+    labels = {"run_id": "killed", "config_yaml": config("smooth", 400, 2), "provenance": {"experiment": "custom"}}
+    with Recorder(folder / "killed" / "run.rrd", BODY, SPACE, **labels) as recording:
+        shutil.copy(recording.part, folder / "killed.rrd.part")
+    shutil.rmtree(folder / "killed")
+    (folder / "junk.rrd").write_bytes(b"no recording" * 100)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(sweep, tmp_path_factory):
+    """The folder that a report was written to."""
+    folder = tmp_path_factory.mktemp("written") / "report"
+    assert report.main([str(sweep), "-o", str(folder)]) == 0
+    return folder
+
+
+class Page(HTMLParser):
+    """Every tag with its attributes, and the text."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_terminal_says_what_is_there_and_what_is_not(sweep, capsys):
+    assert report.main([str(sweep)]) == 0
+    told = capsys.readouterr().out
+    assert "11 recordings: 8 complete, 1 failed, 1 cut off or still running, 1 unreadable." in told
+    assert "4 groups by prior, n_particles" in told
+    assert f"walking, n_particles=100, seed 2: failed, not counted ({sweep}/walking_100_2/run.rrd.part)" in told
+    assert f"smooth, n_particles=400, seed 2: cut off or still running, not counted ({sweep}/killed.rrd.part)" in told
+    assert "walking, n_particles=400: no recording of seed 2, which other groups have" in told
+    assert f"{sweep}/junk.rrd: expected a whole Rerun recording" in told
+    assert re.search(r"walking, n_particles=100 +2 +10\.50 +0\.7071 +10\.00 to 11\.00\n", told)
+    assert re.search(rf"smooth, n_particles=400 +worst +17\.00 +1 +{sweep}/smooth_400_1/run\.rrd\n", told)
+
+
+def test_all_files_are_written_and_nothing_else(written):
+    expected = [*(f"{name}.png" for name in PLOTS), "report.csv", "report.html", "report.md", "runs.csv"]
+    assert sorted(path.name for path in written.iterdir()) == sorted(expected)
+
+
+def test_tables_hold_the_numbers_in_full(written):
+    groups = {(row["group"], row["metric"]): row for row in rows_of(written / "report.csv")}
+    row = groups["walking, n_particles=100", "error_abs_mm"]
+    assert [row[key] for key in ("prior", "n_particles", "n")] == ["walking", "100", "2"]
+    assert [float(row[key]) for key in ("mean", "sd", "low_95", "high_95")] == [10.5, np.sqrt(0.5), 10.0, 11.0]
+    assert len(groups) == 4 * 5
+    runs = {(row["group"], row["seed"], row["metric"]): row["value"] for row in rows_of(written / "runs.csv")}
+    assert len(runs) == 8 * 5
+    assert float(runs["smooth, n_particles=400", "1", "error_abs_mm"]) == 17.0
+    assert float(runs["smooth, n_particles=400", "1", "likelihood_evaluations"]) == 1600.0
+
+
+def test_the_page_needs_nothing_but_itself(written):
+    page = Page((written / "report.html").read_text())
+    tags = [tag for tag, _ in page.tags]
+    assert not {"script", "link", "iframe", "object", "embed"} & set(tags)
+    addresses = [value for _, attributes in page.tags for key, value in attributes.items() if key in ("src", "href")]
+    assert all(address.startswith("data:image/png;base64,") for address in addresses)
+    inside = [base64.b64decode(address.partition(",")[2]) for address in addresses]
+    assert sorted(inside) == sorted((written / f"{name}.png").read_bytes() for name in PLOTS)
+    policy = next(attributes["content"] for _, attributes in page.tags if attributes.get("http-equiv"))
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in (written / "report.html").read_text().replace("http-equiv", "")
+    for expected in ("Report on sweep", "walking, n_particles=400", "ess_mean", "junk.rrd"):
+        assert expected in page.text
+
+
+def test_markdown_shows_the_plots_and_tables(written):
+    lines = (written / "report.md").read_text().splitlines()
+    assert lines[0] == "# Report on sweep"
+    assert [f"{name}.png" for name in PLOTS] == sorted(re.findall(r"\]\((.+)\)", "\n".join(lines)))
+    assert "| walking, n\\_particles=100 | 2 | 10.50 | 0.7071 | 10.00 to 11.00 |" in lines
+    assert "- walking, n\\_particles=400: no recording of seed 2, which other groups have" in lines
+
+
+def test_plots_are_pictures_with_something_in_them(written):
+    for name in PLOTS:
+        image = cv2.imread(str(written / f"{name}.png"))
+        assert image.shape[1] > 800
+        for colour in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # the two series' colours, BGR
+            assert (np.abs(image.astype(int) - colour).max(axis=2) < 3).sum() > 20, (name, colour)
+
+
+@pytest.mark.slow
+def test_the_same_recordings_give_the_same_report(sweep, written, tmp_path):
+    assert report.main([str(sweep), "-o", str(tmp_path)]) == 0
+    for path in written.iterdir():
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
+
+
+def test_joint_errors_are_distances_after_the_first_frame(sweep, run):
+    found = joint_errors(read(sweep / "walking_100_0" / "run.rrd"))
+    apart = [joints(BODY.skeleton, step.expected_pose[None])[0] - step.frame.truth.joints for step in run[1:]]
+    expected = 1e3 * np.linalg.norm(apart, axis=2).mean(axis=0)
+    assert tuple(found) == BODY.skeleton.names
+    np.testing.assert_allclose(list(found.values()), expected, atol=1e-3)  # positions are kept to float32, in metres
+
+
+def test_joint_errors_need_a_truth(run, tmp_path):
+    blind = [replace(step, frame=replace(step.frame, truth=None)) for step in run]
+    path = tmp_path / "run.rrd"
+    with Recorder(path, BODY, SPACE, run_id="blind", config_yaml=config("walking", 9, 0), provenance={}) as recording:
+        for step in blind:
+            recording.log(step, {})
+        recording.set_result({"ess_mean": 1.0})
+    assert joint_errors(read(path)) == {}
+    assert report.main([str(path), "-o", str(tmp_path / "out")]) == 0
+    assert not list((tmp_path / "out").glob("*.png"))  # no error, so nothing to plot
+
+
+def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
+    labels = {"run_id": "s", "config_yaml": "seed: 0\nstudy: {a: 1}", "provenance": {"experiment": "learn_walk"}}
+    with StudyRecorder(tmp_path / "run.rrd", **labels) as recording:
+        recording.log(StudyResult({"explained": 0.75}, (), "note"))
+        recording.set_cost({"seconds": 2.0})
+    assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert "One group, learn_walk" in told
+    assert re.search(r"learn_walk +1 +0\.7500 +– +–\n", told)
+    assert not list((tmp_path / "out").glob("*.png"))
+
+
+def test_text_of_strangers_stays_text(run, tmp_path, capsys):
+    for name in ("<script>alert(1)</script>", "a|b`*\x1b[2J"):
+        folder = tmp_path / "in" / str(len(name))
+        labels = {"run_id": name, "config_yaml": json.dumps({"seed": 0, "body": {"name": name}}), "provenance": {}}
+        with Recorder(folder / "run.rrd", BODY, SPACE, **labels) as recording:
+            recording.set_result({"error_abs_mm": 1.0, name: 2.0})
+    assert report.main([str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
+    assert "name=a|b`*�[2J" in capsys.readouterr().out
+    page = Page((tmp_path / "out" / "report.html").read_text())
+    assert "script" not in [tag for tag, _ in page.tags]
+    assert "name=<script>alert(1)</script>" in page.text
+    tables = [line for line in (tmp_path / "out" / "report.md").read_text().splitlines() if line.startswith("| name=")]
+    assert all("<" not in line.replace("\\<", "") for line in tables)
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in tables} == {6}
+
+
+def test_what_cannot_be_reported_is_told(sweep, tmp_path, capsys, monkeypatch):
+    def failure(*arguments):
+        assert report.main([str(argument) for argument in arguments]) == 2
+        return capsys.readouterr().err
+
+    assert "expected recordings (.rrd, .rrd.part), found none" in failure(tmp_path)
+    assert "nothing" in failure(tmp_path / "nothing")
+    (tmp_path / "file").write_text("keep me")
+    assert f"{tmp_path / 'file'}" in failure(sweep, "-o", tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "keep me"
+    monkeypatch.setattr(report, "find_spec", lambda name: None)
+    assert "pip install 'workbench[report]'" in failure(sweep, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert report.main([str(sweep)]) == 0  # the terminal's report needs no matplotlib

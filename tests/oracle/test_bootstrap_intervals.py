@@ -1,0 +1,56 @@
+"""Bootstrap intervals against the exact bootstrap distribution, and against the normal one where there are many."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from workbench.evaluation.intervals import N_RESAMPLES, bootstrap_interval
+
+
+def exact(values, level):
+    """Quantiles of the means of all nⁿ equally likely resamples."""
+    means = np.sort([np.mean(resample) for resample in product(values, repeat=len(values))])
+    return means[[int(np.ceil(q * len(means))) - 1 for q in ((1 - level) / 2, (1 + level) / 2)]]
+
+
+@pytest.mark.parametrize("values", [[3.0, 1.0, 7.0], [0.0, 1.0, 10.0, 4.0], [5.0, 5.5, 5.1, 9.0, 2.0]])
+@pytest.mark.parametrize("level", [0.95, 0.7])
+def test_ends_are_quantiles_of_all_resamples(values, level):
+    # Of 10 000 resamples, the share below a true quantile is off by a standard error of √(q (1 − q) / 10 000): the ends
+    # lie between the true quantiles four of these to either side.
+    found = bootstrap_interval(np.array(values), np.random.default_rng(1), level)
+    tail = (1 - level) / 2
+    slack = 2 * 4 * np.sqrt(tail * (1 - tail) / N_RESAMPLES)
+    widest, narrowest = exact(values, level + slack), exact(values, level - slack)
+    assert widest[0] <= found[0] <= narrowest[0]
+    assert narrowest[1] <= found[1] <= widest[1]
+
+
+def test_three_values_give_their_range():
+    # 1 resample in 27 repeats the least value three times, more than the 2.5 % beyond the interval
+    assert bootstrap_interval(np.array([4.0, 1.0, 2.5]), np.random.default_rng(0)).tolist() == [1.0, 4.0]
+
+
+def test_many_values_give_the_normal_interval():
+    values = np.random.default_rng(2).normal(10.0, 2.0, 400)
+    half = norm.ppf(0.975) * values.std() / np.sqrt(len(values))
+    found = bootstrap_interval(values, np.random.default_rng(3))
+    # a quantile at 2.5 % of 10 000 normal draws has a standard error of √(0.025 · 0.975) / (100 φ(1.96)) = 2.7 % of a
+    # deviation, 1.4 % of half the interval: four of these
+    np.testing.assert_allclose(found, values.mean() + np.array([-half, half]), atol=0.055 * half)
+
+
+def test_columns_are_resampled_together():
+    columns = np.random.default_rng(4).normal(size=(6, 3))
+    found = bootstrap_interval(columns, np.random.default_rng(5))
+    assert found.shape == (2, 3)
+    for k in range(3):
+        assert bootstrap_interval(columns[:, k], np.random.default_rng(5)).tolist() == found[:, k].tolist()
+
+
+def test_one_value_has_no_interval_and_equal_ones_have_no_width():
+    assert np.isnan(bootstrap_interval(np.array([3.0]), np.random.default_rng(0))).all()
+    assert np.isnan(bootstrap_interval(np.empty((0, 2)), np.random.default_rng(0))).all()
+    assert bootstrap_interval(np.full(5, 3.0), np.random.default_rng(0)).tolist() == [3.0, 3.0]

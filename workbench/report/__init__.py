@@ -1,0 +1,1 @@
+"""Reports on many runs: groups, tables, plots, a page."""

@@ -1,0 +1,138 @@
+"""What a report says: the sentences and tables that the terminal, Markdown and the page all show."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench.evaluation.intervals import N_RESAMPLES
+from workbench.report.groups import Group, Grouping, seed_of
+from workbench.report.statistics import (
+    CHIEF,
+    LEVEL,
+    Statistic,
+    chief_names,
+    headline,
+    metric_names,
+    numbers,
+    statistic,
+    values,
+)
+from workbench.report.tables import Table, comma_separated, number
+from workbench.report.variation import short_names, shown
+
+_MOST_FOLLOWING = 6
+_COLUMNS = ("group", "n", "mean", "sd", f"{LEVEL:.0%} interval")
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """summary: sentences about what was read. problems: a sentence for each run that does not count.
+
+    extremes: every group's best and worst run. chief, others: tables by metric, what everybody asks for and the rest.
+    """
+
+    summary: tuple[str, ...]
+    problems: tuple[str, ...]
+    extremes: tuple[str, Table] | None
+    chief: tuple[tuple[str, Table], ...]
+    others: tuple[tuple[str, Table], ...]
+
+
+def contents(grouping: Grouping) -> Contents:
+    """All that is said about the groups."""
+    chief = chief_names(grouping.groups)
+    others = [name for name in metric_names(grouping.groups) if name not in chief]
+    return Contents(
+        summary=_summary(grouping),
+        problems=grouping.problems,
+        extremes=_extremes(grouping.groups),
+        chief=tuple(_metric_table(grouping.groups, name) for name in chief),
+        others=tuple(_metric_table(grouping.groups, name) for name in others),
+    )
+
+
+def _summary(grouping: Grouping) -> tuple[str, ...]:
+    groups = grouping.groups
+    counted = Counter(
+        {
+            "complete": sum(len(group.runs) + len(group.repeats) for group in groups),
+            "failed": sum(run.status == "failed" for group in groups for run in group.incomplete),
+            "cut off or still running": sum(run.status == "running" for group in groups for run in group.incomplete),
+            "unreadable": len(grouping.unreadable),
+        }
+    )
+    said = [f"{counted.total()} recordings: " + ", ".join(f"{n} {status}" for status, n in counted.items() if n) + "."]
+    if grouping.variation.keys:
+        names = short_names(grouping.variation.keys)
+        said.append(f"{len(groups)} groups by {', '.join(names.values())}, repeated over seeds.")
+    elif groups:
+        said.append(f"One group, {groups[0].label}, repeated over seeds.")
+    if following := grouping.variation.following:
+        more = f" and {len(following) - _MOST_FOLLOWING} more" if len(following) > _MOST_FOLLOWING else ""
+        said.append(f"With them change: {', '.join(following[:_MOST_FOLLOWING])}{more}.")
+    versions = sorted({str(run.provenance.get("workbench", "unknown")) for run in grouping.runs})
+    if len(versions) > 1:
+        said.append(f"The runs are of different versions of the workbench: {', '.join(versions)}.")
+    if headline(groups) is not None and "seconds" not in metric_names(groups):
+        said.append("The recordings do not say what the runs took.")
+    said.append(
+        f"Intervals are {LEVEL:.0%} percentile bootstrap intervals of the mean over seeds ({N_RESAMPLES} resamples); "
+        "with a handful of seeds they are too narrow."
+    )
+    return tuple(said)
+
+
+def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
+    found = [(group, statistic(group, metric)) for group in groups]
+    rows = tuple(_row(group, measured) for group, measured in found if measured is not None)
+    title = f"{metric}: {CHIEF[metric]}" if metric in CHIEF else metric
+    return title, Table(_COLUMNS, rows, frozenset(_COLUMNS[1:]))
+
+
+def _row(group: Group, measured: Statistic) -> tuple[str, ...]:
+    low, high = number(measured.low), number(measured.high)
+    interval = "–" if measured.n < 2 else f"{low} to {high}"
+    return group.label, str(measured.n), number(measured.mean), number(measured.sd), interval
+
+
+def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:
+    metric = headline(groups)
+    if metric is None:
+        return None
+    rows = []
+    for group in groups:
+        ranked = sorted(values(group, metric), key=lambda pair: pair[1])
+        for name, (run, value) in zip(("best", "worst"), (ranked[0], ranked[-1]) if ranked else (), strict=False):
+            rows.append((group.label, name, number(value), str(seed_of(run)), str(run.path)))
+    header = ("group", "run", metric, "seed", "recording")
+    return f"best and worst runs by {metric}", Table(header, tuple(rows), frozenset((metric, "seed")))
+
+
+def group_csv(grouping: Grouping) -> str:
+    """One row a group and metric: the keys that varied, n, mean, standard deviation, interval."""
+    keys = grouping.variation.keys
+    header = ("group", *short_names(keys).values(), "metric", "n", "mean", "sd", "low_95", "high_95")
+    rows = [
+        (group.label, *_cells(group, keys), metric, found.n, found.mean, found.sd, found.low, found.high)
+        for metric in metric_names(grouping.groups)
+        for group in grouping.groups
+        if (found := statistic(group, metric)) is not None
+    ]
+    return comma_separated(header, rows)
+
+
+def run_csv(grouping: Grouping) -> str:
+    """Tidy: one row a complete run and metric."""
+    keys = grouping.variation.keys
+    header = ("recording", "group", *short_names(keys).values(), "seed", "metric", "value")
+    rows = [
+        (str(run.path), group.label, *_cells(group, keys), seed_of(run), metric, value)
+        for group in grouping.groups
+        for run in group.runs
+        for metric, value in sorted(numbers(run).items())
+    ]
+    return comma_separated(header, rows)
+
+
+def _cells(group: Group, keys: Sequence[str]) -> list[str]:
+    return [shown(key, group.values[key]) if key in group.values else "" for key in keys]

@@ -1,0 +1,268 @@
+"""The report's plots: every run as a dot, means, and 95 % intervals as bands."""
+
+from collections.abc import Sequence
+from io import BytesIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.style import context
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+from scipy.optimize import isotonic_regression
+from tqdm import tqdm
+
+from workbench.arrays import FloatArray
+from workbench.report.groups import Group, Grouping
+from workbench.report.picture import Picture
+from workbench.report.series import Colour, all_series, mixed, n_particles
+from workbench.report.statistics import CHIEF, headline, interval, joint_errors, statistic, values
+
+_INK, _GREY, _FAINT = "#222222", "#767676", "#E4E4E4"
+_STYLE = {
+    "font.size": 10.0, "axes.titlesize": 12.0, "axes.titlelocation": "left", "axes.titleweight": "bold",
+    "axes.titlepad": 14.0, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": _GREY,
+    "axes.labelcolor": _INK, "text.color": _INK, "xtick.color": _GREY, "ytick.color": _GREY,
+    "xtick.labelcolor": _INK, "ytick.labelcolor": _INK, "grid.color": _FAINT, "axes.axisbelow": True,
+}  # fmt: skip
+_HALO = withStroke(linewidth=2.5, foreground="white")
+_LABEL_GAP_PT = 13.0
+_FAR_APART = 4.0
+_MOST_GROUPS = 8  # per joint: more bands on a line hide each other
+
+
+def pictures(grouping: Grouping) -> list[Picture]:
+    """The plots that these groups allow: none of studies, which track nobody."""
+    metric = headline(grouping.groups)
+    if metric is None:
+        return []
+    with context(_STYLE):
+        makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
+        made = [make(grouping, metric) for make in makers]
+    return [picture for picture in made if picture is not None]
+
+
+def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
+    series, left_out = all_series(grouping, metric)
+    counts = sorted({n_particles(group) for line in series for group in line.groups if n_particles(group) > 0.0})
+    if not any(len({n_particles(group) for group in line.groups}) > 1 for line in series):
+        return None
+    figure, axes = _canvas("Error against particles", "particles", CHIEF[metric])
+    axes.set_xscale("log")
+    axes.set_xticks(counts, [f"{count:.0f}" for count in counts])
+    axes.xaxis.set_minor_locator(NullLocator())
+    ends = []
+    for line in series:
+        groups = [group for group in line.groups if n_particles(group) > 0.0]
+        x = np.array([n_particles(group) for group in groups])
+        mean, low, high = _columns(groups, metric)
+        axes.fill_between(x, low, high, color=line.colour, alpha=0.18, linewidth=0.0)
+        axes.plot(x, mean, color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
+        for count, group in zip(x, groups, strict=True):
+            sample = [value for _, value in values(group, metric)]
+            _dots(axes, np.full(len(sample), count), sample, line.colour)
+        ends.append((line.label, line.colour, float(x[-1]), float(mean[-1])))
+    _error_axis(axes, [group for line in series for group in line.groups], metric)
+    _name_ends(axes, ends)
+    caption = "Lines are means over seeds, bands their 95 % intervals, dots single runs." + _of_more(left_out)
+    return _picture("error_against_particles", "Error against particles", caption, figure)
+
+
+def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
+    series, left_out = all_series(grouping, metric)
+    timed = [line for line in series if any(statistic(group, "seconds") for group in line.groups)]
+    if not timed:
+        return None
+    figure, axes = _canvas("Error against time", CHIEF["seconds"], CHIEF[metric])
+    axes.set_xscale("log")
+    _round_ticks(axes.xaxis)
+    ends = []
+    for line in timed:
+        groups = [group for group in line.groups if statistic(group, "seconds")]
+        seconds, _, _ = _columns(groups, "seconds")
+        mean, low, high = _columns(groups, metric)
+        axes.plot(seconds, mean, color=line.colour, linewidth=1.0, alpha=0.5)
+        for i, group in enumerate(groups):
+            taken = dict(values(group, "seconds"))
+            both = np.array([(taken[run], value) for run, value in values(group, metric) if run in taken])
+            _dots(axes, both[:, 0], both[:, 1], line.colour)
+            _band(axes, [seconds[i]] * 2, [low[i], high[i]], line.colour, 7.0)
+            axes.plot(seconds[i], mean[i], color=line.colour, marker="o", markersize=6.0)
+            if len(groups) > 1:
+                axes.annotate(
+                    f"{n_particles(group):.0f}", (seconds[i], mean[i]), (0.0, 9.0), textcoords="offset points",
+                    ha="center", va="bottom", fontsize=8.0, color=_GREY,
+                )  # fmt: skip
+        ends.append((line.label, line.colour, float(seconds[-1]), float(mean[-1])))
+    _widen(axes, [x for _, _, x, _ in ends])
+    _error_axis(axes, [group for line in timed for group in line.groups], metric)
+    _name_ends(axes, ends)
+    numbered = " Small numbers count particles." if any(len(line.groups) > 1 for line in timed) else ""
+    caption = (
+        "Large dots are means over seeds, bands the errors' 95 % intervals, small dots single runs. The time is that "
+        f"of the inference alone, on the machine that ran it.{numbered}{_of_more(left_out)}"
+    )
+    return _picture("error_against_time", "Error against time", caption, figure)
+
+
+def _coverage(grouping: Grouping, _: str) -> Picture | None:
+    metric, nominal = "coverage_90", 0.9
+    series, left_out = all_series(grouping, metric)
+    rows = [(line, group) for line in series for group in line.groups]
+    if not rows:
+        return None
+    figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
+    axes.grid(axis="x")
+    axes.axvline(nominal, color=_INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    axes.annotate(
+        "as it should be", (nominal, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        ha="center", va="bottom", fontsize=8.5,
+    )  # fmt: skip
+    for y, (line, group) in enumerate(rows):
+        _interval_row(axes, float(y), np.array([value for _, value in values(group, metric)]), line.shade(group), 9.0)
+    axes.set_yticks(range(len(rows)), [group.label for _, group in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlim(0.0, 1.0)
+    caption = (
+        "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
+        "should be. Large dots are means over seeds, bands their 95 % intervals, small dots single runs."
+    )
+    return _picture("coverage", "Coverage of the 90 % band", caption + _of_more(left_out), figure)
+
+
+def _per_joint(grouping: Grouping, metric: str) -> Picture | None:
+    series, _ = all_series(grouping, metric)
+    every = [(line, group) for line in series for group in line.groups]
+    rows = sorted(every, key=lambda row: _mean(row[1], metric))[:_MOST_GROUPS]
+    measured = {group: _samples(group) for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)}
+    names = list(dict.fromkeys(name for samples in measured.values() for name in samples))
+    if not names:
+        return None
+    figure, axes = _canvas("Error of each joint", "mean distance from the true joint (mm)", "", 1.3 * len(names))
+    axes.grid(axis="x")
+    for row in range(0, len(names), 2):
+        axes.axhspan(row - 0.5, row + 0.5, color="#F6F6F6", linewidth=0.0, zorder=0)
+    for k, (line, group) in enumerate(rows):
+        offset = 0.8 * ((k + 0.5) / len(rows) - 0.5)
+        for name, sample in measured[group].items():
+            y, width = names.index(name) + offset, min(7.0, 24.0 / len(rows))
+            _interval_row(axes, y, np.array(sample), line.shade(group), width, single=False)
+        height = 0.99 - k * 0.05
+        axes.text(1.02, height, "●", transform=axes.transAxes, color=line.shade(group), va="top")
+        axes.text(1.05, height, group.label, transform=axes.transAxes, va="top")
+    axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    axes.tick_params(axis="y", length=0.0)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(left=0.0)
+    caption = "Dots are means over frames and seeds, bands the 95 % intervals over seeds; the best group is on top."
+    if len(every) > len(rows):
+        caption += f" The {len(every) - len(rows)} groups with larger errors are left out."
+    return _picture("error_per_joint", "Error of each joint", caption, figure)
+
+
+def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -> tuple[Figure, Axes]:
+    """Empty axes: 7 × 4.2 inches, or as high as rows of text ask for."""
+    figure = Figure(figsize=(7.0, 4.2 if n_rows is None else 1.2 + 0.32 * n_rows), dpi=150)
+    axes = figure.add_subplot()
+    axes.set_title(title, pad=22.0 if n_rows is not None else None)
+    axes.set_xlabel(x_name)
+    axes.set_ylabel(y_name)
+    if n_rows is None:
+        axes.grid(axis="y")
+    return figure, axes
+
+
+def _error_axis(axes: Axes, groups: Sequence[Group], metric: str) -> None:
+    """From zero; logarithmic where the groups' errors are so far apart that the small ones would not be told apart."""
+    means = [_mean(group, metric) for group in groups]
+    if min(means) > 0.0 and max(means) > _FAR_APART * min(means):
+        axes.set_yscale("log")
+        _round_ticks(axes.yaxis)
+    else:
+        axes.set_ylim(bottom=0.0)
+
+
+def _round_ticks(axis: Axis) -> None:
+    """Numbers at 1, 2, 5, 10, … of a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _dots(axes: Axes, x: FloatArray, y: Sequence[float] | FloatArray, colour: Colour) -> None:
+    axes.plot(x, y, linestyle="none", marker="o", markersize=3.0, color=colour, alpha=0.45, markeredgewidth=0.0)
+
+
+def _band(axes: Axes, x: Sequence[float], y: Sequence[float], colour: Colour, width: float) -> None:
+    """An interval between two points."""
+    axes.plot(x, y, color=colour, linewidth=width, alpha=0.3, solid_capstyle="butt")
+
+
+def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: Colour, width: float, single: bool = True) -> None:
+    """Mean and interval of a sample on a line of its own, over its single values."""
+    low, high = interval(sample)
+    _band(axes, [low, high], [y, y], colour, width)
+    if single:
+        _dots(axes, sample, np.full(len(sample), y), mixed(colour, 0.0, 0.3))
+    axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
+
+
+def _columns(groups: Sequence[Group], metric: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means, lower and upper ends, one a group; the ends are NaN where there is no interval."""
+    found = [statistic(group, metric) for group in groups]
+    rows = [(one.mean, one.low, one.high) if one else (np.nan,) * 3 for one in found]
+    mean, low, high = np.array(rows).T
+    return mean, low, high
+
+
+def _samples(group: Group) -> dict[str, list[float]]:
+    """Every joint's mean error, mm, one a run that has true joints."""
+    samples: dict[str, list[float]] = {}
+    for run in group.runs:
+        for name, error in joint_errors(run).items():
+            samples.setdefault(name, []).append(error)
+    return samples
+
+
+def _mean(group: Group, metric: str) -> float:
+    found = statistic(group, metric)
+    return np.inf if found is None else found.mean
+
+
+def _name_ends(axes: Axes, ends: Sequence[tuple[str, Colour, float, float]]) -> None:
+    """Labels beside the ends (label, colour, x, y) of lines, pushed apart where they would overlap."""
+    ordered = sorted(ends, key=lambda end: end[3])
+    scale = 72.0 / axes.figure.dpi
+    heights = [scale * float(axes.transData.transform((x, y))[1]) for _, _, x, y in ordered]
+    placed = spread(heights, _LABEL_GAP_PT)
+    for (name, colour, x, y), height, place in zip(ordered, heights, placed, strict=True):
+        axes.annotate(
+            name, (x, y), (9.0, place - height), textcoords="offset points", va="center",
+            color=mixed(colour, 0.0, 0.25), annotation_clip=False, path_effects=[_HALO],
+        )  # fmt: skip
+
+
+def spread(heights: Sequence[float], gap: float) -> FloatArray:
+    """Rising heights moved as little as it takes, in the sum of squares, to put neighbours `gap` apart."""
+    steps = gap * np.arange(len(heights))
+    placed: FloatArray = isotonic_regression(np.asarray(heights) - steps).x + steps
+    return placed
+
+
+def _widen(axes: Axes, x: Sequence[float]) -> None:
+    """Show at least a factor of four around the points, so that a logarithmic axis has ticks."""
+    low, high = axes.get_xlim()
+    if high < 4.0 * low:
+        middle = float(np.exp(np.mean(np.log(x))))
+        axes.set_xlim(min(low, middle / 2.5), max(high, middle * 2.5))
+
+
+def _of_more(left_out: int) -> str:
+    return f" Shown are the best; {left_out} more are in the tables." if left_out else ""
+
+
+def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
+    png = BytesIO()
+    figure.savefig(png, format="png", bbox_inches="tight", facecolor="white", metadata={"Software": None})
+    return Picture(name, title, caption, png.getvalue())

@@ -1,0 +1,77 @@
+"""Tables as plain text, Markdown, HTML and CSV."""
+
+import csv
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text below a header. A column whose name is in `numeric` is aligned to the right."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numeric: frozenset[str] = frozenset()
+
+
+def number(value: float) -> str:
+    """Four significant digits, or all of them before the point; a dash for what is not known."""
+    if not np.isfinite(value):
+        return "–"
+    if abs(value) < 1e-12:  # nothing, or what rounding leaves of it
+        return "0"
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:#.4g}".rstrip(".")
+
+
+def text(table: Table) -> str:
+    """Aligned columns for the terminal."""
+    widths = [max(map(len, column)) for column in zip(table.header, *table.rows, strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        aligned = [
+            cell.rjust(width) if name in table.numeric else cell.ljust(width)
+            for name, cell, width in zip(table.header, cells, widths, strict=True)
+        ]
+        return "  ".join(aligned).rstrip()
+
+    return "\n".join(map(line, (table.header, *table.rows)))
+
+
+def markdown(table: Table) -> str:
+    """A pipe table."""
+    rule = ["---:" if name in table.numeric else "---" for name in table.header]
+    rows = [[escaped(cell) for cell in row] for row in (table.header, *table.rows)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:]))
+
+
+def escaped(words: str) -> str:
+    """Text of others for Markdown: nothing in it is markup, and it stays within its cell."""
+    for mark in "\\|`*_<>[]":
+        words = words.replace(mark, f"\\{mark}")
+    return " ".join(words.split())
+
+
+def markup(table: Table) -> str:
+    """An HTML table; cells of numeric columns have the class `number`."""
+    kinds = [' class="number"' if name in table.numeric else "" for name in table.header]
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        filled = zip(cells, kinds, strict=True)
+        return "<tr>" + "".join(f"<{tag}{kind}>{html.escape(cell)}</{tag}>" for cell, kind in filled) + "</tr>"
+
+    body = "\n".join(line(row, "td") for row in table.rows)
+    return f"<table>\n<thead>{line(table.header, 'th')}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+
+
+def comma_separated(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """CSV with a header; floats in full, nothing where a number is not finite."""
+    file = StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow(["" if isinstance(cell, float) and not np.isfinite(cell) else cell for cell in row])
+    return file.getvalue()

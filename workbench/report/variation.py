@@ -1,0 +1,98 @@
+"""What varied between runs: the keys of their configurations that tell them apart."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+TARGET = "._target_"
+EXPERIMENT = "experiment"
+_REPETITION = ("seed",)
+_WITHOUT_EFFECT = ("threads", "paths", "recorder")  # on a run's numbers
+_PLACES = (".data", ".cache")
+
+Settings = Mapping[str, Any]
+"""A configuration as flat dotted keys, with the experiment's name under `experiment`."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """keys: dotted keys that tell the runs apart, choices first. following: keys that only change with one of them."""
+
+    keys: tuple[str, ...]
+    following: tuple[str, ...]
+
+
+def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
+    """What may have influenced a run's numbers but the seed: {dotted key: value}."""
+    kept = {key: value for key, value in settings.items() if key not in (*_REPETITION, *_WITHOUT_EFFECT)}
+    leaves = {key: value for key, value in _leaves(kept) if not key.endswith(_PLACES)}
+    return {EXPERIMENT: experiment, **leaves}
+
+
+def _leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
+
+
+def what_varied(settings: Sequence[Settings]) -> Variation:
+    """The fewest keys that tell different settings apart.
+
+    A key that repeats another's value is left out; so is one that only changes with a choice, which is a key whose
+    values are text: the keys of a prior that another prior has not, say, or what an experiment sets.
+    """
+    names = list(dict.fromkeys(key for row in settings for key in row))
+    columns = {name: [comparable(row, name) for row in settings] for name in names}
+    varied = [name for name in names if len(set(columns[name])) > 1]
+    kept: list[str] = []
+    following: list[str] = []
+    choices = {name for name in varied if all(isinstance(row.get(name, ""), str) for row in settings)}
+    for name in sorted(varied, key=lambda name: (name != EXPERIMENT, not name.endswith(TARGET), name not in choices)):
+        leaders = [known for known in kept if _leads(columns[known], columns[name], known in choices)]
+        if not leaders:
+            kept.append(name)
+        elif not any(name.startswith(known.removesuffix(TARGET) + ".") for known in leaders):
+            following.append(name)
+    return Variation(tuple(kept), tuple(following))
+
+
+def _leads(first: Sequence[str], second: Sequence[str], choice: bool) -> bool:
+    """Whether the second column repeats the first or, where that is a choice, has one value for each of its values."""
+    return first == second or (choice and len(set(zip(first, second, strict=True))) == len(set(first)))
+
+
+def comparable(row: Settings, name: str) -> str:
+    """A value as text that is equal for equal values; a list of one is its item, a key that is not there is empty."""
+    value = row.get(name, [])
+    return json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value, sort_keys=True, default=str)
+
+
+def short_names(keys: Sequence[str]) -> dict[str, str]:
+    """Names to show for dotted keys: their last part, or for the choice of a part its group, where that is unique."""
+    parts = {key: key.removesuffix(TARGET).split(".") for key in keys}
+    last = [words[-1] for words in parts.values()]
+    return {key: words[-1] if last.count(words[-1]) == 1 else ".".join(words) for key, words in parts.items()}
+
+
+def shown(key: str, value: Any) -> str:
+    """A value as a person would write it; what a part is made by as the name of the part."""
+    if key.endswith(TARGET):
+        name = str(value).rpartition(".")[2]
+        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list):
+        return f"[{','.join(shown('', item) for item in value)}]"
+    return "none" if value is None else str(value)
+
+
+def label(keys: Sequence[str], values: Settings) -> str:
+    """One line that tells a group from the others: `walking, n_particles=200`. Keys that it has not are left out."""
+    names = short_names(keys)
+    texts = {key: shown(key, values[key]) for key in keys if key in values}
+    chosen = (EXPERIMENT, *(key for key in keys if key.endswith(TARGET)))
+    return ", ".join(text if key in chosen else f"{names[key]}={text}" for key, text in texts.items())
