@@ -1,0 +1,90 @@
+"""The papers' figures from recordings, as PNG and PDF.
+
+    python -m analysis.figures [NAME…] [--quick] [--runs FOLDER] [--data DATA] [-o FOLDER]
+
+Without a NAME all figures are made; a NAME may be a script's or its beginning, such as a_fig4 or c. Each takes the
+newest complete recording of its experiments in FOLDER, and one that is not there is run first, at the paper's size.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from matplotlib.style import context
+
+from analysis.figures.recordings import Source, recording
+from analysis.figures.style import STYLE
+from workbench.errors import InputError
+from workbench.recording.reader import Run, open_runs
+
+
+def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:
+    """The scripts whose names begin with one of these, or all; raises InputError for one that fits none."""
+    every = sorted(path.stem for path in Path(__file__).parent.glob("[abcd]_*.py"))
+    for name in names:
+        if not any(script.startswith(name) for script in every):
+            raise InputError(f"{name}: expected a figure's name or how it begins, of {', '.join(every)}")
+    chosen = [script for script in every if not names or script.startswith(tuple(names))]
+    return {script: import_module(f"analysis.figures.{script}") for script in chosen}
+
+
+def save(script: ModuleType, runs: Mapping[str, Run], folder: Path, name: str) -> None:
+    """Draw a figure from the runs of its experiments and write NAME.png and NAME.pdf."""
+    with context(STYLE):
+        figure = script.draw(runs)
+        figure.savefig(folder / f"{name}.png")
+        figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+
+
+def make(chosen: Mapping[str, ModuleType], source: Source, folder: Path) -> list[str]:
+    """Make these figures; a sentence for each that could not be made."""
+    known, problems = open_runs(source.folder)
+    for problem in problems:
+        print(f"left out: {problem.reason}", file=sys.stderr)
+    by_experiment: dict[str, Run] = {}
+    failed = []
+    for name, script in chosen.items():
+        print(name, flush=True)
+        try:
+            for experiment in script.EXPERIMENTS:
+                if experiment not in by_experiment:
+                    by_experiment[experiment] = recording(experiment, source, known)
+            save(script, {experiment: by_experiment[experiment] for experiment in script.EXPERIMENTS}, folder, name)
+        except InputError as error:
+            failed.append(f"{name}: {error}")
+    return failed
+
+
+def main() -> int:
+    """Exit code 0 when all figures were made, 1 when some could not be, 2 for bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m analysis.figures", description="The papers' figures from recordings."
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="a figure's script or how its name begins; none: all")
+    parser.add_argument("--quick", action="store_true", help="what is missing is run at a small size")
+    parser.add_argument(
+        "--runs", type=Path, default=Path("recordings/runs"), help="where recordings are (recordings/runs)"
+    )
+    parser.add_argument("--data", default=os.environ.get("WORKBENCH_DATA"), help="recorded motion ($WORKBENCH_DATA)")
+    parser.add_argument(
+        "-o", dest="folder", type=Path, default=Path("build/figures"), help="for the files (build/figures)"
+    )
+    given = parser.parse_args()
+    try:
+        given.runs.mkdir(parents=True, exist_ok=True)
+        given.folder.mkdir(parents=True, exist_ok=True)
+        failed = make(scripts(given.names), Source(given.runs, given.data, given.quick), given.folder)
+    except InputError as error:
+        print(f"figures: {error}", file=sys.stderr)
+        return 2
+    for sentence in failed:
+        print(f"not made: {sentence}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

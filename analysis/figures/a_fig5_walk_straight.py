@@ -1,0 +1,19 @@
+"""Paper A, fig. 5: tracking a person who walks in a straight line.
+
+From walk_straight: 5000 particles under the walking prior.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.sequences import tracked
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("walk_straight",)
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """Images above, the expected pose in space below."""
+    paper = "The paper: 5000 particles, 50 frames, held; arms often poorly estimated; no errors given."
+    return tracked("Paper A, fig. 5: a walk in a straight line", runs["walk_straight"], paper)

@@ -1,0 +1,19 @@
+"""Paper A, fig. 6: tracking a person who walks on a circle.
+
+From walk_circle: 15 000 particles under a walking prior that was learned from straight walks.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.sequences import tracked
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("walk_circle",)
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """Images above, the expected pose in space below."""
+    paper = "The paper: 15 000 particles; in frame 50 the model starts to drift off, its rotation poorly estimated."
+    return tracked("Paper A, fig. 6: a walk on a circle", runs["walk_circle"], paper)

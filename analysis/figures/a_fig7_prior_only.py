@@ -1,0 +1,23 @@
+"""Paper A, fig. 7: how strong the walking prior is; the same walk with and without looking at the images.
+
+From walk_straight and walk_prior_only, which has a uniform likelihood.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.sequences import compared
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("walk_straight", "walk_prior_only")
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """A row of images each, and both errors over frames."""
+    paper = (
+        "The paper repeats the walk on a circle so: the prior keeps the pose that of a walk, "
+        "but without images the figure walks its own way."
+    )
+    rows = {"Image motion": runs["walk_straight"], "Prior only": runs["walk_prior_only"]}
+    return compared("Paper A, fig. 7: how strong is the walking prior?", rows, paper)

@@ -1,0 +1,34 @@
+"""Paper B, fig. 1 left: signal-to-noise ratio over the candidate period.
+
+From period_snr. The axis is logarithmic, where the paper's is linear: single angles differ by powers of ten.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.studies import draw as draw_figure
+from analysis.figures.style import canvas
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("period_snr",)
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """The walk whose period was found best, all walks with white noise, and the deviations from hip events."""
+    run = runs["period_snr"]
+    result = run.result
+    figure = canvas(
+        "Paper B, fig. 1 left: finding the period",
+        2.9,
+        f"Ours: {result['n_clips']:.0f} walks; periods differ from hip events by "
+        f"{result['period_error_median_pct']:.2f} % (median) and {result['period_error_max_pct']:.1f} % at most; white "
+        f"noise stays flat: its largest ratio is {result['white_noise_peak_ratio']:.2f} times its median. The paper: a "
+        "peak at 126 samples; white noise about constant.",
+    )
+    first, second, third = figure.subplots(1, 3)
+    shown = run.figures
+    for axes, drawn in zip((first, second, third), (shown[0], *shown[-2:]), strict=True):
+        draw_figure(axes, drawn)
+        axes.set_title(drawn.name.partition("/")[2])
+    return figure

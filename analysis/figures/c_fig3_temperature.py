@@ -1,0 +1,39 @@
+"""Paper C, fig. 3: what the database gives for one probe at four temperatures.
+
+From temperature: ten draws by the paper's sign tree and by our search, and how far both are from the exact odds.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.studies import curves, sticks
+from analysis.figures.style import canvas, rows
+from workbench.recording.reader import Run
+from workbench.studies.study import Curves, Sticks
+
+EXPERIMENTS = ("temperature",)
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """Draws at rising temperatures, a row for each search; fidelity against temperature."""
+    run = runs["temperature"]
+    result = run.result
+    draws = [figure for figure in run.figures if isinstance(figure, Sticks)]
+    fidelity = [figure for figure in run.figures if isinstance(figure, Curves)]
+    figure = canvas(
+        "Paper C, fig. 3: sampling from the database",
+        6.3,
+        "Grey: ten poses drawn; blue: the pose that truly followed. Ours, at the prior's β: total variation to the "
+        f"exact odds {result['tv_search']:.2g} by our search, which looks at {result['visited_pct']:.1f} % of the "
+        f"database, {result['tv_sign_tree']:.2f} by the paper's tree. The paper shows cold draws alike and hot ones of "
+        "any kind, without numbers.",
+    )
+    upper, lower = rows(figure, (3.6, 1.9), ("", ""))
+    for axes, drawn in zip(upper.subplots(2, len(draws) // 2, sharex=True, sharey=True).flat, draws, strict=True):
+        sticks(axes, drawn)
+        axes.set_title(drawn.name.partition("/")[2])
+    for axes, shown in zip(lower.subplots(1, len(fidelity)), fidelity, strict=True):
+        curves(axes, shown, marks_at=0.62)
+        axes.set_title(shown.name.partition("/")[2])
+    return figure

@@ -1,0 +1,20 @@
+"""Paper C, fig. 7: tracking a walker with few particles.
+
+From body_implicit, whose database does not hold the walker, and body_smooth.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.sequences import compared
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("body_implicit", "body_smooth")
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """A row of images each, and both errors over frames."""
+    paper = "The paper: 300 particles track 30 frames with the implicit prior and do not with constant velocity."
+    rows = {"(a) implicit prior": runs["body_implicit"], "(b) constant velocity": runs["body_smooth"]}
+    return compared("Paper C, fig. 7: a walker, 300 particles", rows, paper)

@@ -1,0 +1,30 @@
+"""Paper D, fig. 4: the first eigenvectors for the left knee's flexion, and their derivatives.
+
+From learn_walk_run.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.studies import draw as draw_figure
+from analysis.figures.studies import figure_named
+from analysis.figures.style import canvas
+from workbench.recording.reader import Run
+
+EXPERIMENTS = ("learn_walk_run",)
+ANGLE = "eigenvectors/left knee flexion"
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """Eigenvectors on the left, derivatives on the right."""
+    run = runs["learn_walk_run"]
+    caption = (
+        f"Each scaled by its standard deviation over {run.result['n_examples']:.0f} cycles. The paper draws five, in "
+        "no stated unit."
+    )
+    figure = canvas("Paper D, fig. 4: eigenvectors of the left knee's flexion", 3.0, caption)
+    for axes, name, title in zip(figure.subplots(1, 2), (ANGLE, f"{ANGLE}, derivative"), ("Θ", "∂Θ/∂μ"), strict=True):
+        draw_figure(axes, figure_named(run, name))
+        axes.set_title(title)
+    return figure

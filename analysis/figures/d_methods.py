@@ -1,0 +1,56 @@
+"""Paper D, section 6: the same points without and with a motion model, fitted and filtered.
+
+From points_no_model, points_walk_steady, points_walk_variable, points_particle_filter and points_hybrid.
+"""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from analysis.figures.style import ESTIMATE, SERIES, canvas
+from analysis.figures.told import setup
+from workbench.recording.reader import Run
+
+NAMES = {
+    "points_no_model": "no motion model",
+    "points_particle_filter": "particle filter",
+    "points_hybrid": "particle filter about the fit",
+    "points_walk_steady": "fit, one style",
+    "points_walk_variable": "fit, a style per frame",
+}
+EXPERIMENTS = tuple(NAMES)
+
+
+def draw(runs: Mapping[str, Run]) -> Figure:
+    """Errors in space and of the knees, and milliseconds a frame, a row for each method."""
+    first = runs["points_walk_steady"]
+    figure = canvas(
+        "Paper D, section 6: fitting and filtering the same points",
+        2.6,
+        f"Ours: {setup(first)}; times are those of the machine that ran them. The paper gives no errors; it expects "
+        "fitting to cost less than filtering and suggests to combine both.",
+    )
+    columns = figure.subplots(1, 3, sharey=True)
+    found = [runs[experiment] for experiment in NAMES]
+    values = {
+        "joints off by (mm)": [run.result["error_abs_mm"] for run in found],
+        "knees off by (degrees)": [run.result["knee_deg"] for run in found],
+        "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in found],
+    }
+    for axes, (name, row) in zip(columns, values.items(), strict=True):
+        axes.barh(
+            list(NAMES.values()), row, color=[SERIES[6] if k == 0 else ESTIMATE for k in range(len(row))], height=0.6
+        )
+        for y, value in enumerate(row):
+            axes.annotate(
+                f"{value:.{0 if value >= 100 else 1}f}",
+                (value, y),
+                (3.0, 0.0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
+            )
+        axes.set_xlabel(name)
+        axes.margins(x=0.18)
+    columns[0].invert_yaxis()
+    return figure

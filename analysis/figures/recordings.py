@@ -1,0 +1,143 @@
+"""The recordings that figures are drawn from: the newest that were made as they should be, or new ones."""
+
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from workbench.errors import InputError
+from workbench.recording.reader import Run, read
+
+_FEW = ("dataset.n_frames=21", "inference.n_particles=400")
+_FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
+QUICK: Mapping[str, Sequence[str]] = {
+    "walk_straight": _FEW,
+    "walk_circle": _FEW,
+    "walk_prior_only": _FEW,
+    "walk_cyclic": _FEW,
+    "arm_twist": ("inference.n_particles=1000",),
+    "arm_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
+    "arm_smooth_300": ("dataset.n_frames=16", "inference.n_particles=100"),
+    "arm_smooth_3000": ("dataset.n_frames=16", "inference.n_particles=1000"),
+    "body_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
+    "body_smooth": ("dataset.n_frames=16", "inference.n_particles=100"),
+    "synthesize_run": ("dataset.n_frames=31",),
+    "temperature": ("study.n_probes=3",),
+    "coefficient_histograms": ("study.n_draws=300",),
+    "impute_gaps": ("study.fractions=[0.1,0.2]",),
+    **dict.fromkeys(
+        (
+            "points_no_model", "points_walk_steady", "points_walk_variable", "points_run_steady",
+            "points_run_variable", "points_particle_filter", "points_hybrid",
+        ),
+        ("dataset.n_frames=16", *_FEW_POINTS),
+    ),
+    "points_transition": ("dataset.n_frames=28", *_FEW_POINTS),
+}  # fmt: skip
+"""What makes an experiment small; one that is not named is small as it is."""
+
+RECORDED: Mapping[str, Sequence[str]] = {
+    "walk_straight": ("dataset.motion='35_02'", "prior.motions=cmu"),
+    "walk_prior_only": ("dataset.motion='35_02'", "prior.motions=cmu"),
+    "walk_cyclic": ("dataset.motion='35_02'",),
+}
+"""What puts a recorded walk, of somebody not learned from, in the place of a generated one, as in the papers."""
+
+_WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
+GENERATED: Mapping[str, Sequence[str]] = {
+    "arm_implicit": (*_WALKER, "prior.leave_out=[]"),
+    "arm_smooth_300": ("dataset.motion=builtin",),
+    "arm_smooth_3000": ("dataset.motion=builtin",),
+    "body_implicit": (*_WALKER, "prior.leave_out=[]"),
+    "body_smooth": ("dataset.motion=builtin",),
+    "synthesize_run": (*_WALKER, "prior.leave_out=[]"),
+    "temperature": ("prior.motions=builtin",),
+    "coefficient_histograms": ("prior.motions=builtin",),
+}
+"""What lets an experiment that needs recorded motion do with generated people. For trying out, not for the paper."""
+
+_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep")
+_PLACES = ("data", "cache")
+
+
+@dataclass(frozen=True)
+class Source:
+    """folder: where runs are found and made. data: recorded motion, None for generated people. quick: small runs do."""
+
+    folder: Path
+    data: str | None
+    quick: bool
+
+    def variants(self, experiment: str) -> list[list[str]]:
+        """The overrides that may have made a recording, the best first; the last is what a new run is made with.
+
+        Raises InputError for an experiment that needs recorded motion where there is none, unless small runs do.
+        """
+        data = [] if self.data is None else [f"paths.data={self.data}", *RECORDED.get(experiment, ())]
+        if self.data is None and experiment in GENERATED:
+            if not self.quick:
+                raise InputError(
+                    f"{experiment}: needs recorded motion, --data DATA (or, with generated people, --quick)"
+                )
+            data = list(GENERATED[experiment])
+        small = [*data, *QUICK.get(experiment, ())]
+        return [data, small] if self.quick and small != data else [data]
+
+
+def recording(experiment: str, source: Source, known: Sequence[Run]) -> Run:
+    """The newest complete run among `known` with the experiment's configuration, or else a new one.
+
+    Raises InputError when it cannot be made.
+    """
+    candidates = [run for run in known if run.status == "complete" and run.provenance.get("experiment") == experiment]
+    candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
+    for overrides in source.variants(experiment) if candidates else ():
+        wanted = what_matters(_composed(experiment, overrides))
+        for run in candidates:
+            if what_matters(run.settings) == wanted:
+                return run
+    return _made(experiment, source)
+
+
+def what_matters(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration without what tells one run from another that shows the same: seed, places, threads, recorder."""
+    return {key: _without_places(value) for key, value in settings.items() if key not in _NO_MATTER}
+
+
+def _without_places(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_places(item) for key, item in value.items() if key not in _PLACES}
+    return value
+
+
+def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
+    """The configuration that `workbench` would run, which it prints."""
+    done = subprocess.run(
+        [*_command(experiment, overrides), "--cfg", "job", "--resolve"], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        told = done.stderr.strip().splitlines() or [f"no configuration, exit code {done.returncode}"]
+        raise InputError(f"{experiment}: {told[-1]}")
+    found: dict[str, Any] = yaml.safe_load(done.stdout)
+    return found
+
+
+def _made(experiment: str, source: Source) -> Run:
+    overrides = source.variants(experiment)[-1]
+    folder = source.folder / experiment / f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
+    print(f"  {' '.join(['workbench', f'experiment={experiment}', *overrides])}", flush=True)
+    done = subprocess.run(
+        [*_command(experiment, overrides), f"hydra.run.dir={folder}"], stdout=subprocess.PIPE, check=False
+    )
+    if done.returncode:
+        raise InputError(f"{experiment}: the run ended with exit code {done.returncode}")  # and has said why
+    return read(folder / "run.rrd")
+
+
+def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
+    return [sys.executable, "-m", "workbench", f"experiment={experiment}", *overrides]
