@@ -1,0 +1,210 @@
+"""Sweeps: jobs apart from each other, named when they fail, taken up where they were left."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+
+import numpy as np
+import pytest
+import yaml
+from hydra import compose, initialize_config_module
+from omegaconf import OmegaConf
+
+from workbench.cli.job import alone, read_summary, run_apart
+from workbench.cli.run import prepare_hydra
+from workbench.recording.reader import read
+
+TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")
+TINY += ("dataset.person_px=40", "dataset.focal_px=90")
+LONGER = ("dataset.n_frames=30", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
+LONGER += ("dataset.focal_px=175", "paths.data=null")
+
+
+@pytest.fixture
+def sweep(tmp_path, monkeypatch, run):
+    """Run the command in this process over a sweep: (exit code, what it told, the status of every job)."""
+
+    def command(*overrides):
+        code, told, _ = run("alone", "-m", *overrides)
+        return code, told, {job: summary["status"] for job, summary in summaries(tmp_path / "sweep").items()}
+
+    return command
+
+
+def summaries(folder):
+    return {int(each.parent.name): json.loads(each.read_text()) for each in folder.glob("*/summary.json")}
+
+
+def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_path, sweep):
+    same, folder = ("seed=-1,0,1", *TINY), tmp_path / "sweep"
+    code, told, status = sweep(*same, f"hydra.sweep.dir={folder}")
+    assert (code, status) == (1, {0: "failed", 1: "complete", 2: "complete"})
+    assert f"{folder / '0'}: InputError: seed must be zero or a positive whole number, found -1" in told
+    rows = [line.split() for line in told.splitlines() if line.endswith(("seed=-1", "seed=0", "seed=1"))]
+    assert [(row[0], row[1], row[4:]) for row in rows] == [
+        ("0", "failed", ["2", "seed=-1"]),
+        ("1", "complete", ["1", "seed=0"]),
+        ("2", "complete", ["0", "seed=1"]),
+    ]
+    code, told, _ = sweep(*same, f"hydra.sweep.dir={folder}")
+    assert code == 2
+    assert "sweep.resume=" in told
+
+    before = summaries(folder)
+    (folder / "2" / "summary.json").write_text(json.dumps({**before[2], "identity": "of older code"}))
+    code, told, status = sweep(*same, f"sweep.resume={folder}")
+    assert (code, status) == (1, {0: "failed", 1: "complete", 2: "complete"})
+    after = summaries(folder)
+    assert [job for job in after if after[job]["started"] == before[job]["started"]] == [1]
+    assert "1  kept" in told
+    assert after[2]["metrics"]["log_evidence"] == before[2]["metrics"]["log_evidence"]
+
+
+def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
+    code, _, _ = sweep("seed=3", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert code == 0
+    code, _, alone_folder = run("alone", "seed=3", *TINY)
+    assert code == 0
+    recorded = [read(folder / "run.rrd") for folder in (tmp_path / "sweep" / "0", alone_folder)]
+    np.testing.assert_array_equal(*(each.poses[1] for each in recorded))
+    assert recorded[0].config == recorded[1].config
+    assert summaries(tmp_path / "sweep")[0]["identity"] == read_summary(alone_folder)["identity"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["hydra.sweep.subdir=${seed}"], "hydra.sweep.subdir"),
+        (["sweep.resume=no_such_sweep"], "no_such_sweep"),
+        (["sweep.jobs=[2]"], "expected numbers below 2"),
+        (["inference.n_particle=3"], "n_particle"),
+    ],
+)
+def test_a_sweep_that_cannot_start_says_why_in_one_sentence(tmp_path, sweep, overrides, words):
+    code, told, status = sweep("seed=0,1", *overrides)
+    assert code == 2
+    assert words in told.strip().splitlines()[-1]
+    assert not status
+    assert "Traceback" not in told
+
+
+@pytest.fixture
+def longer(tmp_path):
+    """A configuration whose run takes long enough to be killed."""
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        config = compose("config", overrides=[*LONGER, "inference.n_particles=3000", "dataset.n_frames=200"])
+    config.paths.cache = str(tmp_path / "cache")
+    return OmegaConf.masked_copy(config, [key for key in config if key != "sweep"])
+
+
+def test_a_killed_job_is_a_failed_one_and_tells_the_signal(tmp_path, longer):
+    folder = tmp_path / "job"
+    folder.mkdir()
+    with alone(folder) as lock:
+        job = threading.Thread(target=run_apart, args=(longer, "custom", folder, folder / "job.log", lock))
+        job.start()
+        running = wait_for(lambda: (read_summary(folder) or {}).get("pid"), job.is_alive)
+        os.kill(running, signal.SIGKILL)
+        job.join()
+    summary = read_summary(folder)
+    assert (summary["status"], summary["error"]) == ("failed", "killed by SIGKILL")
+    assert not (folder / "run.rrd").exists()
+
+
+def test_one_folder_is_worked_in_by_one_process_at_a_time(tmp_path):
+    order = []
+
+    def second():
+        with alone(tmp_path):
+            order.append("second")
+
+    with alone(tmp_path):
+        other = threading.Thread(target=second)
+        other.start()
+        other.join(0.2)
+        order.append("first")
+    other.join()
+    assert order == ["first", "second"]
+
+
+def wait_for(what, going_on, seconds=600.0):
+    """What `what` returns once it is true; fails when the work ends, or the time is up, before."""
+    end = time.monotonic() + seconds
+    while not (found := what()):
+        assert going_on(), "it ended before it could be looked at"
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return found
+
+
+LAUNCHERS = [
+    ("hydra_plugins.hydra_joblib_launcher", ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")),
+    (
+        "hydra_plugins.hydra_submitit_launcher",
+        ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2"),
+    ),
+]
+MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(3)", *LONGER)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("needed", "launcher"), LAUNCHERS)
+@pytest.mark.parametrize("victim", ["job", "worker"])
+def test_ten_of_twelve_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher, victim):
+    pytest.importorskip(needed)
+    sweep, told = tmp_path / "sweep", tmp_path / "told.txt"
+    environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "workbench", "-m", *launcher, *MANY]
+    with told.open("w") as out, subprocess.Popen(
+        [*command, f"hydra.sweep.dir={sweep}"], cwd=tmp_path, env=environment, stdout=out, stderr=subprocess.STDOUT
+    ) as process:  # fmt: skip
+        victims = {3: signal.SIGSEGV, 5: signal.SIGKILL}
+        while victims:  # in the order in which they begin, which is the launcher's
+            job, pid = wait_for(lambda: first_running(sweep, victims), lambda: process.poll() is None)
+            os.kill(parent_of(pid) if (victim, job) == ("worker", 5) else pid, victims.pop(job))
+    assert process.returncode == 1, told.read_text()
+    status = Counter(summary["status"] for summary in summaries(sweep).values())
+    assert status["complete"] == 10
+    assert f"{sweep / '3'}: killed by SIGSEGV" in told.read_text()
+    assert f"{sweep / '5'}: {'interrupted' if victim == 'worker' else 'killed by SIGKILL'}" in told.read_text()
+
+    before = summaries(sweep)
+    done = subprocess.run([*command, f"sweep.resume={sweep}"], cwd=tmp_path, env=environment, check=False)
+    assert done.returncode == 0
+    after = summaries(sweep)
+    assert {job for job in after if after[job]["started"] != before[job]["started"]} == {3, 5}
+    assert all(summary["status"] == "complete" for summary in after.values())
+
+
+def first_running(sweep, jobs):
+    """The first of some jobs that runs, and its process; None when none does."""
+    found = ((job, read_summary(sweep / str(job)) or {}) for job in jobs)
+    return next(((job, summary["pid"]) for job, summary in found if summary.get("status") == "running"), None)
+
+
+def parent_of(pid):
+    with open(f"/proc/{pid}/stat") as file:
+        return int(file.read().rpartition(")")[2].split()[1])
+
+
+@pytest.mark.slow
+def test_the_tuner_finds_a_better_process_noise_than_a_bad_one(tmp_path, run):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    common = ("experiment=walk_straight", *LONGER, "inference.n_particles=300", "sweep.metric=error_abs_mm")
+    bad = 0.1  # cycles a frame, where the prior's own is 0.009
+    code, _, folder = run("bad", *common, f"prior.sigma_phase={bad}")
+    assert code == 0
+    tuner = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=20", "hydra.sweeper.sampler.seed=0")
+    interval = f"prior.sigma_phase=tag(log,interval(0.0001,{bad}))"
+    code, told, _ = run("alone", "-m", *tuner, *common, interval, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert code == 0, told
+    best = yaml.safe_load((tmp_path / "sweep" / "optimization_results.yaml").read_text())
+    assert len(summaries(tmp_path / "sweep")) == 20
+    found = [summary["metrics"]["error_abs_mm"] for summary in summaries(tmp_path / "sweep").values()]
+    assert best["best_value"] == min(found) < read_summary(folder)["metrics"]["error_abs_mm"]

@@ -1,0 +1,107 @@
+"""What a run's numbers follow from, as one hash: its configuration, the code, and the files it reads."""
+
+import hashlib
+import json
+from collections.abc import Set
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+import workbench
+from workbench.errors import InputError
+from workbench.mocap.sources import SUFFIXES, find_clip
+
+NO_PART = ("paths", "threads", "check")
+"""Keys that say where and how a run is done, not what comes out."""
+
+RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
+"""Folders of paths.data that a configuration's `motions` stand for."""
+
+_MOTION_FILES = {*SUFFIXES, ".asf", ".csv"}
+
+
+def identity(config: DictConfig) -> str:
+    """A SHA-256 over the resolved configuration, the sources of the workbench and the content of the files it names.
+
+    Where things are does not count: paths.cache and paths.data are left out, a file is its name and its content, a
+    folder the names and contents below it. Recordings named without a path (35_02, cmu) are looked up below
+    paths.data; of a whole database every motion file and index counts, read or not. Versions of other packages are not
+    part of it; summary.json lists them. Raises InputError for a file that cannot be read.
+    """
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    places = plain.get("paths") or {}
+    data = None if places.get("data") is None else Path(places["data"]).expanduser()
+    chosen = {key: value for key, value in plain.items() if key not in NO_PART}
+    chosen["recorder"] = {key: value for key, value in (chosen.get("recorder") or {}).items() if key != "live"}
+    try:
+        content = {"config": _by_content(chosen, data, {None, *places.values()}), "code": _code()}
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _by_content(value: Any, data: Path | None, places: Set[str | None]) -> Any:
+    """The value with every name of a file or folder replaced by what is in it; the places themselves are left out."""
+    if isinstance(value, dict):
+        return {
+            str(key): _by_content(item, data, places)
+            for key, item in value.items()
+            if isinstance(item, dict | list) or item not in places
+        }
+    if isinstance(value, list):
+        return [_by_content(item, data, places) for item in value]
+    if isinstance(value, str) and (files := _files(value, data)):
+        return [Path(value).name, sorted((name, _sha256(file, *_version(file))) for name, file in files.items())]
+    return value
+
+
+def _files(name: str, data: Path | None) -> dict[str, Path]:
+    """The files that a string in a configuration names, by their names relative to it; none for any other string."""
+    library = name.rpartition(":")[0]
+    path = Path(library if library.endswith((".h5", ".hdf5")) else name).expanduser()
+    if path.is_file():
+        return {path.name: path}
+    if name and path.is_dir():
+        return _below(path)
+    return {} if data is None else _recorded(name, data)
+
+
+def _recorded(name: str, data: Path) -> dict[str, Path]:
+    """The same for a database or a clip that is named without a path."""
+    if name in RECORDED:
+        found = {f"{part}/{below}": file for part in RECORDED[name] for below, file in _below(data / part).items()}
+        return {below: file for below, file in found.items() if file.suffix.lower() in _MOTION_FILES}
+    try:
+        clip = find_clip(data, name)
+    except InputError:
+        return {}
+    beside = (*clip.parent.glob("*.asf"), *clip.parent.parent.glob("index.csv"))
+    return {file.name: file for file in (clip, *beside)}
+
+
+def _below(folder: Path) -> dict[str, Path]:
+    return {str(file.relative_to(folder)): file for file in folder.rglob("*") if file.is_file()}
+
+
+def _version(file: Path) -> tuple[int, int]:
+    """What tells that a file was written since it was last read by this process."""
+    status = file.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=100_000)
+def _sha256(file: Path, _size: int, _mtime_ns: int) -> str:
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+@cache
+def _code() -> str:
+    package = Path(str(workbench.__file__)).parent
+    sources = sorted((str(file.relative_to(package)), file) for file in package.rglob("*.py"))
+    digest = hashlib.sha256()
+    for name, file in sources:
+        digest.update(f"{name}:{hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,131 @@
+"""A sweep over configurations: which jobs it has, and what is done for one of them."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from workbench.cli.identity import identity
+from workbench.cli.job import alone, read_summary, run_apart, write_failure
+from workbench.errors import InputError
+
+SUBDIR = "${hydra.job.num}"
+ERRORS = ("error_abs_mm", "error_px")
+"""What a sweep minimises where its configuration names no metric: the first of these that a run has."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep before it runs.
+
+    folder: of the sweep; job k works in `folder/k`. metric: the number to show and to minimise, None for the usual
+    one. keys: what varies. varied: for every job its overrides of these keys, None where a tuner chooses them as it
+    goes. jobs: the numbers of the jobs to run.
+    """
+
+    folder: Path
+    metric: str | None
+    keys: tuple[str, ...]
+    varied: tuple[tuple[str, ...], ...] | None
+    jobs: tuple[int, ...]
+
+    def of(self, job: int) -> str:
+        """What varies, as job number `job` has it."""
+        if self.varied is not None:
+            return " ".join(self.varied[job])
+        overrides = map(str, OmegaConf.load(self.folder / str(job) / ".hydra" / "overrides.yaml"))
+        return " ".join(text for text in overrides if text.partition("=")[0] in self.keys)
+
+
+def plan_of(config: DictConfig) -> Plan:
+    """The sweep that Hydra is about to start with this configuration, `hydra` included.
+
+    Raises InputError for a folder that holds a sweep already, unless it is to be resumed, for one to be resumed that
+    is not there, where jobs would share a folder, and for a tuner that would try something else the second time.
+    """
+    sweeper, folder, resume = config.hydra.sweeper, Path(config.hydra.sweep.dir), config.sweep.resume
+    if f"subdir: {SUBDIR}\n" not in OmegaConf.to_yaml(config.hydra.sweep):
+        raise InputError(f"hydra.sweep.subdir must be {SUBDIR}, so that no job writes over another")
+    if resume is None and any(each.name.isdecimal() for each in folder.glob("*")):
+        raise InputError(f"{folder}: holds a sweep already; sweep.resume={folder} goes on with it")
+    if resume is not None and not folder.is_dir():
+        raise InputError(f"sweep.resume: expected the folder of an earlier sweep, found no {folder}")
+    swept = _swept(sweeper, list(config.hydra.overrides.task))
+    varied = None
+    if sweeper._target_.endswith(".BasicSweeper"):
+        varied = tuple(product(*([f"{key}={value}" for value in values] for key, values in swept.items())))
+    elif resume is not None and (sweeper.get("sampler") or {}).get("seed") is None:
+        raise InputError("sweep.resume: a tuner repeats its trials only if hydra.sweeper.sampler.seed is set")
+    elif "n_trials" not in sweeper:
+        raise InputError(f"hydra/sweeper must be basic or optuna, found {sweeper._target_}")
+    n_jobs = sweeper.n_trials if varied is None else len(varied)
+    jobs = tuple(range(n_jobs) if config.sweep.jobs is None else config.sweep.jobs)
+    if unknown := [job for job in jobs if not 0 <= job < n_jobs]:
+        raise InputError(f"sweep.jobs: expected numbers below {n_jobs}, found {unknown[0]}")
+    return Plan(folder, config.sweep.metric, tuple(swept), varied, jobs)
+
+
+def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any) -> float | None:
+    """Run one job, unless it is complete and to be kept; returns the metric of its run, for a tuner to minimise.
+
+    sweep: the configuration's keys of that name, which `config` is without. settings: Hydra's for this job. The job
+    works in a process of its own and whatever becomes of it is in its summary.json; one that did not complete, or came
+    to no finite number, returns the worst there is. Raises InputError when the run has no number called sweep.metric.
+    """
+    folder = Path(settings.runtime.output_dir)
+    if sweep.jobs is None or settings.job.num in sweep.jobs:
+        with alone(folder) as lock:
+            if sweep.resume is None or not _keep(config, folder):
+                try:
+                    run_apart(config, experiment, folder, folder / f"{settings.job.name}.log", lock)
+                except OmegaConfBaseException as error:  # a configuration that cannot be resolved
+                    write_failure(folder, f"{type(error).__name__}: {error}", {"experiment": experiment, "metrics": {}})
+    summary = read_summary(folder) or {}
+    complete = summary.get("status") == "complete"
+    metric = metric_of(summary["metrics"], sweep.metric) if complete else None
+    if metric is None and (sweep.metric is not None or not complete):
+        return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
+    return metric
+
+
+def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | None:
+    """The run's number called `name`, of None the usual error; raises InputError when there is no such number."""
+    if name is None:
+        return next((metrics[error] for error in ERRORS if error in metrics), None)
+    if name not in metrics:
+        raise InputError(f"sweep.metric: expected one of {', '.join(sorted(metrics))}, found {name!r}")
+    return metrics[name]
+
+
+def _keep(config: DictConfig, folder: Path) -> bool:
+    """Whether the folder's run is complete and would come out the same; its summary is then marked as looked at."""
+    summary = read_summary(folder) or {}
+    if summary.get("status") != "complete" or not (folder / "run.rrd").is_file():
+        return False
+    try:
+        same = bool(summary.get("identity") == identity(config))
+    except (InputError, OmegaConfBaseException):  # the run itself will say so
+        return False
+    if same:
+        os.utime(folder / "summary.json")
+    return same
+
+
+def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
+    """The keys that vary and, where they are a list and not an interval, their values, in the order of the sweep."""
+    loader = GlobalHydra.instance().config_loader()
+    given = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()] + task
+    chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
+    return {
+        key: list(each.sweep_string_iterator()) if each.is_discrete_sweep() else []
+        for key, each in chosen.items()
+        if each.is_sweep_override()
+    }
