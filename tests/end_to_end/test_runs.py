@@ -97,16 +97,6 @@ def test_a_recorded_clip_by_override(tmp_path, cache, data):
     assert metrics["error_abs_mm"] < 500  # on the person, not lost
 
 
-def test_a_sweep_goes_on_after_a_failed_job(tmp_path, cache):
-    overrides = ("hydra.sweep.dir=sweep", "dataset.motion=missing.bvh,builtin")
-    done = workbench(tmp_path, "-m", *overrides, *SMALL, cache=cache, check=False)
-    assert done.returncode == 1
-    assert "missing.bvh" in done.stderr
-    statuses = [json.loads((tmp_path / "sweep" / job / "summary.json").read_text())["status"] for job in "01"]
-    assert statuses == ["failed", "complete"]
-    assert read(tmp_path / "sweep" / "1" / "run.rrd").poses[1].shape == (4, 25)
-
-
 @pytest.mark.slow
 def test_a_library_of_ones_own_and_the_body_of_a_file(tmp_path, cache, data):
     clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]

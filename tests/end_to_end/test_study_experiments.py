@@ -26,7 +26,7 @@ def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
     assert METRICS[experiment] <= summary["metrics"].keys()
     assert np.isfinite([summary["metrics"][name] for name in METRICS[experiment]]).all()
     recorded = read(folder / "run.rrd")
-    assert recorded.properties["metrics"] == summary["metrics"]
+    assert recorded.properties["metrics"] | recorded.properties["cost"] == summary["metrics"]
     assert recorded.properties["provenance"]["experiment"] == experiment
     assert "motions: builtin" in recorded.config
     assert "Paper" in recorded.note

@@ -65,6 +65,7 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     assert after[2]["metrics"]["log_evidence"] == before[2]["metrics"]["log_evidence"]
 
 
+@pytest.mark.slow
 def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
     code, _, _ = sweep("seed=3", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
     assert code == 0
