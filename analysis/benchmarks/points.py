@@ -89,7 +89,7 @@ def _methods(source: Source, body: Body) -> Iterator[tuple[str, Method, bool]]:
     yield "least squares, Gaussian of poses", LeastSquares(body, full.model, style="none", pose_prior=True), True
     for n in (30, 100, 300, 1000, 3000):
         yield f"particle filter, {n}", ParticleFilter(small, likelihood, n_particles=n), True
-    yield "hybrid, 500", Hybrid(small, likelihood, body), False
+    yield "hybrid, 500", Hybrid(small, SurfacePoints(body, temper=0.3), body, widen=2.0), False
 
 
 def _track(inference: Method, dataset: Points, body: Body, seed: int) -> tuple[float, float, float]:
