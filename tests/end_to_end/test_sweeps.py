@@ -144,19 +144,19 @@ def wait_for(what, going_on, seconds=600.0):
     return found
 
 
-LAUNCHERS = [
-    ("hydra_plugins.hydra_joblib_launcher", ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")),
-    (
-        "hydra_plugins.hydra_submitit_launcher",
-        ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2"),
-    ),
-]
 MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(3)", *LONGER)
+JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("needed", "launcher"), LAUNCHERS)
-@pytest.mark.parametrize("victim", ["job", "worker"])
+@pytest.mark.parametrize(
+    ("needed", "launcher", "victim"),
+    [
+        ("hydra_plugins.hydra_joblib_launcher", JOBLIB, "worker"),
+        ("hydra_plugins.hydra_submitit_launcher", SUBMITIT, "job"),
+    ],
+)
 def test_ten_of_twelve_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher, victim):
     pytest.importorskip(needed)
     sweep, told = tmp_path / "sweep", tmp_path / "told.txt"
