@@ -103,10 +103,12 @@ def test_the_activity_told_and_the_true_one_are_lanes(recorded):
 
 
 SHOWN = blueprint.Shown(
-    cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), parameters=("root_x",), pictured=("root_x",),
-    metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_coefficients=0, flexions=("left_knee", "left_hip"),
-    activity=True, surface=True,
+    cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), parameters=("root_x",), units=("m",),
+    pictured=("root_x",), metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_coefficients=0, n_particles=20,
+    flexions=("left_knee", "left_hip"), activity=True, surface=True,
 )  # fmt: skip
+
+WORLD = "world: estimate orange, truth blue, particles purple"
 
 
 def views(part):
@@ -118,19 +120,18 @@ def views(part):
 
 
 def test_a_fit_is_laid_out_for_its_judgement():
-    found = {view.name: view for view in views(blueprint.fit_layout(SHOWN).root_container)}
+    found = {view.name: view for view in views(blueprint.layout(SHOWN).root_container)}
     names = list(found)
-    assert (
-        names.index("left hip flexion (degrees)") < names.index("left knee flexion (degrees)") < names.index("errors")
-    )
+    errors = "distance from the true joints (mm)"
+    assert names.index("left hip flexion (degrees)") < names.index("left knee flexion (degrees)") < names.index(errors)
     assert found["left knee flexion (degrees)"].origin == f"/{fit.FLEXION}/left_knee"
     assert found["activity"].origin == f"/{fit.ACTIVITY}"
-    assert "- /world/estimate/body" in found["world"].contents  # the surface stands for the limbs
-    assert "- /metrics/error_abs_mm_map" in found["errors"].contents
+    assert "- /world/estimate/body" in found[WORLD].contents  # the surface stands for the limbs
+    assert found[errors].contents == ["/metrics/error_abs_mm"]  # a fit's heaviest particle is the expected pose
 
 
 def test_without_activity_and_surface_their_views_are_left_out():
     plain = replace(SHOWN, activity=False, surface=False)
-    found = {view.name: view for view in views(blueprint.fit_layout(plain).root_container)}
+    found = {view.name: view for view in views(blueprint.layout(plain).root_container)}
     assert "activity" not in found
-    assert "- /world/estimate/body" not in found["world"].contents
+    assert "- /world/estimate/body" not in found[WORLD].contents

@@ -186,7 +186,7 @@ def test_images_and_skeletons_are_those_of_the_step(recorded, run):
         jpeg = np.array(blobs[step.frame.index][0], dtype=np.uint8)
         image = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
         difference = np.abs(image.astype(int) - step.frame.views[0].image)
-        assert difference.mean() < 2.0  # grey levels; what JPEG at quality 85 does to mild noise
+        assert difference.mean() < 2.0  # grey levels; what JPEG at quality 80 does to mild noise
         expected = joints(BODY.skeleton, step.expected_pose[None])[0]
         assert np.array(places[step.frame.index]) == pytest.approx(expected, abs=1e-6)  # float32
 
@@ -211,7 +211,7 @@ def test_the_viewer_tool_accepts_it_and_finds_a_blueprint(recorded):
     environment = {**os.environ, "RERUN_ANALYTICS": "false"}
     done = subprocess.run([RERUN, "rrd", "verify", recorded], capture_output=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
-    assert len(RrdReader(recorded).blueprints()) == 1
+    assert len(RrdReader(recorded).blueprints()) == 2  # the second when the first warning came
 
 
 def test_equal_runs_give_equal_recordings(recorded, tmp_path):

@@ -104,7 +104,7 @@ def _report(summary: Summary) -> None:
     width = max(map(len, summary.metrics), default=0)
     for name, value in summary.metrics.items():
         log.info("%-*s %10.4g", width, name, value)
-    log.info("look at it: rerun %s", os.path.relpath(summary.recording))
+    log.info("look at it: workbench-view %s", os.path.relpath(summary.recording))
 
 
 def _sentence(error: BaseException) -> str:

@@ -7,50 +7,58 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
-from workbench.recording import fit
+from workbench.recording import fit, looks
 from workbench.recording.images import OVERLAYS, Picture
 from workbench.recording.scene import ESTIMATE
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a run's first step finds to show.
+    """What there is to show of a run.
 
-    person: (3,), where the person is, m. towards: (2,), horizontally from the person to where to look from.
-    parameters: names along the first axis of the marginals' tensor; pictured: those of them with a picture of their
-    own. metrics: names under metrics/. flexions: names under flexion/, of a fit to points. activity: what the person
-    does is told. surface: its mesh is drawn.
+    person: (3,), where the person is first, m. towards: (2,), horizontally from the person to where to look from.
+    parameters, units: along the first axis of the marginals' tensor; pictured: the parameters with a picture of their
+    own. metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
+    activity: what the person does is told. surface: its mesh is drawn. warned: there are warnings.
     """
 
     cameras: Sequence[Picture]
     person: FloatArray
     towards: FloatArray
     parameters: Sequence[str]
+    units: Sequence[str]
     pictured: Sequence[str]
     metrics: Sequence[str]
     n_coefficients: int
+    n_particles: int
     flexions: Sequence[str] = ()
     activity: bool = False
     surface: bool = False
+    warned: bool = False
 
 
 def layout(shown: Shown) -> rrb.Blueprint:
-    """Images and the world on the left; marginals, coefficients and curves on the right."""
-    middle = _coefficients(shown)
-    right = (_marginals(shown), *middle, rrb.Tabs(_errors(shown), *_others(shown)))
-    return _page(shown, rrb.Vertical(*right, row_shares=[1.8, *[1.0] * len(middle), 1.2]))
+    """Where the person is, on the left; on the right how wrong the estimate is, how sure, and the posterior.
 
-
-def fit_layout(shown: Shown) -> rrb.Blueprint:
-    """Images and the world on the left; on the right flexion against the truth, the activity told, errors."""
-    middle = [fit.timeline()] if shown.activity else []
-    below = rrb.Tabs(_errors(shown), _marginals(shown), *_coefficients(shown), *_others(shown))
-    flexion = fit.views(shown.flexions)
-    return _page(shown, rrb.Vertical(flexion, *middle, below, row_shares=[2.4, *[0.8] * len(middle), 1.4]))
+    A fit to points has flexion against the truth and the activity told before the errors.
+    """
+    errors, details = _errors(shown), _details(shown)
+    above: list[rrb.View | rrb.Container]
+    if shown.flexions:
+        judged = rrb.Horizontal(*errors, *_coverage(shown), name="errors and certainty")
+        above = [fit.views(shown.flexions), *[fit.timeline()] * shown.activity]
+        below = rrb.Tabs(judged, *details)
+        return _page(shown, rrb.Vertical(*above, below, row_shares=[2.4, *[0.8] * shown.activity, 1.4]))
+    above = [rrb.Horizontal(*errors, name="errors")] if errors else []
+    sure = rrb.Horizontal(_ess(shown), *_coverage(shown), name="certainty")
+    return _page(shown, rrb.Vertical(*above, sure, rrb.Tabs(*details), row_shares=[*[1.3] * len(above), 0.8, 2.0]))
 
 
 def _page(shown: Shown, right: rrb.Vertical) -> rrb.Blueprint:
-    images = [rrb.Spatial2DView(origin=f"{picture.path}/image", name=picture.camera.name) for picture in shown.cameras]
+    images = [
+        rrb.Spatial2DView(origin=f"{picture.path}/image", name=f"image ({picture.camera.name}): {_key(shown)}")
+        for picture in shown.cameras
+    ]
     left = [rrb.Tabs(*images)] if images else []
     shares = [*[1.0] * len(left), 1.5 if shown.flexions else 1.0]  # points are seen in the world only
     return rrb.Blueprint(
@@ -61,6 +69,12 @@ def _page(shown: Shown, right: rrb.Vertical) -> rrb.Blueprint:
     )
 
 
+def _key(shown: Shown) -> str:
+    """What the colours mean."""
+    truth = ["truth blue"] if any(name.startswith("error") for name in shown.metrics) else []
+    return ", ".join(["estimate orange", *truth, "particles purple"])
+
+
 def _world(shown: Shown) -> rrb.Spatial3DView:
     """The person from three metres away; the eye follows the person."""
     eye = [*(shown.person[:2] + shown.towards), shown.person[2] + 0.6]
@@ -68,7 +82,8 @@ def _world(shown: Shown) -> rrb.Spatial3DView:
     controls = rrb.EyeControls3D(
         position=eye, look_target=shown.person, eye_up=[0.0, 0.0, 1.0], tracking_entity=f"/{ESTIMATE}/{followed}"
     )
-    return rrb.Spatial3DView(origin="/world", contents=_in_the_world(shown), name="world", eye_controls=controls)
+    contents, name = _in_the_world(shown), f"world: {_key(shown)}"
+    return rrb.Spatial3DView(origin="/world", contents=contents, name=name, eye_controls=controls)
 
 
 def _in_the_world(shown: Shown) -> list[str]:
@@ -77,18 +92,59 @@ def _in_the_world(shown: Shown) -> list[str]:
     return ["$origin/**", *overlays, *[f"- /{ESTIMATE}/body"] * shown.surface]
 
 
-def _coefficients(shown: Shown) -> list[rrb.Horizontal]:
-    numbers = range(1, shown.n_coefficients + 1)
-    return [rrb.Horizontal(*map(_coefficient, numbers), name="coefficients")] if numbers else []
+def _errors(shown: Shown) -> list[rrb.View]:
+    """How wrong: distances from the true joints in the world, and in the image."""
+    plots = {
+        looks.title("error_abs_mm"): looks.errors_mm(shown.metrics),
+        looks.title("error_px"): looks.errors_px(shown.metrics),
+    }
+    kept = {title: [name for name in names if _is_plotted(shown, name)] for title, names in plots.items()}
+    return [_curves(title, names) for title, names in kept.items() if names]
+
+
+def _is_plotted(shown: Shown, error: str) -> bool:
+    """The heaviest particle once, and not of a fit, where it is the expected pose."""
+    return not error.endswith("_map") or not (shown.flexions or error == "error_rel_mm_map")
+
+
+def _ess(shown: Shown) -> rrb.View:
+    """How many particles count."""
+    axis = rrb.ScalarAxis(range=(0.0, float(shown.n_particles)))
+    return _metric("ess", f"effective sample size (of {shown.n_particles})", axis)
+
+
+def _coverage(shown: Shown) -> list[rrb.View]:
+    """Whether the estimate is as sure as it may be."""
+    axis = rrb.ScalarAxis(range=(0.0, 1.0))
+    return [_metric("coverage_90", looks.title("coverage_90"), axis)] if "coverage_90" in shown.metrics else []
+
+
+def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
+    """The posterior in three ways, other numbers, and where the run came from."""
+    said = [rrb.TextLogView(origin="/log", name="warnings")] if shown.warned else []
+    config = rrb.TextDocumentView(origin="/__properties/config", name="config")
+    return [_bands(shown), _marginals(shown), *_coefficients(shown), *_others(shown), *said, config]
+
+
+def _bands(shown: Shown) -> rrb.Grid:
+    views = [
+        rrb.TimeSeriesView(
+            origin=f"/posterior/parameters/{name}",
+            name=looks.title(name, shown.units[shown.parameters.index(name)]),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=k == 0),
+        )
+        for k, name in enumerate(shown.pictured)
+    ]
+    return rrb.Grid(*views, grid_columns=2, name="5–95 % bands")
 
 
 def _marginals(shown: Shown) -> rrb.Tabs:
     pictures = [_marginal(name, shown.parameters.index(name)) for name in shown.pictured]
     return rrb.Tabs(
-        rrb.Grid(*pictures, grid_columns=2, name="log posterior over frames"),
+        rrb.Grid(*pictures, grid_columns=2, name="brightness"),
         _marginal("any parameter", 0),
-        rrb.TextDocumentView(origin="/posterior/legend", name="legend"),
-        name="posterior",
+        rrb.TextDocumentView(origin="/posterior/legend", name="values of the axes"),
+        name="log posterior over frames",
     )
 
 
@@ -96,7 +152,7 @@ def _marginal(name: str, index: int) -> rrb.TensorView:
     """One parameter's marginal: frames to the right, values upwards, brightness the log posterior (paper A, fig. 4)."""
     return rrb.TensorView(
         origin="/posterior/marginals",
-        name=name,
+        name=looks.title(name),
         view_fit="fill",
         scalar_mapping=rrb.TensorScalarMapping(colormap="inferno", mag_filter="nearest"),
         slice_selection=rrb.TensorSliceSelection(
@@ -107,43 +163,31 @@ def _marginal(name: str, index: int) -> rrb.TensorView:
     )
 
 
+def _coefficients(shown: Shown) -> list[rrb.Horizontal]:
+    views = [_coefficient(k) for k in range(1, shown.n_coefficients + 1)]
+    return [rrb.Horizontal(*views, name="coefficients")] if views else []
+
+
 def _coefficient(k: int) -> rrb.BarChartView:
     """Samples, and the model as thin bars before them."""
     hidden = rrb.PlotLegend(visible=False)
-    return rrb.BarChartView(origin=f"/coefficients/{k}", name=f"coefficient {k}", plot_legend=hidden)
+    return rrb.BarChartView(origin=f"/coefficients/{k}", name=f"coefficient {k}, model white", plot_legend=hidden)
 
 
-def _others(shown: Shown) -> list[rrb.View | rrb.Container]:
-    bands = [_curve(f"/posterior/parameters/{name}", name) for name in shown.pictured]
-    return [
-        rrb.Grid(*(_curve(f"/metrics/{name}", name) for name in shown.metrics if not _is_error(name)), name="filter"),
-        rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"),
-        rrb.TextLogView(origin="/log", name="warnings"),
-        rrb.TextDocumentView(origin="/__properties/config", name="config"),
-    ]
+def _others(shown: Shown) -> list[rrb.Grid]:
+    taken = {"coverage_90", *looks.errors_mm(shown.metrics), *looks.errors_px(shown.metrics)}
+    taken |= set() if shown.flexions else {"ess"}
+    views = [_metric(name, looks.title(name)) for name in shown.metrics if name not in taken]
+    return [rrb.Grid(*views, name="more numbers")] if views else []
 
 
-def _is_error(metric: str) -> bool:
-    return metric.startswith("error")
-
-
-def _errors(shown: Shown) -> rrb.Horizontal:
-    """Errors in pixels apart from the rest, which an error that is first known later in the run joins."""
-    errors, others = (tuple(name for name in shown.metrics if _is_error(name) is kind) for kind in (True, False))
-    pixels = [name for name in errors if "px" in name.split("_")]
-    heaviest = [name for name in errors if shown.flexions and name.endswith("_map")]  # a fit's is the expected pose
-    contents = {}
-    if len(pixels) < len(errors) or not errors:
-        contents["errors"] = ["$origin/**", *(f"- /metrics/{name}" for name in (*others, *pixels, *heaviest))]
-    if pixels:
-        contents["errors in pixels"] = [f"/metrics/{name}" for name in pixels if name not in heaviest]
+def _curves(title: str, metrics: Sequence[str]) -> rrb.TimeSeriesView:
+    """Several metrics in one plot."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    views = [
-        rrb.TimeSeriesView(origin="/metrics", contents=paths, name=name, plot_legend=legend)
-        for name, paths in contents.items()
-    ]
-    return rrb.Horizontal(*views, name="errors")
+    paths = [f"/metrics/{name}" for name in metrics]
+    return rrb.TimeSeriesView(origin="/metrics", contents=paths, name=title, plot_legend=legend)
 
 
-def _curve(origin: str, name: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
+def _metric(name: str, title: str, axis: rrb.ScalarAxis | None = None) -> rrb.TimeSeriesView:
+    hidden = rrb.PlotLegend(visible=False)
+    return rrb.TimeSeriesView(origin=f"/metrics/{name}", name=title, plot_legend=hidden, axis_y=axis)

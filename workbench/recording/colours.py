@@ -1,9 +1,12 @@
 """One palette for all views. Orange estimate and blue truth stay apart for every kind of colour vision (RGB, 0–255)."""
 
 ESTIMATE = (255, 159, 28)
-BODY = (214, 160, 112)
+BODY = (214, 160, 112, 100)
+"""With an alpha, so that skeletons within are seen."""
+BAND = (186, 120, 60)
 SKIN = (214, 190, 170, 110)
 """With an alpha, so that points and skeletons within the surface are seen."""
+PELVIS_ON_PELVIS = (255, 224, 150)
 TRUTH = (64, 196, 255)
 TRUTH_HIDDEN = (38, 104, 138)
 KEYPOINT = (120, 255, 130)

@@ -3,6 +3,7 @@
 import logging
 import os
 import platform
+import re
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -39,8 +40,9 @@ class RecordingFile:
     Older files of these names are replaced.
 
     stream: what to log to. run_id: unique per run. config_yaml: the resolved config. provenance: where the run came
-    from (seed, versions). live: send everything to a viewer too, if one listens at 127.0.0.1:9876; it turns False
-    when none does. warnings: sentences that were told and wait to be recorded.
+    from (seed, versions). application_id: recordings of one application share their layout in the viewer; None: each
+    has its own. live: send everything to a viewer too, if one listens at 127.0.0.1:9876; it turns False when none does.
+    warnings: sentences that were told and wait to be recorded.
     """
 
     def __init__(
@@ -50,7 +52,7 @@ class RecordingFile:
         run_id: str,
         config_yaml: str,
         provenance: Mapping[str, str | float | int],
-        application_id: str = "workbench",
+        application_id: str | None = None,
         live: bool = False,
     ) -> None:
         self.path = Path(path)
@@ -61,7 +63,8 @@ class RecordingFile:
         rr.set_strict_mode(True)
         # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
         never = rr.ChunkBatcherConfig.NEVER()
-        self.stream = rr.RecordingStream(application_id, recording_id=run_id, batcher_config=never)
+        application = application_id or re.sub(r"[^A-Za-z0-9_-]", "-", run_id)  # in others Rerun warns
+        self.stream = rr.RecordingStream(application, recording_id=run_id, batcher_config=never)
         self.stream.set_log_time_enabled(False)
 
     def __enter__(self) -> Self:

@@ -1,6 +1,7 @@
 """The recorder: one Rerun file per run, published only when the run ends well."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,7 +20,7 @@ from workbench.body.surface_mesh import can_mesh
 from workbench.errors import InputError
 from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
-from workbench.recording import blueprint, fit, images, scene
+from workbench.recording import blueprint, fit, images, looks, scene
 from workbench.recording.file import RecordingFile
 from workbench.recording.marginals import systematic
 from workbench.recording.posterior import Posterior
@@ -32,8 +33,8 @@ _MOST_OVERLAID = 60  # more particles over an image hide the person
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` says; that also explains run_id, config_yaml and provenance. The
-    file is flushed every `flush_every` frames.
+    A context manager, published as `RecordingFile` says; that also explains run_id, config_yaml, provenance
+    and application_id. The file is flushed every `flush_every` frames.
 
     body, space: of the steps to come. live: send every frame to a viewer too, if one listens at 127.0.0.1:9876.
     n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a marginal.
@@ -55,19 +56,19 @@ class Recorder:
         run_id: str,
         config_yaml: str,
         provenance: Mapping[str, str | float | int],
-        application_id: str = "workbench",
+        application_id: str | None = None,
         live: bool = False,
-        n_particles_shown: int = 100,
+        n_particles_shown: int = 50,
         marginal_bins: int = 64,
         flush_every: int = 10,
-        jpeg_quality: int = 85,
+        jpeg_quality: int = 80,
         surface: bool = False,
         coefficient_scale: FloatArray | None = None,
     ) -> None:
         self._body = body
         self._figure = scene.figure(body)
         self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._series = Series()
+        self._series, self._bands = Series(), Series()
         self._trails = Trails(self._figure)
         self._pictures: dict[str, images.Picture] = {}
         _check("n_particles_shown", n_particles_shown, 1, 10_000)
@@ -77,7 +78,8 @@ class Recorder:
         self._n_particles_shown, self._flush_every, self._jpeg_quality = n_particles_shown, flush_every, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
-        self._keypoints = False
+        self._marks = self._keypoints = False
+        self._shown: blueprint.Shown | None = None
         self._file = RecordingFile(
             path,
             run_id=run_id,
@@ -120,7 +122,7 @@ class Recorder:
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, "log_evidence": step.log_evidence, **step.diagnostics, **metrics}
-        self._series.add(frame.index, time, self._posterior.add(step))
+        self._bands.add(frame.index, time, self._posterior.add(step))
         self._series.add(frame.index, time, {f"metrics/{name}": value for name, value in measured.items()})
         self._series.add(frame.index, time, {"estimate/pose": step.expected_pose})
         if frame.points is not None:
@@ -128,7 +130,8 @@ class Recorder:
         self._file.send(fit.activities(step))
         self._diagnostics = tuple(step.diagnostics)
         if self._n_frames == 0:
-            self._begin(step, tuple(measured))
+            self._begin(step)
+        self._lay_out(step, tuple(measured))
         self._log_scene(step)
         self._file.send(self._posterior.histograms(step))
         for sentence in (*self._file.warnings, *step.warnings):
@@ -137,7 +140,8 @@ class Recorder:
         self._n_frames += 1
         due = self._n_frames % self._flush_every == 0
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
-        if due and self._n_frames >= 1.1 * self._n_frames_pictured:
+        growth = 1.1 if self._file.live else 2.5
+        if due and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
         if due or self._file.live:
             self._file.check_space()
@@ -175,9 +179,12 @@ class Recorder:
             self._trails.add(expected[0])
         if step.frame.views:
             first = self._picture(step.frame.views[0].camera)
-            self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
+            # marks and keypoints: from the first on in every frame, which clears those before
+            self._marks |= truth is not None and truth.marks is not None
+            if self._marks:
+                self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
             self._keypoints |= step.frame.keypoints is not None
-            if self._keypoints:  # from the first on in every frame, which clears those before
+            if self._keypoints:
                 self._file.send(images.keypoints(first, step.frame.keypoints, JOINT_NAMES))
 
     def _picture(self, camera: Camera) -> images.Picture:
@@ -186,26 +193,43 @@ class Recorder:
             self._file.send(images.fixed(self._pictures[camera.name]), static=True)
         return self._pictures[camera.name]
 
-    def _begin(self, step: Step, metrics: tuple[str, ...]) -> None:
+    def _begin(self, step: Step) -> None:
+        """The looks of what stays as the first step finds it."""
         self._file.send(self._posterior.begin(step), static=True)
-        legs = tuple(flexions(self._body.skeleton, step.expected_pose)) if step.frame.points is not None else ()
-        shown = blueprint.Shown(
+        self._file.send(fit.fixed(self._legs(step)), static=True)
+
+    def _legs(self, step: Step) -> tuple[str, ...]:
+        return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))
+
+    def _lay_out(self, step: Step, metrics: Sequence[str]) -> None:
+        """Lay the recording out by what there is to show; again when a metric or a warning comes for the first time."""
+        before = self._shown or self._at_first(step)
+        new = tuple(name for name in metrics if name not in before.metrics)
+        warned = before.warned or bool(self._file.warnings or step.warnings)
+        if new or warned > before.warned:
+            self._file.send(looks.fixed(new), static=True)
+            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned)
+            self._stream.send_blueprint(blueprint.layout(self._shown))
+
+    def _at_first(self, step: Step) -> blueprint.Shown:
+        return blueprint.Shown(
             cameras=[self._picture(view.camera) for view in step.frame.views],
             person=step.expected_pose[:3],
             towards=scene.seen_from(step),
             parameters=self._posterior.names,
+            units=self._posterior.units,
             pictured=self._posterior.favourites,
-            metrics=metrics,
+            metrics=(),
             n_coefficients=len(self._posterior.coefficients),
-            flexions=legs,
+            n_particles=len(step.particles),
+            flexions=self._legs(step),
             activity=step.activity is not None,
             surface=self._surface is not None,
         )
-        self._file.send(fit.fixed(legs), static=True)
-        self._stream.send_blueprint(blueprint.fit_layout(shown) if legs else blueprint.layout(shown))
 
     def _send_pictures(self) -> None:
         if self._n_frames > self._n_frames_pictured:
+            self._bands.write(self._stream)  # a hundred curves: few long pieces of each take least room and time
             pictures, axes = self._posterior.pictures()
             self._file.send(pictures, static=True)  # so that every frame shows the whole run
             self._file.send_property("marginals", axes)

@@ -22,9 +22,12 @@ class Series:
 
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits, float64, on the timelines `frame` and `time`."""
+        indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most curves have the same frames
         for path, rows in self._rows.items():
             frames, times, values = zip(*rows, strict=True)
-            index = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=np.array(times))]
+            if frames not in indexes:
+                time = rr.TimeColumn("time", duration=np.array(times))
+                indexes[frames] = [rr.TimeColumn("frame", sequence=frames), time]
             columns = rr.Scalars.columns(scalars=np.concatenate(values)).partition([len(row) for row in values])
-            stream.send_columns(path, indexes=index, columns=columns)
+            stream.send_columns(path, indexes=indexes[frames], columns=columns)
         self._rows.clear()

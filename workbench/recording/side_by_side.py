@@ -8,20 +8,25 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
+from workbench.recording import looks
 from workbench.recording.chunks import read_chunks
 from workbench.recording.reader import Run
+from workbench.recording.scene import ESTIMATE
 from workbench.recording.study import entity
 from workbench.studies.study import Sticks
 
+_CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
+_EYE_M = (2.1, -2.1, 0.6)
 _MOST_FIGURES = 4  # of studies, beside each other
 _COLOURS = {"a": (190, 190, 190), "b": (255, 110, 160)}
 
 
-def write_side_by_side(path: Path, a: Run, b: Run) -> None:
-    """Write both recordings to `path`, an .rrd, with a layout that shows them beside each other."""
+def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
+    """Write both recordings to `path`, an .rrd, with a layout that shows them beside each other, under these names."""
+    names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
     stream = rr.RecordingStream("workbench-check", recording_id=f"{a.properties['run']['id']}-beside")
     stream.set_log_time_enabled(False)
-    stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b))
+    stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
     for name, run in (("a", a), ("b", b)):
         stream.send_chunks([_below(name, chunk) for chunk in read_chunks(run.path, ["/**", "/__properties/**"])])
     stream.flush()
@@ -32,11 +37,12 @@ def _below(name: str, chunk: Chunk) -> Chunk:
     return chunk.with_entity_path(f"/{name}/{chunk.entity_path.removeprefix('/').removeprefix('__')}")
 
 
-def _layout(a: Run, b: Run) -> rrb.Blueprint:
-    columns = [_pictures(name, run) for name, run in (("a", a), ("b", b))]
+def _layout(a: Run, b: Run, names: tuple[str, str]) -> rrb.Blueprint:
+    columns = [_pictures(side, run, f"{side}: {name}") for side, run, name in zip("ab", (a, b), names, strict=True)]
     rows = [rrb.Horizontal(*pair) for pair in zip(*columns, strict=False)]
-    errors = [name for name in a.metric_names if name.startswith("error") and not name.endswith("_map")]
-    curves = [] if a.is_study else [rrb.Horizontal(*(_curve(name) for name in errors or a.metric_names))]
+    known = {*a.metric_names, *b.metric_names}
+    metrics = [name for name in _CURVES if name in known] or sorted(known)
+    curves = [] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]
     return rrb.Blueprint(
         rrb.Vertical(*rows, *curves),
         rrb.TimePanel(timeline="frame", state="collapsed"),
@@ -45,25 +51,40 @@ def _layout(a: Run, b: Run) -> rrb.Blueprint:
     )
 
 
-def _pictures(name: str, run: Run) -> Sequence[rrb.View]:
+def _pictures(side: str, run: Run, title: str) -> Sequence[rrb.View]:
     """The images and the world of a run; the first figures of a study."""
     if run.is_study:
         return [
-            rrb.Spatial2DView(origin=f"/{name}/{entity(figure).lstrip('/')}", name=f"{name}: {figure.name}")
+            rrb.Spatial2DView(origin=f"/{side}/{entity(figure).lstrip('/')}", name=f"{side}: {figure.name}")
             for figure in run.figures
             if not isinstance(figure, Sticks)
         ][:_MOST_FIGURES]
-    title = f"{name}: {run.path.parent.name}/{run.path.name}"
     paths = {chunk.entity_path for chunk in read_chunks(run.path, ["/world/**"])}
     cameras = sorted(path.removesuffix("/image") for path in paths if path.endswith("/image"))
-    images = [rrb.Spatial2DView(origin=f"/{name}{camera}/image", name=title) for camera in cameras[:1]]
-    people = ["$origin/**", *(f"- /{name}{camera}/**" for camera in cameras)]  # the image would hide them
-    return [*images, rrb.Spatial3DView(origin=f"/{name}/world", contents=people, name=title)]
+    images = [rrb.Spatial2DView(origin=f"/{side}{camera}/image", name=title) for camera in cameras[:1]]
+    people = ["$origin/**", *(f"- /{side}{camera}/**" for camera in cameras)]  # the image would hide them
+    people += [f"- /{side}/{ESTIMATE}/body"] * (f"/{ESTIMATE}/surface" in paths)
+    world = rrb.Spatial3DView(origin=f"/{side}/world", contents=people, name=title, eye_controls=_eye(side, run))
+    return [*images, world]
+
+
+def _eye(side: str, run: Run) -> rrb.EyeControls3D | None:
+    """From three metres away; the eye follows the person."""
+    if not len(run.joints.positions):
+        return None
+    person = run.joints.positions[0].mean(axis=0)
+    return rrb.EyeControls3D(
+        position=person + _EYE_M,
+        look_target=person,
+        eye_up=[0.0, 0.0, 1.0],
+        tracking_entity=f"/{side}/{ESTIMATE}/skeleton",
+    )
 
 
 def _curve(metric: str) -> rrb.TimeSeriesView:
     paths = {name: f"/{name}/metrics/{metric}" for name in _COLOURS}
-    looks: dict[Any, Any] = {
-        paths[name]: rr.SeriesLines(colors=[colour], names=[name]).visualizer() for name, colour in _COLOURS.items()
+    styles: dict[Any, Any] = {
+        paths[name]: rr.SeriesLines(colors=[colour], widths=[2.0], names=[name]).visualizer()
+        for name, colour in _COLOURS.items()
     }
-    return rrb.TimeSeriesView(origin="/", contents=list(paths.values()), name=metric, overrides=looks)
+    return rrb.TimeSeriesView(origin="/", contents=list(paths.values()), name=looks.title(metric), overrides=styles)

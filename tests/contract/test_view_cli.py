@@ -1,0 +1,149 @@
+"""workbench-view: what it finds, what it calls it, and what it hands to the viewer."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+from recording_steps import BODY, SPACE, steps
+from rerun.chunk import RrdReader
+
+from workbench.cli import view
+from workbench.recording.recorder import Recorder
+
+N_FRAMES = 2
+
+
+def record(path, seed=0, n_particles=20, crash=False, config=None):
+    settings = {"inference": {"n_particles": n_particles}, "seed": seed}
+    text = yaml.safe_dump(settings) if config is None else config
+    about = {"config_yaml": text, "provenance": {"experiment": "walk", "seed": seed}}
+    try:
+        with Recorder(path, BODY, SPACE, run_id=f"{n_particles}-{seed}-{crash}", **about) as recorder:
+            for step in steps(N_FRAMES, n_particles=n_particles, seed=seed):
+                recorder.log(step, {"error_abs_mm": 1.0})
+            if crash:
+                raise RuntimeError("made up")
+    except RuntimeError:
+        return path.with_name(path.name + ".part")
+    return path
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    for k, (seed, n_particles) in enumerate([(0, 20), (1, 20), (0, 30)]):
+        record(folder / str(k) / "run.rrd", seed, n_particles)
+    record(folder / "3" / "run.rrd", 1, 30, crash=True)
+    return folder
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """What the viewer was called with: options, files, and {recording id: name} of all files while it ran."""
+    seen = SimpleNamespace(calls=0, code=0)
+
+    def run(command, check):
+        seen.calls, seen.options, seen.files = seen.calls + 1, command[1:5], [Path(text) for text in command[5:]]
+        seen.names = {}
+        for path in seen.files:
+            store = RrdReader(path).recordings()[0]
+            for chunk in RrdReader(path).stream().filter(content="/__properties"):
+                batch = chunk.to_record_batch()
+                if "RecordingInfo:name" in batch.schema.names:
+                    key = (store.application_id, store.recording_id)
+                    seen.names[key] = batch.column("RecordingInfo:name").to_pylist()[0][0]
+        seen.copies = [path.read_bytes() for path in seen.files]
+        return subprocess.CompletedProcess(command, seen.code)
+
+    monkeypatch.setattr(view.subprocess, "run", run)
+    return seen
+
+
+def test_one_recording_is_opened_as_it_is(sweep, shown):
+    assert view.main([str(sweep / "1")]) == 0
+    assert shown.files == [sweep / "1" / "run.rrd"]
+    assert shown.options == ["--bind", "127.0.0.1", "--port", "auto"]  # reached from this machine only; a new viewer
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
+    assert view.main([str(sweep)]) == 0
+    own = {}
+    for k, name in enumerate(["run.rrd", "run.rrd", "run.rrd", "run.rrd.part"]):
+        store = RrdReader(sweep / str(k) / name).recordings()[0]
+        own[store.application_id, store.recording_id] = k
+    assert {own[key]: name for key, name in shown.names.items()} == {
+        0: "n_particles=20, seed=0",
+        1: "n_particles=20, seed=1",
+        2: "n_particles=30, seed=0",
+        3: "n_particles=30, seed=1, failed",
+    }
+    assert len({application for application, _ in own}) == 4  # each with its own layout
+    assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only
+
+
+def test_two_recordings_are_shown_beside_each_other_in_the_order_given(sweep, shown, capsys):
+    first, second = sweep / "2" / "run.rrd", sweep / "0" / "run.rrd"
+    assert view.main([str(first), str(second)]) == 0
+    assert len(shown.files) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [f"a: {first} (n_particles=30)", f"b: {second} (n_particles=20)"]
+
+
+def test_two_recordings_side_by_side_share_their_curves(sweep, tmp_path, monkeypatch):
+    kept = tmp_path / "beside.rrd"
+    done = SimpleNamespace(returncode=0)
+    monkeypatch.setattr(view.subprocess, "run", lambda command, check: shutil.copy(command[-1], kept) and done)
+    assert view.main([str(sweep / "0" / "run.rrd"), str(sweep / "2" / "run.rrd")]) == 0
+    entities = {chunk.entity_path for chunk in RrdReader(kept).stream()}
+    assert {"/a/metrics/error_abs_mm", "/b/metrics/error_abs_mm", "/a/world/camera/image"} <= entities
+
+
+def test_two_runs_of_a_folder_are_no_comparison(sweep, shown, tmp_path):
+    for k in (0, 1):
+        shutil.copytree(sweep / str(k), tmp_path / str(k))
+    assert view.main([str(tmp_path)]) == 0
+    assert shown.files[:2] == [tmp_path / str(k) / "run.rrd" for k in (0, 1)]
+
+
+def test_what_cannot_be_shown_is_named_and_left_out(sweep, shown, tmp_path, capsys):
+    good = Path(shutil.copy(sweep / "0" / "run.rrd", tmp_path / "a.rrd"))
+    shutil.copy(good, tmp_path / "same.rrd")
+    (tmp_path / "junk.rrd").write_bytes(b"no recording")
+    record(tmp_path / "odd.rrd", seed=5, config="- a list")
+    assert view.main([str(tmp_path)]) == 0
+    assert shown.files == [good]
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 3
+    for name in ("same.rrd", "junk.rrd", "odd.rrd"):
+        assert sum(str(tmp_path / name) in line for line in told) == 1
+
+
+@pytest.mark.parametrize("place", ["empty", "missing"])
+def test_nothing_to_open_is_one_sentence(place, shown, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    assert view.main([str(tmp_path / place)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert shown.calls == 0
+
+
+def test_without_the_viewer_a_sentence_says_so(sweep, shown, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    assert view.main([str(sweep)]) == 2
+    assert "rerun" in capsys.readouterr().err
+    assert shown.calls == 0
+
+
+def test_a_viewer_that_fails_is_told(sweep, shown, capsys):
+    shown.code = 7
+    assert view.main([str(sweep / "0")]) == 1
+    assert "7" in capsys.readouterr().err
+
+
+def test_runs_of_one_name_get_their_place(sweep):
+    run = view.open_runs(sweep / "0")[0][0]
+    assert view.names([run, run]) == [f"walk ({run.path})"] * 2

@@ -1,0 +1,120 @@
+"""workbench-view: open recordings in the viewer; two are shown beside each other, more under what varied in them."""
+
+import argparse
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from workbench.errors import InputError
+from workbench.recording.naming import write_names
+from workbench.recording.reader import Run, open_runs
+from workbench.recording.side_by_side import write_side_by_side
+from workbench.recording.viewer import HOST
+from workbench.report.variation import flat, label, what_varied
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Open recordings and wait until the viewer is closed.
+
+    Returns 0, 1 when the viewer failed, 2 when there is nothing to open or no viewer, 130 when interrupted.
+    """
+    places: list[Path] = _parser().parse_args(argv).recordings
+    try:
+        program = viewer()
+        runs = _readable(places)
+        pair = len(places) == len(runs) == 2 and all(place.is_file() for place in places)
+        with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
+            files = _beside(runs, places, Path(folder)) if pair else _together(runs, Path(folder))
+            command = [str(program), "--bind", HOST, "--port", "auto", *map(str, files)]
+            code = subprocess.run(command, check=False).returncode
+        if code:
+            print(f"workbench-view: the viewer ended with exit code {code}", file=sys.stderr)
+        return 1 if code else 0
+    except InputError as error:
+        print(f"workbench-view: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def viewer() -> Path:
+    """Rerun's program, which its package puts beside the Python that runs; raises InputError without one."""
+    beside = Path(sys.executable).parent
+    if (found := shutil.which("rerun", path=str(beside))) is None:
+        raise InputError(
+            f"{beside}: expected the viewer's program rerun beside Python, found none: pip install rerun-sdk"
+        )
+    return Path(found)
+
+
+def names(runs: Sequence[Run]) -> list[str]:
+    """A name for each run: what tells it from the others, as `workbench-report` calls it, its seed, how it ended.
+
+    Runs that would have one name get their place in it, too.
+    """
+    settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
+    keys, seeds = what_varied(settings).keys, [run.provenance.get("seed") for run in runs]
+    found = []
+    for run, values, seed in zip(runs, settings, seeds, strict=True):
+        words = [label(keys, values) or str(values["experiment"])]
+        words += [f"seed={seed}"] * (len(set(seeds)) > 1)
+        words += [{"running": "cut off"}.get(run.status, run.status)] * (run.status != "complete")
+        found.append(", ".join(words))
+    return [f"{name} ({run.path})" if found.count(name) > 1 else name for name, run in zip(found, runs, strict=True)]
+
+
+def _readable(places: Sequence[Path]) -> list[Run]:
+    """The recordings there, one of each run. Those left out are told; raises InputError when none is left."""
+    runs, problems = open_runs(*places)
+    left_out = [problem.reason for problem in problems]
+    kept: dict[str, Run] = {}
+    for run in runs:
+        try:
+            _ = run.settings  # which name it
+        except InputError as error:
+            left_out.append(str(error))
+            continue
+        if run is not (same := kept.setdefault(str(run.properties["run"].get("id")), run)):
+            left_out.append(f"{run.path}: the same run as {same.path}")
+    for reason in left_out:
+        print(f"workbench-view: left out: {reason}", file=sys.stderr)
+    if not kept:
+        raise InputError(f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none to open")
+    return list(kept.values())
+
+
+def _beside(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[Path]:
+    """One recording that holds both, in the order they were given."""
+    a, b = sorted(runs, key=lambda run: places.index(run.path))
+    first, second = names([a, b])
+    path = folder / "beside.rrd"
+    write_side_by_side(path, a, b, (first, second))
+    print(f"a: {a.path} ({first})\nb: {b.path} ({second})")
+    return [path]
+
+
+def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
+    """The recordings as they are and, where there are several, their names in files of their own."""
+    paths = [run.path for run in runs]
+    if len(runs) == 1:
+        return paths
+    found = names(runs)
+    print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
+    print("\n".join(f"  {name}" for name in found))
+    return [*paths, *write_names(folder, paths, found)]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="workbench-view", description=__doc__)
+    parser.add_argument(
+        "recordings", metavar="RUN|FOLDER", type=Path, nargs="+",
+        help="recordings, or folders with recordings; exactly two recordings are compared",
+    )  # fmt: skip
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""How curves look and what they are called: the estimate orange, as everywhere, and each title with its unit."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeAlias
+
+import rerun as rr
+
+from workbench.recording import colours
+
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+
+_ESTIMATE = ("expected pose", colours.ESTIMATE, 2.5)
+_HEAVIEST = ("heaviest particle", colours.HEAVIEST_PARTICLE, 1.0)
+_MOVED = ("pelvis moved onto pelvis", colours.PELVIS_ON_PELVIS, 1.0)
+_CURVES = {
+    "error_abs_mm": _ESTIMATE,
+    "error_abs_mm_map": _HEAVIEST,
+    "error_rel_mm": _MOVED,
+    "error_px": _ESTIMATE,
+    "error_px_map": _HEAVIEST,
+    "forearm_px": ("lost above this, a forearm's width", colours.MODEL, 1.0),
+}
+"""Metrics that share a plot with others: (name in the legend, colour, width)."""
+
+_TITLES = {
+    "error_abs_mm": "distance from the true joints (mm)",
+    "error_rel_mm": "the same, pelvis moved onto pelvis (mm)",
+    "error_px": "distance in the image (pixels)",
+    "coverage_90": "truth inside the 5–95 % bands (0.9 is right)",
+    "ess": "effective sample size",
+    "log_evidence": "log evidence of all frames so far",
+    "knee_deg": "error of the knees' flexion (degrees)",
+    "hip_deg": "error of the hips' flexion (degrees)",
+    "activity_accuracy": "activity told right (1: yes)",
+}
+
+
+def fixed(metrics: Iterable[str]) -> Entities:
+    """The looks of the curves of `metrics`, to be logged static."""
+    for name in metrics:
+        label, colour, width = _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
+        yield f"metrics/{name}", rr.SeriesLines(colors=[colour], widths=[width], names=[label])
+
+
+def title(name: str, unit: str = "") -> str:
+    """A metric's or parameter's name as words, with its unit."""
+    words = _TITLES.get(name, name.replace("_", " "))
+    return f"{words} ({unit})" if unit not in ("", "1") else words
+
+
+def errors_mm(metrics: Sequence[str]) -> list[str]:
+    """Those of the metrics that are errors in the world."""
+    return [name for name in metrics if name.startswith("error") and "px" not in name.split("_")]
+
+
+def errors_px(metrics: Sequence[str]) -> list[str]:
+    """Those of the metrics that are errors in the image, and what they are measured by."""
+    found = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
+    return [*found, *(name for name in metrics if found and name == "forearm_px")]
