@@ -152,7 +152,9 @@ def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp
     assert path.stat().st_size < walk.stat().st_size
     assert sorted(file.name for file in tmp_path.iterdir()) == ["here", "walk.rrd"]
     assert check(capsys, path)[0] == 0
+    renewed = path.read_bytes()
     assert "nothing moved" in check(capsys, path, "--update")[1]
+    assert path.read_bytes() == renewed
 
 
 def test_a_run_that_crashes_renews_nothing(walk, capsys, tmp_path, monkeypatch):

@@ -31,6 +31,11 @@ class Check:
         """Whether it was checked and nothing in it failed."""
         return self.refused is None and all(finding.passed for finding in self.findings)
 
+    @property
+    def unmoved(self) -> bool:
+        """Whether it passed and every number is what it was."""
+        return self.passed and not any(map(_moved, self.findings))
+
 
 def exit_code(checks: Iterable[Check]) -> int:
     """2 when a recording was refused, else 1 when anything failed, else 0."""
@@ -48,13 +53,12 @@ def table(checks: Sequence[Check], verbose: bool = False) -> str:
 
 def moved(checks: Sequence[Check]) -> str:
     """A row for every number that is not what it was."""
-    changed = [
-        (check.name, *_cells(finding))
-        for check in checks
-        for finding in check.findings
-        if finding.was != finding.now or not finding.passed
-    ]
+    changed = [(check.name, *_cells(finding)) for check in checks for finding in check.findings if _moved(finding)]
     return _aligned([_COLUMNS, *changed]) if changed else "nothing moved"
+
+
+def _moved(finding: Finding) -> bool:
+    return finding.was != finding.now or not finding.passed
 
 
 def write_junit(path: Path, checks: Sequence[Check]) -> None:
