@@ -11,6 +11,16 @@ import pytest
 from workbench.cli.run import main
 
 
+@pytest.fixture(autouse=True)
+def no_handlers_left():
+    """Hydra's would go on writing to the output of the test that called it, which is closed by then."""
+    yield
+    root = logging.getLogger()
+    for handler in root.handlers[:]:
+        if type(handler) in (logging.StreamHandler, logging.FileHandler):
+            root.removeHandler(handler)
+
+
 @pytest.fixture
 def run(tmp_path, monkeypatch, capfd):
     """Run the command in this process, which saves the imports: (exit code, what it told, its folder)."""

@@ -64,7 +64,7 @@ def test_every_experiment_runs_and_leaves_a_recording(tmp_path, cache, experimen
     assert needed <= summary["metrics"].keys()
     assert all(np.isfinite(summary["metrics"][name]) for name in needed)
     assert summary["metrics"]["frames"] == 4
-    assert "rerun" in done.stdout
+    assert "workbench-view" in done.stdout
     recorded = read(tmp_path / "out" / "run.rrd")
     _, poses = recorded.poses
     assert poses.shape == (4, 25)
