@@ -6,17 +6,16 @@ Prints milliseconds for 10⁴ particles, 12 limbs, 480×640 px: the minimum over
 fewer particles and is scaled up. Everything is measured in one process, in turns, so that other load hits all alike.
 """
 
-import platform
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numba
 import numpy as np
 from tqdm import tqdm
 
+from analysis.benchmarks.machine import processor, versions
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
@@ -36,7 +35,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     before, now = (Frame(i, i / 30.0, (View(CAMERA, _texture(rng)),)) for i in range(2))
     poses_before, poses_now = _poses(rng), _poses(rng)
-    print(f"{_processor()}, {_THREADS} threads at most; {_versions()}")
+    print(f"{processor()}, {_THREADS} threads at most; {versions()}")
     print(f"{N_PARTICLES} particles, 12 limbs, 480×640 px; ms, minimum of {REPEATS} repeats\n")
     print("n    kernel, 1 thread   kernel, 2 threads   reference   reference / kernel")
     for n_samples in (50, 100):
@@ -95,17 +94,6 @@ def _texture(rng: np.random.Generator) -> ByteArray:
     noise = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), 3.0)
     texture: ByteArray = np.clip(128.0 + 40.0 * noise / noise.std(), 0.0, 255.0).astype(np.uint8)
     return texture
-
-
-def _processor() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-def _versions() -> str:
-    return f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
 
 
 if __name__ == "__main__":

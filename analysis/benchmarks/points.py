@@ -19,6 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
+from analysis.benchmarks.machine import processor, versions
 from workbench.body.limbs import Body, person
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
@@ -61,6 +62,7 @@ class Source:
 
 def main() -> None:
     source = Source(sys.argv[1] if len(sys.argv) > 1 else None, "~/.cache/workbench")
+    print(f"{processor()}; {versions()}\n")
     with threadpool_limits(limits=1, user_api="blas"):
         _print_methods(source)
         _print_starts(source)

@@ -9,16 +9,14 @@ as paper D's body (28 joints, about 80). (F and J) / F is what D's section 4 bou
 Everything is measured in one process, in turns, so that other load hits all alike.
 """
 
-import platform
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
-import numba
 import numpy as np
 from tqdm import tqdm
 
+from analysis.benchmarks.machine import processor, versions
 from workbench.arrays import FloatArray
 from workbench.body import surface_reference
 from workbench.body.kinematics import forward
@@ -41,7 +39,7 @@ N_POINTS, REPEATS = 400, 300
 def main() -> None:
     body = person(from_height(1.75))
     many = with_middle_joints(body.skeleton)
-    print(f"{_processor()}, 1 thread; {_versions()}")
+    print(f"{processor()}, 1 thread; {versions()}")
     print(f"{N_POINTS} points; µs, minimum of {REPEATS} repeats (of the reference: {REPEATS // 100})\n")
     print("dofs  ellipsoids  kind          F   F and J   ratio   attach   ratio with attach   reference F and J")
     for skeleton, surface in ((body.skeleton, person_surface(body)), (many, skeleton_surface(many))):
@@ -103,17 +101,6 @@ def _fastest_us(timed: Sequence[Callable[[], object]], repeats: int) -> FloatArr
             repeat[column] = time.perf_counter() - start
     fastest: FloatArray = 1e6 * times[1:].min(axis=0)
     return fastest
-
-
-def _processor() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-def _versions() -> str:
-    return f"Python {platform.python_version()}, NumPy {np.__version__}, numba {numba.__version__}"
 
 
 if __name__ == "__main__":
