@@ -31,6 +31,7 @@ from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
+from workbench.priors.jitter import Jitter
 from workbench.priors.state import Prior
 from workbench.recording.recorder import Recorder
 from workbench.recording.study import StudyRecorder
@@ -153,6 +154,8 @@ def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
             "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
             "the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
         )
+    if isinstance(prior, Jitter):
+        return _start(dataset, body, prior.base)
     if not isinstance(prior, Cyclic):
         raise InputError("prior: a start from marked joints needs a cyclic prior, such as prior=walking")
     camera = next(iter(dataset.frames())).views[0].camera

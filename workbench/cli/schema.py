@@ -29,6 +29,7 @@ from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
 from workbench.priors.from_motions import activity, cyclic, implicit, walking
+from workbench.priors.jitter import Jitter
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
@@ -58,6 +59,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "mixture": Mixture,
         "switching": Switching,
         "partwise": Partwise,
+        "jitter": Jitter,
         "activity": activity,
     },
     "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
@@ -170,6 +172,8 @@ def _schema_type(hint: Any) -> Any:
         return list[inner[0]]  # type: ignore[valid-type]
     if origin is Literal:
         return str  # the component itself names the choices it knows
+    if getattr(hint, "_is_protocol", False):
+        return Any  # a component of another group, whose own schema knows its keys
     if origin is Mapping:
         return dict[str, inner[1] if inner[1] in (str, int, float, bool) else Any]  # type: ignore[misc]
     return hint
