@@ -20,10 +20,15 @@ from workbench.datasets.points import Points
 from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
+from workbench.inference.annealed import Annealed
+from workbench.inference.auxiliary import Auxiliary
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.restarting import Restarting
+from workbench.inference.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.synthesis import Synthesis
+from workbench.inference.tempered_smc import TemperedSMC
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
@@ -68,6 +73,12 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "synthesis": Synthesis,
         "least_squares": LeastSquares,
         "hybrid": Hybrid,
+        "fixed_lag": FixedLag,
+        "backward_simulation": BackwardSimulation,
+        "tempered_smc": TemperedSMC,
+        "annealed": Annealed,
+        "auxiliary": Auxiliary,
+        "restarting": Restarting,
     },
     "recorder": {"rerun": Recorder},
     "study": {
