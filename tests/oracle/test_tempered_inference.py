@@ -152,22 +152,22 @@ class Jump(LinearPrior):
 
 
 def test_who_was_lost_is_found_again():
-    measured = simulate(40, seed=2)
-    measured[25:] += 8.0  # no velocity that the prior knows takes the person there
+    measured = simulate(60, seed=2)
+    measured[45:] += 8.0  # no velocity that the prior knows takes the person there
     followed = {}
     for name, make in (("plain", ParticleFilter), ("restarting", Restarting)):
-        steps = list(make(Jump(), Position(measured, sigma=0.1), n_particles=600).run(frames(40), MEAN0, streams(0)))
-        followed[name] = abs(steps[32].expected_pose[0] - measured[32])
+        steps = list(make(Jump(), Position(measured, sigma=0.1), n_particles=600).run(frames(60), MEAN0, streams(0)))
+        followed[name] = abs(steps[52].expected_pose[0] - measured[52])
         anew = [step.frame.index for step in steps if step.diagnostics.get("restarted") == 1.0]
-        assert (min(anew, default=None) in range(26, 30)) == (name == "restarting")
+        assert (min(anew, default=None) in range(46, 50)) == (name == "restarting")
         assert any("seems lost" in sentence for step in steps for sentence in step.warnings) == bool(anew)
     assert followed["restarting"] < 0.5  # five deviations of a measurement
     assert followed["plain"] > 1.0
 
 
 def test_nobody_is_lost_before_there_is_something_to_compare_with_nor_while_all_goes_on_as_before():
-    usual = list(np.random.default_rng(0).normal(-40.0, 1.0, 30))
-    assert not lost([-40.0] * 5 + [-400.0] * 3, patience=3, drop=4.0)
+    usual = list(np.random.default_rng(0).normal(-40.0, 1.0, 40))
+    assert not lost([-40.0] * 29 + [-400.0] * 3, patience=3, drop=4.0)
     assert not lost(usual, patience=3, drop=4.0)
     assert not lost([*usual, -60.0], patience=3, drop=10.0)
     assert lost([*usual, -60.0, -60.0, -60.0], patience=3, drop=4.0)

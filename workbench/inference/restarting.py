@@ -16,8 +16,9 @@ from workbench.inference.step import Step
 from workbench.likelihoods.likelihood import Likelihood
 from workbench.priors.state import Prior, StateSpace
 
-REFERENCE_FRAMES = 10
-"""So many frames must have been tracked before one can tell that the evidence falls."""
+REFERENCE_FRAMES = 30
+"""So many frames must have been tracked before one can tell that the evidence falls: it rises and falls in every cycle
+of a walk, which takes about a second."""
 
 
 class Restarting:
@@ -27,6 +28,9 @@ class Restarting:
     `drop` robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them.
     Then a share of the previous frame's particles is replaced by draws from the prior's start distribution, half of
     them around the expected pose and half around its mirror image, since one camera easily takes left for right.
+
+    It sees only what the likelihood can tell. Bare image motion cannot: a body that has come to rest on a still
+    background predicts the next image better than the person did, and the evidence rises when the person is lost.
 
     As only the past decides, this is a filter for the prior (1 − share) p(s_t | s_t−1) + share p(s_t | start) in those
     frames, whose posterior and evidence need no correction. The ancestor of a particle that started anew is one of
