@@ -33,6 +33,7 @@ from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
+from workbench.priors.flipping import Flipping
 from workbench.priors.from_motions import activity, cyclic, implicit, walking
 from workbench.priors.jitter import Jitter
 from workbench.priors.mixture import Mixture, Switching
@@ -65,6 +66,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "switching": Switching,
         "partwise": Partwise,
         "jitter": Jitter,
+        "flipping": Flipping,
         "activity": activity,
     },
     "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
@@ -93,6 +95,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 }
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape", "full_body"},
+    "prior": {"camera"},
     "likelihood": {"body"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
