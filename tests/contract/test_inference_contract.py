@@ -63,6 +63,8 @@ def test_a_step_for_every_frame_is_whole(parts, name):
         assert ((step.ancestors >= 0) & (step.ancestors < N)).all()
         assert np.isfinite(step.log_evidence)
         assert all(np.isfinite(value) for value in step.diagnostics.values())
+        # a recording arranges its views by the first step's
+        assert set(step.diagnostics) <= set(found[0].diagnostics)
     assert all(step.evaluations >= N for step in found[1:])
     assert sum(step.timing_s["likelihood"] for step in found[1:]) > 0.0
 

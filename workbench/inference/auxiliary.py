@@ -46,7 +46,8 @@ class Auxiliary:
 
         rng_streams: generators named "start", "resampling" and "prior".
         """
-        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams)
+        first = {"distinct": float(self.n_particles)}
+        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams, first)
 
     def advance(
         self,

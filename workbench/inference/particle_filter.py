@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
+from types import MappingProxyType
 
 import numpy as np
 from scipy.special import logsumexp
@@ -57,10 +58,12 @@ def filtered(
     frames: Iterable[Frame],
     start: FloatArray,
     rng_streams: Mapping[str, np.random.Generator],
+    diagnostics: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Step]:
     """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
 
     rng_streams: generators named "start" and those that `advance` draws from, which makes all steps but the first.
+    diagnostics: of the first step; a recording arranges its views by what that one has.
     """
     previous: Frame | None = None
     log_evidence = 0.0
@@ -69,7 +72,8 @@ def filtered(
         if previous is None:
             state = prior.start(start, n_particles, rng_streams["start"])
             even = np.full(n_particles, -np.log(n_particles))
-            advanced = Advanced(Particles(state, prior.pose(state), even, np.arange(n_particles)), 0.0, 0.0)
+            first = Particles(state, prior.pose(state), even, np.arange(n_particles))
+            advanced = Advanced(first, 0.0, 0.0, diagnostics=diagnostics)
             clock.lap("prior")
         else:
             advanced = advance(advanced.particles, previous, frame, rng_streams, clock)

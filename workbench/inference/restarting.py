@@ -63,7 +63,8 @@ class Restarting:
     ) -> Iterator[Step]:
         """One step per frame, see `ParticleFilter.run`. The diagnostic restarted is 1 where particles started anew."""
         advance = partial(self._advance, [])
-        return filtered(self.prior, self.filter.n_particles, advance, frames, start, rng_streams)
+        first = {"restarted": 0.0}
+        return filtered(self.prior, self.filter.n_particles, advance, frames, start, rng_streams, first)
 
     def _advance(
         self,

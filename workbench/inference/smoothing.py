@@ -122,7 +122,7 @@ class BackwardSimulation:
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
             began, later, picked = perf_counter(), steps[t], chosen
             if t > 0:
-                chosen, gained, later = self._one_back(steps[t - 1], later, picked, rng)
+                chosen, gained, steps[t - 1], later = self._one_back(steps[t - 1], later, picked, rng)
                 score = score + gained
             spent = {**later.timing_s, "smoothing": perf_counter() - began}
             smoothed.append((replace(later, timing_s=spent), picked))
@@ -132,13 +132,14 @@ class BackwardSimulation:
 
     def _one_back(
         self, step: Step, later: Step, chosen: IntArray, rng: np.random.Generator
-    ) -> tuple[IntArray, FloatArray, Step]:
+    ) -> tuple[IntArray, FloatArray, Step, Step]:
         """The particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of this
-        part of the paths; and the later step with the cost of it."""
+        part of the paths; both steps, the first with the share of moves accepted, the later with what they cost."""
         dt_s = later.frame.time_s - step.frame.time_s
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
-        log_prob, said = self._log_prob(step, later, current, poses)
+        log_prob, more = self._log_prob(step, later, current, poses)
+        said = [*later.warnings, *more]
         accepted = 0.0
         for proposed in self._proposed(step, states, dt_s, rng):
             proposed_log_prob, more = self._log_prob(step, later, proposed, poses)
@@ -150,9 +151,8 @@ class BackwardSimulation:
             accepted += float(accept.mean()) / self.moves
         gained = self.density.log_transition(step.particles[current], states, dt_s) + log_prob
         cost = later.evaluations + float(self.n_paths * (1 + self.moves))
-        diagnostics = {**later.diagnostics, "acceptance": accepted}
-        warnings = tuple(dict.fromkeys((*later.warnings, *said)))
-        return current, gained, replace(later, evaluations=cost, diagnostics=diagnostics, warnings=warnings)
+        step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
+        return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
 
     def _log_prob(
         self, step: Step, later: Step, before: IntArray, poses: FloatArray

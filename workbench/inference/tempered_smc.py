@@ -70,7 +70,8 @@ class TemperedSMC:
         rng_streams: generators named "start", "resampling" and "prior". Diagnostics: temperatures, how many there were;
         acceptance, of the moves; distinct, how many particles of the frame before have offspring.
         """
-        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams)
+        first = {"temperatures": 0.0, "acceptance": 1.0, "distinct": float(self.n_particles)}
+        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams, first)
 
     def advance(
         self,
@@ -86,7 +87,7 @@ class TemperedSMC:
         pool = target.predicted(np.arange(self.n_particles), rng_streams["prior"])
         if not np.isfinite(pool.log_prob).any():
             target.warnings += weigh(frame, even, pool.log_prob)[2]
-            return pool.advanced(even, 0.0, target)
+            return pool.advanced(even, 0.0, target, temperatures=0.0, acceptance=1.0)
         log_gain, phi, scale, rates, count = 0.0, 0.0, 1.0, list[float](), 0
         while phi < 1.0:
             count += 1
