@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
+from workbench.body.camera import plain_camera
 from workbench.body.skeleton import POSE_NAMES
 from workbench.cli.build import build
 from workbench.cli.run import prepare_hydra
@@ -81,7 +82,7 @@ def composed(name, folder):
     for node in (config, *config.get("priors", {}).values()):
         if "motions" in node:
             node.motions = "builtin"
-    return build(config)
+    return build(config, camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)))
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from workbench.report.variation import flat, label, short_names, shown, what_varied
+from workbench.report.variation import flat, label, seeds_of_parts, short_names, shown, what_varied
 
 WALKING = {"_target_": "workbench.priors.from_motions.walking", "motions": "builtin", "variance": 0.95}
 SMOOTH = {"_target_": "workbench.priors.smooth.Smooth", "damping": 0.0}
@@ -35,6 +35,12 @@ def test_what_cannot_change_the_numbers_is_no_difference():
         return {"paths": paths, "threads": len(name), "recorder": {"live": name == "a"}, "dataset": paths, "seed": name}
 
     assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
+
+
+def test_a_parts_seed_repeats_only_where_it_is_the_runs_own():
+    own = [settings(dataset={"seed": seed}, likelihood={"seed": 0}) for seed in (0, 1)]
+    assert seeds_of_parts(own, [0, 1]) == {"dataset.seed"}
+    assert seeds_of_parts(own, [0, 2]) == set()
 
 
 def test_numbers_that_change_together_are_all_told():

@@ -16,6 +16,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.cli.build import build, check_targets
 from workbench.cli.identity import identity
@@ -31,6 +32,8 @@ from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
+from workbench.priors.flipping import Flipping
+from workbench.priors.jitter import Jitter
 from workbench.priors.state import Prior
 from workbench.recording.recorder import Recorder
 from workbench.recording.study import StudyRecorder
@@ -109,7 +112,7 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
     with _timed(summary, "dataset"):
         dataset: Dataset = build(config.dataset)
     with _timed(summary, "prior_learning"):
-        prior: Prior = build(config.prior)
+        prior: Prior = build(config.prior, camera=lambda: _camera(dataset))
     full_body: Body | None = getattr(dataset, "full_body", None)
     body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body)
     _check_skeletons(full_body, body, prior)
@@ -145,6 +148,14 @@ def _unknown(dataset: Dataset) -> bool:
     return dataset.start_pose is None and dataset.start_marks is None
 
 
+def _camera(dataset: Dataset) -> Camera:
+    """The one camera of the first frame."""
+    views = next(iter(dataset.frames())).views
+    if len(views) != 1:
+        raise InputError(f"prior: limbs flip before one camera, found {len(views)}")
+    return views[0].camera
+
+
 def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
     if dataset.start_pose is not None:
         return dataset.start_pose
@@ -153,6 +164,8 @@ def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
             "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
             "the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
         )
+    if isinstance(prior, Jitter | Flipping):
+        return _start(dataset, body, prior.base)
     if not isinstance(prior, Cyclic):
         raise InputError("prior: a start from marked joints needs a cyclic prior, such as prior=walking")
     camera = next(iter(dataset.frames())).views[0].camera

@@ -20,15 +20,22 @@ from workbench.datasets.points import Points
 from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
+from workbench.inference.annealed import Annealed
+from workbench.inference.auxiliary import Auxiliary
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.restarting import Restarting
+from workbench.inference.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.synthesis import Synthesis
+from workbench.inference.tempered_smc import TemperedSMC
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
+from workbench.priors.flipping import Flipping
 from workbench.priors.from_motions import activity, cyclic, implicit, walking
+from workbench.priors.jitter import Jitter
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
@@ -58,6 +65,8 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "mixture": Mixture,
         "switching": Switching,
         "partwise": Partwise,
+        "jitter": Jitter,
+        "flipping": Flipping,
         "activity": activity,
     },
     "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
@@ -66,6 +75,12 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "synthesis": Synthesis,
         "least_squares": LeastSquares,
         "hybrid": Hybrid,
+        "fixed_lag": FixedLag,
+        "backward_simulation": BackwardSimulation,
+        "tempered_smc": TemperedSMC,
+        "annealed": Annealed,
+        "auxiliary": Auxiliary,
+        "restarting": Restarting,
     },
     "recorder": {"rerun": Recorder},
     "study": {
@@ -80,6 +95,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 }
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape", "full_body"},
+    "prior": {"camera"},
     "likelihood": {"body"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
@@ -170,6 +186,8 @@ def _schema_type(hint: Any) -> Any:
         return list[inner[0]]  # type: ignore[valid-type]
     if origin is Literal:
         return str  # the component itself names the choices it knows
+    if getattr(hint, "_is_protocol", False):
+        return Any  # a component of another group, whose own schema knows its keys
     if origin is Mapping:
         return dict[str, inner[1] if inner[1] in (str, int, float, bool) else Any]  # type: ignore[misc]
     return hint

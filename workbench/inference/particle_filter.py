@@ -1,8 +1,9 @@
 """The particle filter: sequential importance resampling (paper A, section 4.1; Gordon, Salmond & Smith 1993)."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from time import perf_counter
+from types import MappingProxyType
 
 import numpy as np
 from scipy.special import logsumexp
@@ -13,7 +14,7 @@ from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
 from workbench.likelihoods.likelihood import Likelihood
-from workbench.priors.state import Prior, propose
+from workbench.priors.state import Prior, StateSpace, propose
 
 
 class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
@@ -28,6 +29,57 @@ class Particles:
     poses: FloatArray
     log_weights: FloatArray
     ancestors: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Advanced:
+    """What one more frame makes of the particles.
+
+    log_gain: log p(frame | frames before). evaluations: how often the likelihood was evaluated, for one pose each.
+    best: index of the particle whose pose is the step's `map_pose`; None: the heaviest.
+    """
+
+    particles: Particles
+    log_gain: float
+    evaluations: float
+    warnings: tuple[str, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    best: int | None = None
+
+
+Advance = Callable[[Particles, Frame, Frame, Mapping[str, np.random.Generator], "Stopwatch"], Advanced]
+"""From the particles of the previous frame to those of this one: (parents, previous, frame, streams, clock)."""
+
+
+def filtered(
+    prior: Prior,
+    n_particles: int,
+    advance: Advance,
+    frames: Iterable[Frame],
+    start: FloatArray,
+    rng_streams: Mapping[str, np.random.Generator],
+    diagnostics: Mapping[str, float] = MappingProxyType({}),
+) -> Iterator[Step]:
+    """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
+
+    rng_streams: generators named "start" and those that `advance` draws from, which makes all steps but the first.
+    diagnostics: of the first step; a recording arranges its views by what that one has.
+    """
+    previous: Frame | None = None
+    log_evidence = 0.0
+    for frame in frames:
+        clock = Stopwatch()
+        if previous is None:
+            state = prior.start(start, n_particles, rng_streams["start"])
+            even = np.full(n_particles, -np.log(n_particles))
+            first = Particles(state, prior.pose(state), even, np.arange(n_particles))
+            advanced = Advanced(first, 0.0, 0.0, diagnostics=diagnostics)
+            clock.lap("prior")
+        else:
+            advanced = advance(advanced.particles, previous, frame, rng_streams, clock)
+        log_evidence += advanced.log_gain
+        yield particle_step(frame, prior.space, advanced, log_evidence, clock)
+        previous = frame
 
 
 class ParticleFilter:
@@ -73,31 +125,17 @@ class ParticleFilter:
 
         rng_streams: generators named "start", "resampling" and "prior". Raises DegenerateWeights as configured.
         """
-        previous: Frame | None = None
-        log_evidence = 0.0
-        for frame in frames:
-            clock = _Stopwatch()
-            if previous is None:
-                state = self.prior.start(start, self.n_particles, rng_streams["start"])
-                even = np.full(self.n_particles, -np.log(self.n_particles))
-                particles = Particles(state, self.prior.pose(state), even, np.arange(self.n_particles))
-                warnings: tuple[str, ...] = ()
-                clock.lap("prior")
-            else:
-                particles, gained, warnings = self._advance(particles, previous, frame, rng_streams, clock)
-                log_evidence += gained
-            step = _step(frame, self.prior, particles, log_evidence, warnings, clock)
-            yield replace(step, evaluations=0.0 if previous is None else float(self.n_particles))
-            previous = frame
+        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams)
 
-    def _advance(
+    def advance(
         self,
         parents: Particles,
         previous: Frame,
         frame: Frame,
         rng_streams: Mapping[str, np.random.Generator],
-        clock: "_Stopwatch",
-    ) -> tuple[Particles, float, tuple[str, ...]]:
+        clock: "Stopwatch",
+    ) -> Advanced:
+        """Resample, propagate, weigh."""
         log_weights, ancestors = parents.log_weights, np.arange(self.n_particles)
         if effective_sample_size(log_weights) <= self.ess_threshold * self.n_particles:
             ancestors = self.resample(np.exp(log_weights), rng_streams["resampling"])
@@ -109,29 +147,42 @@ class ParticleFilter:
         clock.lap("prior")
         log_prob = self.likelihood.log_prob(previous, frame, parents.poses[ancestors], poses)
         clock.lap("likelihood")
-        log_weights, gained, warnings = self._weigh(frame, log_weights, correction, log_prob)
-        return Particles(state, poses, log_weights, ancestors), gained, warnings + self.likelihood.warnings()
+        stop = self.on_degenerate == "stop"
+        log_weights, gained, warnings = weigh(frame, log_weights, log_prob, correction, stop=stop)
+        particles = Particles(state, poses, log_weights, ancestors)
+        return Advanced(particles, gained, float(self.n_particles), warnings + self.likelihood.warnings())
 
-    def _weigh(
-        self, frame: Frame, log_weights: FloatArray, correction: FloatArray, log_prob: FloatArray
-    ) -> tuple[FloatArray, float, tuple[str, ...]]:
-        """Normalised log weights, log p(frame | frames before), and what went wrong.
 
-        correction: (N,) log weights of the prior's proposal.
-        """
-        undefined = np.isnan(log_prob) | (log_prob == np.inf)
-        warnings: tuple[str, ...] = ()
-        if undefined.any():
-            warnings = (f"frame {frame.index}: the likelihood of {undefined.sum()} particles is undefined; dropped",)
-            log_prob = np.where(undefined, -np.inf, log_prob)
-        weighted = log_weights + correction + log_prob
-        gained = float(logsumexp(weighted))
-        if np.isfinite(gained):
-            return weighted - gained, gained, warnings
-        sentence = f"frame {frame.index}: no particle explains the image, every weight is zero"
-        if self.on_degenerate == "stop":
-            raise DegenerateWeights(sentence)
-        return log_weights, 0.0, (*warnings, f"{sentence}; kept the prior's prediction, evidence not counted")
+def weigh(
+    frame: Frame,
+    log_weights: FloatArray,
+    log_prob: FloatArray,
+    correction: FloatArray | float = 0.0,
+    *,
+    stop: bool = False,
+) -> tuple[FloatArray, float, tuple[str, ...]]:
+    """Normalised log weights, log p(frame | frames before), and what went wrong.
+
+    correction: (N,) log weights of the prior's proposal. stop: raise DegenerateWeights where every weight is zero.
+    """
+    log_prob, warnings = defined(frame, log_prob)
+    weighted = log_weights + correction + log_prob
+    gained = float(logsumexp(weighted))
+    if np.isfinite(gained):
+        return weighted - gained, gained, warnings
+    sentence = f"frame {frame.index}: no particle explains the image, every weight is zero"
+    if stop:
+        raise DegenerateWeights(sentence)
+    return log_weights, 0.0, (*warnings, f"{sentence}; kept the prior's prediction, evidence not counted")
+
+
+def defined(frame: Frame, log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Log likelihoods (N,) with −∞ for those that are undefined, and a sentence that says so."""
+    undefined = np.isnan(log_prob) | (log_prob == np.inf)
+    if not undefined.any():
+        return log_prob, ()
+    sentence = f"frame {frame.index}: the likelihood of {undefined.sum()} particles is undefined; dropped"
+    return np.where(undefined, -np.inf, log_prob), (sentence,)
 
 
 def effective_sample_size(log_weights: FloatArray) -> float:
@@ -139,35 +190,33 @@ def effective_sample_size(log_weights: FloatArray) -> float:
     return float(np.exp(-logsumexp(2.0 * log_weights)))
 
 
-def _step(
-    frame: Frame,
-    prior: Prior,
-    particles: Particles,
-    log_evidence: float,
-    warnings: tuple[str, ...],
-    clock: "_Stopwatch",
-) -> Step:
+def particle_step(frame: Frame, space: StateSpace, advanced: Advanced, log_evidence: float, clock: "Stopwatch") -> Step:
+    """The step of one frame's particles, with the expected pose and that of the best particle."""
+    particles = advanced.particles
     weights = np.exp(particles.log_weights)
     # a plain sum over axis 0, not a BLAS product, whose order of addition depends on the number of threads
     expected = (weights[:, None] * particles.poses).sum(axis=0)
+    best = int(np.argmax(particles.log_weights)) if advanced.best is None else advanced.best
     clock.lap("summary")
     return Step(
         frame=frame,
-        space=prior.space,
+        space=space,
         particles=particles.state,
         poses=particles.poses,
         log_weights=particles.log_weights,
         ancestors=particles.ancestors,
         expected_pose=expected,
-        map_pose=particles.poses[int(np.argmax(particles.log_weights))],
+        map_pose=particles.poses[best],
         ess=effective_sample_size(particles.log_weights),
         log_evidence=log_evidence,
-        warnings=warnings,
+        diagnostics=advanced.diagnostics,
+        warnings=advanced.warnings,
+        evaluations=advanced.evaluations,
         timing_s=clock.laps,
     )
 
 
-class _Stopwatch:
+class Stopwatch:
     """Seconds since the last lap, by stage."""
 
     def __init__(self) -> None:

@@ -11,7 +11,12 @@ Resample = Callable[[FloatArray, np.random.Generator], IntArray]
 
 def systematic(weights: FloatArray, rng: np.random.Generator) -> IntArray:
     """Ancestors (N,) of N particles with normalised weights (N,): one uniform, N equidistant positions."""
-    positions = (np.arange(len(weights)) + rng.random()) / len(weights)
+    return systematic_draws(weights, len(weights), rng)
+
+
+def systematic_draws(weights: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+    """Indices (n,) of particles with normalised weights (N,), in rising order: as `systematic`, but n of them."""
+    positions = (np.arange(n) + rng.random()) / n
     return _pick(weights, positions)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.learning.activities import ActivityModel
+from workbench.priors.density import apart, log_normal
 from workbench.priors.state import StateSpace
 
 REFERENCE_RATE_HZ = 30.0
@@ -96,6 +97,17 @@ class Activity:
         moved: FloatArray = self._predicted(state, dt_s) + noise
         moved[:, self.space.slices["phase"]] %= 1.0
         return moved
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        moved = self._predicted(state, dt_s)
+        moved[:, self.space.slices["phase"]] %= 1.0
+        return moved
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) that broadcast; the phase by the shortest way round."""
+        mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
+        return log_normal(apart(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
 
     def _predicted(self, state: FloatArray, dt_s: float) -> FloatArray:
         slices = self.space.slices

@@ -13,6 +13,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.walking import WalkingModel
+from workbench.priors.density import apart, log_normal
 from workbench.priors.state import StateSpace
 
 HEADING = POSE_NAMES.index("root_heading")
@@ -94,11 +95,24 @@ class Cyclic:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        slices = self.space.slices
         noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * rng.standard_normal(state.shape)
+        return self._drifted(state, state + self._deviations() * noise, dt_s)
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        return self._drifted(state, state.copy(), dt_s)
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) that broadcast; the phase by the shortest way round."""
+        mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
+        sigma = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._deviations()
+        return log_normal(apart(self.space, mean, state), sigma)
+
+    def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
+        """`moved`, which is `state` with its noise, after the drift of `dt_s` seconds."""
+        slices = self.space.slices
         speed = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
         heading = state[:, slices["root_rotation"]][:, 0]
-        moved: FloatArray = state + self._deviations() * noise
         kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self.sigma_coefficients**2))
         moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
         moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0

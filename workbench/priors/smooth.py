@@ -12,6 +12,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.errors import InputError
+from workbench.priors.density import log_normal
 from workbench.priors.state import StateSpace
 
 log = logging.getLogger(__name__)
@@ -154,6 +155,25 @@ class Smooth:
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity] + noise
         return moved
 
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D), within the limits."""
+        moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
+        moved = state.copy()
+        moved[:, moving] = np.clip(state[:, moving] + dt_s * state[:, velocity], *self.limits.T)
+        moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity]
+        return moved
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) that broadcast: −∞ beyond a limit."""
+        moving, velocity, held = (self.space.slices[name] for name in ("pose", "velocity", "held"))
+        growth = np.sqrt(dt_s * REFERENCE_RATE_HZ)
+        predicted = previous[..., moving] + dt_s * previous[..., velocity]
+        change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
+        same = (state[..., held] == previous[..., held]).all(axis=-1)
+        pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
+        density: FloatArray = np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
+        return density
+
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         return np.take(state, self._pose_columns, axis=1)
@@ -183,6 +203,25 @@ def truncated_normal(
     z = ndtri_exp(log_b + np.log(u + (1.0 - u) * np.exp(log_ndtr(a) - log_b)))
     draws: FloatArray = np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
     return draws
+
+
+def log_truncated_normal(
+    values: FloatArray, mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Log densities of `truncated_normal`'s draws; all broadcast together. −∞ beyond the limits.
+
+    A deviation of zero has no density: 0 at the mean, or at the limit next to it, and −∞ elsewhere.
+    """
+    scale = np.maximum(deviation, 1e-30)
+    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
+    upper = a + b > 0.0
+    a, b = np.where(upper, -b, a), np.where(upper, -a, b)
+    with np.errstate(divide="ignore"):  # limits further than FAR leave no mass between them
+        log_mass = log_ndtr(b) + np.log(-np.expm1(log_ndtr(a) - log_ndtr(b)))
+    density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale) - log_mass
+    density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
+    inside: FloatArray = np.where((low <= values) & (values <= high), density, -np.inf)
+    return inside
 
 
 def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:

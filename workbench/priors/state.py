@@ -65,6 +65,20 @@ class Proposing(Protocol):
         """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""
 
 
+@runtime_checkable
+class WithDensity(Protocol):
+    """A prior whose p(state_t | state_t−1) can be evaluated, which backward smoothing and MCMC moves need."""
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
+
+        Columns without noise have no density: log p is −∞ where they are not as the previous state says.
+        """
+
+
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """By the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of zero."""
     if isinstance(prior, Proposing):

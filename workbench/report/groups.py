@@ -7,7 +7,17 @@ from typing import Any
 
 from workbench.errors import InputError
 from workbench.recording.reader import Run, Unreadable
-from workbench.report.variation import EXPERIMENT, Settings, Variation, comparable, flat, label, shown, what_varied
+from workbench.report.variation import (
+    EXPERIMENT,
+    Settings,
+    Variation,
+    comparable,
+    flat,
+    label,
+    seeds_of_parts,
+    shown,
+    what_varied,
+)
 
 _STATUS = {"failed": "failed", "running": "cut off or still running"}
 
@@ -80,6 +90,8 @@ def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Gr
             readable.append((run, flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
         except InputError as error:
             problems.append(Unreadable(Path(run.path), str(error)))
+    repeated = seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
+    readable = [(run, {k: v for k, v in settings.items() if k not in repeated}) for run, settings in readable]
     variation = what_varied([settings for _, settings in readable])
     members: dict[tuple[str, ...], list[tuple[Run, dict[str, Any]]]] = {}
     for run, settings in readable:

@@ -31,6 +31,14 @@ def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
     return {EXPERIMENT: experiment, **leaves}
 
 
+def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[str]:
+    """The seeds of parts that are the run's own in every run, such as `dataset.seed=${seed}`: they too only repeat."""
+    names = {key for row in settings for key in row if key.endswith(".seed")}
+    return {
+        name for name in names if all(row.get(name, seed) == seed for row, seed in zip(settings, seeds, strict=True))
+    }
+
+
 def _leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in settings.items():
         if isinstance(value, Mapping):

@@ -1,0 +1,97 @@
+"""A linear Gaussian model as a prior and a likelihood, and its exact posterior by the Kalman filter and smoother."""
+
+import numpy as np
+
+from workbench.datasets.frame import Frame
+from workbench.priors.density import log_normal
+from workbench.priors.state import StateSpace
+
+A, Q, R = np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([0.05, 0.2]), 0.3
+MEAN0, STD0 = np.array([0.5, -0.2]), np.array([0.4, 0.3])
+
+
+class LinearPrior:
+    """x_t = A x_{t-1} + N(0, Q²); the pose is the state."""
+
+    space = StateSpace.of({"position": (("x",), "m"), "velocity": (("v",), "m")})
+    parameters = ("x", "v")
+
+    def start(self, pose, n, rng):
+        return pose + STD0 * rng.standard_normal((n, 2))
+
+    def step(self, state, dt_s, rng):
+        return self.mean(state, dt_s) + Q * rng.standard_normal(state.shape)
+
+    def mean(self, state, dt_s):
+        return state @ A.T
+
+    def log_transition(self, previous, state, dt_s):
+        return log_normal(state - previous @ A.T, Q)
+
+    def pose(self, state):
+        return state.copy()
+
+
+class Position:
+    """y_t = x_t + h x_t−1 + N(0, R²); the frame's index picks the measurement."""
+
+    def __init__(self, measured, sigma=R, h=0.0):
+        self.measured, self.sigma, self.h, self.evaluated = measured, sigma, h, 0
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        self.evaluated += len(pose)
+        apart = (self.measured[frame.index] - pose[:, 0] - self.h * previous_pose[:, 0]) / self.sigma
+        return -0.5 * apart**2 - np.log(self.sigma * np.sqrt(2 * np.pi))
+
+    def warnings(self):
+        return ()
+
+
+def frames(n):
+    return [Frame(index=t, time_s=0.1 * t, views=()) for t in range(n)]
+
+
+def streams(seed):
+    children = np.random.SeedSequence(seed).spawn(3)
+    return dict(zip(("start", "resampling", "prior"), map(np.random.default_rng, children), strict=True))
+
+
+def simulate(n, seed, sigma=R, h=0.0):
+    rng = np.random.default_rng(seed)
+    x, measured = MEAN0 + STD0 * rng.standard_normal(2), [np.nan]
+    for _ in range(n - 1):
+        before, x = x, A @ x + Q * rng.standard_normal(2)
+        measured.append(x[0] + h * before[0] + sigma * rng.standard_normal())
+    return np.array(measured)
+
+
+def exact(measured, sigma=R, h=0.0):
+    """Of the joint Gaussian of all states: means (T, 2) and variances (T, 2) given all measurements, and their log
+    evidence. By brute force, with no recursion that could be wrong in the same way as what is tested."""
+    n = len(measured)
+    mean, cov = np.zeros((n, 2)), np.zeros((n, 2, n, 2))
+    mean[0], cov[0, :, 0] = MEAN0, np.diag(STD0**2)
+    for t in range(1, n):
+        mean[t] = A @ mean[t - 1]
+        for s in range(t):
+            cov[t, :, s] = A @ cov[t - 1, :, s]
+            cov[s, :, t] = cov[t, :, s].T
+        cov[t, :, t] = A @ cov[t - 1, :, t - 1] @ A.T + np.diag(Q**2)
+    flat_mean, flat_cov = mean.ravel(), cov.reshape(2 * n, 2 * n)
+    look = np.zeros((n - 1, n, 2))
+    for t in range(1, n):
+        look[t - 1, t, 0], look[t - 1, t - 1, 0] = 1.0, h
+    look = look.reshape(n - 1, 2 * n)
+    spread = look @ flat_cov @ look.T + sigma**2 * np.eye(n - 1)
+    missing = measured[1:] - look @ flat_mean
+    gain = np.linalg.solve(spread, look @ flat_cov).T
+    evidence = -0.5 * (missing @ np.linalg.solve(spread, missing) + np.linalg.slogdet(2 * np.pi * spread)[1])
+    posterior = flat_mean + gain @ missing, np.diag(flat_cov - gain @ look @ flat_cov)
+    return posterior[0].reshape(n, 2), posterior[1].reshape(n, 2), float(evidence)
+
+
+def moments(step):
+    """Mean and variance, (2,) each, of a step's particles."""
+    weights = np.exp(step.log_weights)
+    mean = weights @ step.particles
+    return mean, weights @ (step.particles - mean) ** 2

@@ -1,0 +1,139 @@
+"""The density of a transition against draws from it: reweighted, the children of one state stand for another's."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, truncnorm
+
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.learning.training import activity_model
+from workbench.priors import from_motions
+from workbench.priors.activity import Activity
+from workbench.priors.density import apart
+from workbench.priors.jitter import Jitter, with_density
+from workbench.priors.mixture import Mixture
+from workbench.priors.smooth import Smooth
+
+DT = 1 / 25
+N = 50_000
+ARM = ["left_arm"]
+
+
+@pytest.fixture(scope="module")
+def priors(tmp_path_factory):
+    folder = str(tmp_path_factory.mktemp("cache"))
+    walking = from_motions.walking(motions="builtin", cache=folder, n_components=3, sigma_rotation=(0.0, 0.01, 0.01))
+    return {
+        "walking": walking,
+        "activity": Activity(activity_model(cache=folder, n_components=2)),
+        "smooth": Smooth(parameters=ARM),
+        "jitter": Jitter(walking, parameters=["left_arm"]),
+        "jitter smooth": Jitter(Smooth(parameters=["right_arm"]), parameters=["left_elbow_flexion"]),
+    }
+
+
+def family(prior):
+    """A parent near the end of its cycle and, where there are limits, at one; and another, half a deviation away."""
+    rng = np.random.default_rng(0)
+    pose = builtin_motions()[0].resampled(30.0).poses[0].copy()
+    parent = prior.start(pose, 1, rng)
+    for name in ("left_elbow_flexion", "right_elbow_flexion"):
+        if name in prior.space.names:
+            parent[0, prior.space.names.index(name)] = -0.09  # the limit is −0.1
+    if "phase" in prior.space.names:
+        parent[0, prior.space.names.index("phase")] = 0.99
+    children = prior.step(np.repeat(parent, N, axis=0), DT, np.random.default_rng(1))
+    spread = apart(prior.space, prior.mean(parent, DT), children).std(axis=0)
+    other = parent + 0.5 * spread * np.where(spread > 1e-12, rng.choice([-1.0, 1.0], len(spread)), 0.0)
+    for i, name in enumerate(prior.space.names):
+        if name.endswith("elbow_flexion"):
+            other[0, i] = parent[0, i] + 0.5 * spread[i]
+    return parent, other, children
+
+
+@pytest.mark.parametrize("name", ["walking", "activity", "smooth", "jitter", "jitter smooth"])
+def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name):
+    prior = priors[name]
+    parent, other, children = family(prior)
+    log_ratio = prior.log_transition(other, children, DT) - prior.log_transition(parent, children, DT)
+    assert np.isfinite(log_ratio).all()
+    weights = np.exp(log_ratio)
+    others = prior.step(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
+    middle = prior.mean(other, DT)
+    found, expected = apart(prior.space, middle, children), apart(prior.space, middle, others)
+    for power in (0, 1, 2):
+        weighted, plain = weights[:, None] * found**power, expected**power
+        error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / N)
+        assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-9).all()
+
+
+def test_the_walking_priors_density_is_a_normal_distribution_in_the_columns_that_have_noise(priors):
+    prior = priors["walking"]
+    parent, _, children = family(prior)
+    free = [i for i, name in enumerate(prior.space.names) if name != "root_heading"]
+    sigma = np.array([0.05] * 3 + [0.009, 0.01] + [0.01] * 5) * np.sqrt(30.0 * DT)
+    deviation = apart(prior.space, prior.mean(parent, DT), children)[:100, free]
+    expected = multivariate_normal(np.zeros(len(free)), np.diag(sigma**2)).logpdf(deviation)
+    np.testing.assert_allclose(prior.log_transition(parent, children[:100], DT), expected, rtol=1e-9)
+    turned = children[:1].copy()
+    turned[0, prior.space.names.index("root_heading")] += 0.01
+    assert prior.log_transition(parent, turned, DT) == -np.inf
+
+
+def test_the_smooth_priors_density_is_a_truncated_normal_distribution():
+    prior = Smooth(parameters=["left_elbow_flexion"], sigma={"elbow": 0.05})
+    state = prior.enter(np.zeros((1, 25)), np.zeros((1, 25)))
+    values = np.linspace(-0.2, 0.2, 9)
+    children = np.repeat(state, 9, axis=0)
+    children[:, 0] = values
+    velocity = -np.log(np.sqrt(2 * np.pi) * prior.sigma_velocity[0])
+    expected = truncnorm(-0.1 / 0.05, 2.7 / 0.05, 0.0, 0.05).logpdf(values) + velocity
+    np.testing.assert_allclose(prior.log_transition(state, children, 1 / 30), expected, rtol=1e-9)
+    held = children.copy()
+    held[:, -1] += 1e-3
+    assert (prior.log_transition(state, held, 1 / 30) == -np.inf).all()
+
+
+@pytest.mark.parametrize("name", ["walking", "activity", "smooth", "jitter"])
+def test_states_broadcast(priors, name):
+    prior = priors[name]
+    parent, other, children = family(prior)
+    parents, states = np.concatenate([parent, other]), children[:5]
+    table = prior.log_transition(parents[None], states[:, None], DT)
+    assert table.shape == (5, 2)
+    np.testing.assert_array_equal(table[:, 1], prior.log_transition(other, states, DT))
+
+
+def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
+    prior = priors["jitter"]
+    parent, _, _ = family(prior)
+    offsets = prior.space.slices["jitter"]
+    parent[0, offsets] = 0.3
+    for dt_s, frames in ((1 / 30, 1), (1 / 10, 3)):
+        children = prior.step(np.repeat(parent, N, axis=0), dt_s, np.random.default_rng(3))[:, offsets]
+        variance = 0.02**2 * sum(0.9 ** (2 * k) for k in range(frames))
+        assert children.mean(axis=0) == pytest.approx(0.3 * 0.9**frames, abs=5 * np.sqrt(variance / N))
+        assert children.var(axis=0) == pytest.approx(variance, rel=5 * np.sqrt(2 / N))
+
+
+def test_offsets_move_the_pose_and_nothing_else(priors):
+    prior = priors["jitter"]
+    parent, _, _ = family(prior)
+    moved = parent.copy()
+    moved[0, prior.space.names.index("left_elbow_flexion_jitter")] += 0.1
+    change = prior.pose(moved)[0] - prior.pose(parent)[0]
+    assert change[prior.parameters.index("left_elbow_flexion")] == pytest.approx(0.1)
+    assert np.count_nonzero(change) == 1
+
+
+def test_a_prior_that_can_only_be_drawn_from_is_named():
+    halves = Mixture({"a": Smooth(), "b": Smooth()}, {"a": 0.5, "b": 0.5})
+    for prior in (halves, Jitter(halves)):
+        with pytest.raises(InputError, match="mixture can only be drawn from"):
+            with_density(prior)
+
+
+@pytest.mark.parametrize("options", [{"sigma": 0.0}, {"keep": 1.0}, {"parameters": ["root_x"]}])
+def test_wrong_options_are_named(options):
+    with pytest.raises(InputError, match=next(iter(options))):
+        Jitter(Smooth(), **options)

@@ -1,0 +1,102 @@
+"""Flips in depth: seen alike, undone by a second flip, and weighted so that proposals stand for the prior."""
+
+import numpy as np
+import pytest
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.datasets.gait import builtin_motions
+from workbench.errors import InputError
+from workbench.priors.flipping import LIMBS, Flipping, angles
+from workbench.priors.jitter import Jitter
+from workbench.priors.smooth import Smooth
+
+DT = 1 / 30
+SKELETON = person_skeleton(from_height(1.75))
+
+
+def camera_at(distance):
+    return plain_camera(640, 480, 60.0 * distance, (distance, -0.6 * distance, 1.0), (0.0, 0.0, 1.0))
+
+
+def flipping(distance=1000.0, **options):
+    return Flipping(Smooth(parameters=["left_arm"]), lambda: camera_at(distance), **options)
+
+
+def poses(n=300):
+    """Bent limbs, within what limits leave of a flip."""
+    rng = np.random.default_rng(0)
+    found = np.repeat(builtin_motions()[0].poses[:1], n, axis=0)
+    for limb in LIMBS:
+        turn, bend = (POSE_NAMES.index(name) for name in angles(limb))
+        found[:, turn], found[:, bend] = rng.uniform(-0.5, 0.5, n), rng.uniform(0.05, 1.5, n)
+    found[:, POSE_NAMES.index("root_heading")] = rng.uniform(-3.0, 3.0, n)
+    return found
+
+
+@pytest.mark.parametrize("limb", LIMBS)
+def test_a_flipped_limb_is_seen_alike_from_far_and_mirrored_in_depth(limb):
+    prior, camera, before = flipping(), camera_at(1000.0), poses()
+    after = prior.flip(before, limb)
+    changed = (after != before).any(axis=1)
+    assert 10 < changed.sum() < len(before)  # limits forbid some
+    end = SKELETON.joint(f"{limb[0]}_{'wrist' if limb[2] == 'elbow' else 'ankle'}")
+    places = [joints(SKELETON, each[changed]) for each in (before, after)]
+    pixels = [camera.project(each.reshape(-1, 3)).reshape(*each.shape[:2], 2) for each in places]
+    # 60 px a metre: a limb of 0.4 m flipped by at most 0.8 m at 1000 m shifts by less than 0.1 %
+    np.testing.assert_allclose(pixels[0], pixels[1], atol=0.05)
+    lower = SKELETON.joint(f"{limb[0]}_{limb[2]}")
+    depth = [(each[:, end] - each[:, lower]) @ np.array([1.0, -0.6, 0.0]) for each in places]
+    np.testing.assert_allclose(depth[0], -depth[1], atol=2e-3)
+    assert np.abs(depth[0]).max() > 0.1
+    limits = SKELETON.limits
+    assert ((after >= limits[:, 0] - 1e-9) & (after <= limits[:, 1] + 1e-9))[changed].all()
+
+
+@pytest.mark.parametrize("limb", LIMBS)
+def test_a_second_flip_undoes_the_first(limb):
+    prior, before = flipping(distance=4.0), poses()
+    np.testing.assert_allclose(prior.flip(prior.flip(before, limb), limb), before, atol=1e-7)
+
+
+def test_proposals_by_their_weights_have_the_moments_of_draws():
+    """Where flips are seen: of the elbow's bend and the shoulder's twist."""
+    n = 200_000
+    prior = flipping(probability=0.05, share=0.4, distance=4.0)
+    pose = poses(60)
+    pose = pose[np.abs(prior.flip(pose, LIMBS[0]) - pose).sum(axis=1).argmax()]
+    state = np.repeat(prior.base.enter(pose[None], np.zeros((1, 25))), n, axis=0)
+    drawn = prior.step(state, DT, np.random.default_rng(1))
+    proposed, log_weights = prior.propose(state, DT, np.random.default_rng(2))
+    weights = np.exp(log_weights)
+    assert weights.mean() == pytest.approx(1.0, abs=1e-4)  # the shares are dealt out to within one particle
+    for name in angles(LIMBS[0]):
+        column = prior.space.names.index(name)
+        for power in (1, 2, 3):
+            mine, true = weights * proposed[:, column] ** power, drawn[:, column] ** power
+            error = np.sqrt((mine.var() + true.var()) / n)
+            assert abs(mine.mean() - true.mean()) < 5 * error
+    twist = prior.space.names.index(angles(LIMBS[0])[0])
+    assert drawn[:, twist].std() > 2 * prior.base.sigma[2]  # flips happened
+
+
+def test_offsets_flip_as_well_as_angles_do():
+    prior = Flipping(Jitter(Smooth(), sigma=1e-6), lambda: camera_at(4.0), share=0.9, probability=0.9)
+    pose = poses(60)
+    pose = pose[(prior.flip(pose, LIMBS[0]) != pose).any(axis=1)][0]
+    state = np.zeros((400, len(prior.space)))
+    state[:, : len(prior.base.base.space)] = prior.base.base.enter(pose[None], np.zeros((1, 25)))
+    flipped, limb = prior._flipped(state, 0.9, np.random.default_rng(0))
+    expected = prior.flip(pose[None], prior.limbs[0])[0]
+    np.testing.assert_allclose(prior.pose(flipped[limb == 1]), np.repeat(expected[None], (limb == 1).sum(), axis=0))
+    np.testing.assert_array_equal(flipped[limb == 0], state[limb == 0])
+
+
+def test_a_prior_without_angles_of_its_own_and_wrong_numbers_are_refused():
+    with pytest.raises(InputError, match="smooth or jitter"):
+        Flipping(Smooth(parameters=["root"]), lambda: camera_at(4.0))
+    for options in ({"probability": 0.0}, {"probability": 0.5, "share": 0.2}, {"share": 1.0}):
+        with pytest.raises(InputError, match="probability <= share"):
+            flipping(**options)
