@@ -24,7 +24,10 @@ from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.particle_filter import ParticleFilter
 from workbench.inference.synthesis import Synthesis
+from workbench.likelihoods.appearance import Appearance
+from workbench.likelihoods.background import Background
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
@@ -60,7 +63,14 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "partwise": Partwise,
         "activity": activity,
     },
-    "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
+    "likelihood": {
+        "image_motion": ImageMotion,
+        "background": Background,
+        "appearance": Appearance,
+        "product": Product,
+        "surface_points": SurfacePoints,
+        "uniform": Uniform,
+    },
     "inference": {
         "particle_filter": ParticleFilter,
         "synthesis": Synthesis,
@@ -80,7 +90,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 }
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape", "full_body"},
-    "likelihood": {"body"},
+    "likelihood": {"body", "dataset"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
     "study": {"prior"},

@@ -12,7 +12,7 @@ from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
-from workbench.likelihoods.likelihood import Likelihood
+from workbench.likelihoods.likelihood import Likelihood, diagnostics, remember
 from workbench.priors.state import Prior, propose
 
 
@@ -86,8 +86,12 @@ class ParticleFilter:
             else:
                 particles, gained, warnings = self._advance(particles, previous, frame, rng_streams, clock)
                 log_evidence += gained
+            said = {} if previous is None else diagnostics(self.likelihood)
             step = _step(frame, self.prior, particles, log_evidence, warnings, clock)
-            yield replace(step, evaluations=0.0 if previous is None else float(self.n_particles))
+            remember(self.likelihood, frame, step.expected_pose, first=previous is None)
+            clock.lap("likelihood")
+            evaluations = 0.0 if previous is None else float(self.n_particles)
+            yield replace(step, diagnostics=said, evaluations=evaluations, timing_s=clock.laps)
             previous = frame
 
     def _advance(

@@ -1,0 +1,139 @@
+"""What a limb covers differs from the background that a still camera sees, and what lies just beside it does not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+from tqdm import tqdm
+
+from workbench.arrays import Float32Array, FloatArray
+from workbench.body.kinematics import JointFrames
+from workbench.body.limbs import Body
+from workbench.datasets.frame import Dataset, Frame, View
+from workbench.errors import InputError
+from workbench.likelihoods.image_motion import patch_samples, smoothed
+from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
+
+BESIDE = (1.3, 2.0)
+"""Where the points beside a limb lie, in half widths from its axis: off its blurred outline and its rounded ends."""
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class StillScene:
+    """What one camera sees without the person: median and standard deviation of every pixel, (height, width) levels."""
+
+    median: Float32Array
+    sigma: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """Likelihood ratio of foreground to background at the pixels in and about the limbs, for cameras that stand still.
+
+    The background of a pixel is Gaussian about its median over the clip with a robust deviation, or an outlier; the
+    person can have any grey level. With r the logarithm of their ratio,
+
+        r(x) = −log( ε + (1−ε) 256 N(I(x); median(x), σ(x)²) )
+        log p = k/n Σ_j ( Σ_i r(x_j,i) − Σ_i r(y_j,i) )
+
+    x_j,i: n points of limb j, of which those that another limb hides or that are not in the image add nothing. y_j,i:
+    as many beside the limb, to its left and right, of which those that some limb covers add nothing; they hold a limb in
+    the middle of the person's, which the points inside alone do not. Each limb counts as k independent pixels.
+
+    The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part of
+    the background; there this likelihood says nothing, or, where the person leaves in the end, the wrong thing.
+
+    dataset: the clip. n_frames: as many of its frames, evenly spread, are used. least_sigma: a lower bound of σ, grey
+    levels. epsilon: ε. n_samples: n. blur_px: of the smoothing. seed: of the points.
+    Raises InputError when a constant is out of range or a camera was not in the clip.
+    """
+
+    body: Body
+    dataset: Dataset
+    k: float = 0.5
+    epsilon: float = 0.05
+    least_sigma: float = 3.0
+    n_frames: int = 60
+    n_samples: int = 24
+    blur_px: float = 2.0**0.5
+    seed: int = 0
+    _notes: list[str] = field(default_factory=list, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, good, expected in (
+            ("k", self.k > 0.0, "positive"),
+            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
+            ("least_sigma", self.least_sigma > 0.0, "positive"),
+            ("n_frames", self.n_frames >= 3, "at least 3"),
+            ("n_samples", self.n_samples >= 1, "at least 1"),
+            ("blur_px", self.blur_px >= 0.0, "at least 0"),
+        ):
+            if not good:
+                raise InputError(f"background: {name} must be {expected}, found {getattr(self, name)!r}")
+
+    @cached_property
+    def samples(self) -> tuple[FloatArray, FloatArray]:
+        """The points (n, 2) of every patch and those beside it."""
+        inside = patch_samples(self.n_samples, np.random.default_rng(self.seed))
+        beside = inside.copy()
+        near, far = BESIDE
+        distance = near + (far - near) * np.abs(inside[:, 1]) / np.abs(inside[:, 1]).max()
+        beside[:, 1] = np.where(inside[:, 1] < 0.0, -distance, distance)
+        return inside, beside
+
+    @cached_property
+    def scenes(self) -> Mapping[str, StillScene]:
+        """The still scene of every camera of the clip, by the camera's name."""
+        return still_scenes(self.dataset, self.n_frames, self.blur_px, self.least_sigma)
+
+    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
+        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
+        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
+            self._notes.append(f"background: {bad} of {len(pose)} poses were not finite")
+        return over_views(self.body, frame, pose, self._one_view)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out since the last call."""
+        sentences = tuple(dict.fromkeys(self._notes))
+        self._notes.clear()
+        return sentences
+
+    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
+        if view.camera.name not in self.scenes:
+            raise InputError(f"background: camera {view.camera.name} was not in the clip that it was learned from")
+        ratio = log_ratio(view, self.scenes[view.camera.name], self.blur_px, self.epsilon)
+        inside, beside = self.samples
+        within = mean_at(ratio, limb_points(self.body, inside, view.camera, frames))
+        around = mean_at(ratio, limb_points(self.body, beside, view.camera, frames, beside=True))
+        log_prob: FloatArray = self.k * (within - around).sum(axis=1)
+        return log_prob
+
+
+def still_scenes(dataset: Dataset, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
+    """Median and 1.4826 times the median absolute deviation of every camera's smoothed pixels over the clip."""
+    used = set(np.unique(np.linspace(0, len(dataset) - 1, n_frames).round().astype(int)).tolist())
+    seen: dict[str, list[Float32Array]] = {}
+    for i, frame in enumerate(tqdm(dataset.frames(), "background", len(dataset), unit="frame", disable=None)):
+        if i in used:
+            for view in frame.views:
+                seen.setdefault(view.camera.name, []).append(smoothed(view, blur_px))
+    return {camera: still_scene(np.stack(images), least_sigma) for camera, images in seen.items()}
+
+
+def still_scene(images: Float32Array, least_sigma: float) -> StillScene:
+    """The scene that images (F, height, width) have in common."""
+    median = np.median(images, axis=0)
+    deviation = np.median(np.abs(images - median), axis=0)
+    return StillScene(median, np.maximum(MAD_TO_SIGMA * deviation, least_sigma).astype(np.float32))
+
+
+@lru_cache(maxsize=8)
+def log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
+    """r of every pixel (height, width), see `Background`; kept for the last views."""
+    apart = (smoothed(view, blur_px) - scene.median) / scene.sigma
+    peak = (1.0 - epsilon) * 256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)
+    ratio: Float32Array = -np.log(epsilon + peak * np.exp(-0.5 * apart**2)).astype(np.float32)
+    return ratio
