@@ -26,6 +26,7 @@ from workbench.inference.particle_filter import ParticleFilter
 from workbench.inference.synthesis import Synthesis
 from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
+from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
@@ -67,6 +68,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "image_motion": ImageMotion,
         "background": Background,
         "appearance": Appearance,
+        "edges": Edges,
         "product": Product,
         "surface_points": SurfacePoints,
         "uniform": Uniform,

@@ -18,7 +18,7 @@ from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
 from workbench.likelihoods.image_motion import patch_samples, smoothed
 from workbench.likelihoods.image_motion_kernel import FAST
-from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views, patch_grid
+from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
 
 ALONG, AROUND = 10, 24
 """Cells of a limb's template: along it, and once around it."""
@@ -150,7 +150,7 @@ def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) ->
     """The mean grey level (L, ALONG, AROUND) that one pose's points show of every cell, NaN of those not seen."""
     along, around = cells(samples, points.turns)
     limb, i = np.nonzero(points.counts[0])
-    levels = np.array([bilinear(image, x, y) for x, y in points.pixels[0, limb, i]])
+    levels = levels_at(image, points.pixels[0, limb, i])
     total, n = np.zeros((2, points.counts.shape[1], ALONG, AROUND))
     cell = limb, along[i], around[0, limb, i]
     np.add.at(total, cell, levels)

@@ -15,8 +15,8 @@ from workbench.errors import InputError
 from workbench.likelihoods.image_motion import patch_samples, smoothed
 from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
 
-BESIDE = (1.3, 2.0)
-"""Where the points beside a limb lie, in half widths from its axis: off its blurred outline and its rounded ends."""
+BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
+"""Where the points about a limb lie: in half widths from its axis, and beyond its end in lengths; off its outline."""
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
@@ -40,8 +40,8 @@ class Background:
         log p = k/n Σ_j ( Σ_i r(x_j,i) − Σ_i r(y_j,i) )
 
     x_j,i: n points of limb j, of which those that another limb hides or that are not in the image add nothing. y_j,i:
-    as many beside the limb, to its left and right, of which those that some limb covers add nothing; they hold a limb in
-    the middle of the person's, which the points inside alone do not. Each limb counts as k independent pixels.
+    as many about the limb, beside it and beyond its end, of which those that some limb covers add nothing; they hold a
+    limb in the middle of the person's, which the points inside alone do not. Each limb counts as k independent pixels.
 
     The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part of
     the background; there this likelihood says nothing, or, where the person leaves in the end, the wrong thing.
@@ -57,8 +57,8 @@ class Background:
     epsilon: float = 0.05
     least_sigma: float = 3.0
     n_frames: int = 60
-    n_samples: int = 24
-    blur_px: float = 2.0**0.5
+    n_samples: int = 16
+    blur_px: float = 0.7
     seed: int = 0
     _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
@@ -76,13 +76,9 @@ class Background:
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
-        """The points (n, 2) of every patch and those beside it."""
+        """The points (n, 2) of every patch and those about it."""
         inside = patch_samples(self.n_samples, np.random.default_rng(self.seed))
-        beside = inside.copy()
-        near, far = BESIDE
-        distance = near + (far - near) * np.abs(inside[:, 1]) / np.abs(inside[:, 1]).max()
-        beside[:, 1] = np.where(inside[:, 1] < 0.0, -distance, distance)
-        return inside, beside
+        return inside, points_about(inside)
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
@@ -110,6 +106,16 @@ class Background:
         around = mean_at(ratio, limb_points(self.body, beside, view.camera, frames, beside=True))
         log_prob: FloatArray = self.k * (within - around).sum(axis=1)
         return log_prob
+
+
+def points_about(inside: FloatArray) -> FloatArray:
+    """Points (n, 2) about a patch, made of as many within it: every third goes beyond its end, the rest to its sides."""
+    (near, far), (first, last) = BESIDE, BEYOND
+    u, v = inside.T
+    width = np.abs(v).max()
+    sides = np.column_stack([u, np.sign(v) * (near + (far - near) * np.abs(v) / width)])
+    end = np.column_stack([first + (last - first) * u, 0.75 * v])
+    return np.where(np.arange(len(inside))[:, None] % 3 == 2, end, sides)
 
 
 def still_scenes(dataset: Dataset, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:

@@ -215,8 +215,10 @@ def _place_points(
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _hide_covered(table: Any, limb: int, u: Any, points: Any, patches: Any, covers: Any, hidden: Any) -> None:
     """Mark the points that any limb covers, whatever its depth."""
+    left, right, top, bottom = points[2].min(), points[2].max(), points[3].min(), points[3].max()
     for k in range(covers.shape[0]):
-        if covers[k, LEFT] <= covers[k, RIGHT]:
+        across = (covers[k, LEFT] <= right) & (covers[k, RIGHT] >= left)  # never so without a cover
+        if across & (covers[k, TOP] <= bottom) & (covers[k, BOTTOM] >= top):
             _hide_behind(table, limb, k, u, points, patches, covers, -np.inf, hidden)
 
 

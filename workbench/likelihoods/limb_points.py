@@ -47,6 +47,13 @@ def mean_at(image: Float32Array, points: LimbPoints) -> FloatArray:
     return means
 
 
+def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
+    """The image's values (M,) at pixels (M, 2) inside it."""
+    levels = np.empty(len(pixels))
+    _levels_at(image, pixels, levels)
+    return levels
+
+
 def over_views(
     body: Body, frame: Frame, pose: FloatArray, one_view: Callable[[View, JointFrames], FloatArray]
 ) -> FloatArray:
@@ -67,6 +74,12 @@ def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
                 if counts[i, limb, s]:
                     total += bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1])
             sums[i, limb] = total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _levels_at(image: Any, pixels: Any, levels: Any) -> None:
+    for i in range(levels.shape[0]):
+        levels[i] = bilinear(image, pixels[i, 0], pixels[i, 1])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
