@@ -36,7 +36,9 @@ def test_a_flat_limb_that_changes_its_level(difference):
 def test_kernel_agrees_with_plain_numpy():
     rng = np.random.default_rng(3)
     samples, limbs = patch_samples(20, rng), len(scenes.PERSON.limbs)
-    template = Template(128.0 + 40.0 * rng.standard_normal((limbs, ALONG, AROUND)), rng.integers(0, 4, (limbs, ALONG, AROUND)))
+    template = Template(
+        128.0 + 40.0 * rng.standard_normal((limbs, ALONG, AROUND)), rng.integers(0, 4, (limbs, ALONG, AROUND))
+    )
     image = scenes.texture(rng).astype(np.float32)
     points = limb_points(scenes.PERSON, samples, scenes.FRONT, forward(scenes.PERSON.skeleton, scenes.people(rng, 50)))
     along, around = cells(samples, points.turns)

@@ -71,7 +71,9 @@ def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside():
     empty = scenes.flat(100)
     dataset, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
     likelihood = Background(ROD, dataset, blur_px=0.0, k=2.0)
-    poses = np.concatenate([scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))])
+    poses = np.concatenate(
+        [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
+    )
     found = likelihood.log_prob(frames[2], frames[3], poses, poses)
     # points lie 0.2 half widths or 1.5 px within the outline and 0.15 outside of it: interpolation reaches no further
     np.testing.assert_allclose(found, [2.0 * (by_hand(80.0) - by_hand(0.0)), 0.0, 0.0], rtol=1e-5, atol=1e-9)

@@ -138,5 +138,5 @@ def test_a_file_that_is_no_edge_model(tmp_path, damage):
                 del file["on"]
             if damage == "shape":
                 file["on"] = np.ones((2, 2, BINS))
-    with pytest.raises(InputError, match="edges.h5: "):
+    with pytest.raises(InputError, match=r"edges\.h5: "):
         read_edges(path)

@@ -26,7 +26,8 @@ def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
 def build(node: DictConfig, **live: object) -> Any:
     """Call the node's target with its keys and those of the live objects that it has parameters for.
 
-    Nodes within it that have a target are built in the same way, with the same live objects. Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
+    Nodes below it that have a target are built in the same way, with the same live objects.
+    Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
     through unchanged.
     """
     check_targets(node)

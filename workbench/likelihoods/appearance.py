@@ -1,4 +1,4 @@
-"""How the person looks, limb by limb, kept from the first frame on and slowly renewed (paper A, section 8, asks for it).
+"""How the person looks, limb by limb, learned from the first frame and slowly renewed (paper A, section 8).
 
 A's own likelihood compares with the frame before alone, so that small errors add up: it drifts. A template does not.
 """
@@ -43,10 +43,10 @@ class Appearance:
         log p = k/n Σ_j Σ_i log( ε + (1−ε) 256 N(I(x_j,i); T_j(x_j,i), σ² (1 + 1/n_T)) )
 
     x_j,i: n points of limb j's planar patch, which lie on the limb where its section, taken as round, is seen from the
-    camera: at the azimuth of the patch's side less arccos v. Cells go around the limb, so that each learns when its side
-    is seen. The ratio is to a person of any grey level, the foreground of `Background`; points that are hidden, out of
-    the image or in a cell not yet seen add nothing. n_T: how many frames the cell's mean T stands for. Each limb
-    counts as k independent pixels.
+    camera: at the azimuth of the patch's side less arccos v. Cells go around the limb, so that each learns when its
+    side is seen. The ratio is to a person of any grey level, the foreground of `Background`; points that are hidden,
+    out of the image or in a cell not yet seen add nothing. n_T: how many frames the cell's mean T stands for. Each
+    limb counts as k independent pixels.
 
     After every frame the template learns from the expected pose: T += g (I − T), g = w max(1/(n_T + 1), rate), w being
     the probability that the point is no outlier. So the first 1/rate frames are averaged, and later ones slowly
@@ -159,7 +159,7 @@ def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) ->
 
 
 def learned(before: Template | None, seen: FloatArray, sigma: float, epsilon: float, rate: float) -> Template:
-    """The template after cells were seen at levels (L, ALONG, AROUND), NaN for those that were not; see `Appearance`."""
+    """The template after cells were seen at levels (L, ALONG, AROUND), NaN where they were not; see `Appearance`."""
     mean, n = (np.zeros_like(seen), np.zeros_like(seen)) if before is None else (before.mean, before.n)
     apart = np.where(np.isnan(seen), 0.0, seen - mean)
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(n, 1.0))

@@ -43,8 +43,8 @@ class Background:
     as many about the limb, beside it and beyond its end, of which those that some limb covers add nothing; they hold a
     limb in the middle of the person's, which the points inside alone do not. Each limb counts as k independent pixels.
 
-    The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part of
-    the background; there this likelihood says nothing, or, where the person leaves in the end, the wrong thing.
+    The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part
+    of the background; there this likelihood says nothing or, where the person leaves in the end, the wrong thing.
 
     dataset: the clip. n_frames: as many of its frames, evenly spread, are used. least_sigma: a lower bound of σ, grey
     levels. epsilon: ε. n_samples: n. blur_px: of the smoothing. seed: of the points.
@@ -109,7 +109,7 @@ class Background:
 
 
 def points_about(inside: FloatArray) -> FloatArray:
-    """Points (n, 2) about a patch, made of as many within it: every third goes beyond its end, the rest to its sides."""
+    """Points (n, 2) about a patch, made of as many within it: every third goes beyond its end, others to its sides."""
     (near, far), (first, last) = BESIDE, BEYOND
     u, v = inside.T
     width = np.abs(v).max()

@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from workbench.datasets.frame import View
 from workbench.likelihoods.image_motion import smoothed
 from workbench.likelihoods.image_motion_reference import grey_levels
@@ -33,7 +33,8 @@ LEAST_PX = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """gradient: (2, height, width), d/dx and d/dy. ridges: (S, 3, height, width), d²/dx², d²/dxdy, d²/dy² at S scales."""
+    """Derivatives of an image. gradient: (2, height, width), d/dx and d/dy. ridges: (S, 3, height, width), d²/dx²,
+    d²/dxdy and d²/dy² at S scales."""
 
     gradient: Float32Array
     ridges: Float32Array
@@ -56,7 +57,7 @@ def filtered(view: View) -> Filtered:
     return Filtered(np.ascontiguousarray(gradient, dtype=np.float32), ridges)
 
 
-def _derivative(image: Float32Array, x: int, y: int) -> Float32Array:
+def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
     """Central differences, per pixel."""
     return np.asarray(cv2.Sobel(image, cv2.CV_32F, x, y, ksize=1, scale=0.5), dtype=np.float32)
 

@@ -48,7 +48,8 @@ class EdgeModel:
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
         """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
 
-        A share `OUTLIERS` of either is what both have in common, so that bins hardly ever met say little. Raises InputError for a limb the model does not have.
+        A share `OUTLIERS` of either is what both have in common, so that bins hardly ever met say little.
+        Raises InputError for a limb the model does not have.
         """
         parts = [_part(name) for name in limbs]
         if unknown := sorted(set(parts) - set(self.parts)):
@@ -57,7 +58,8 @@ class EdgeModel:
             counts / counts.sum(axis=-1, keepdims=True) for counts in (self.on, self.off, self.on + self.off + 1.0)
         )
         ratio = np.log((1.0 - OUTLIERS) * on + OUTLIERS * common) - np.log((1.0 - OUTLIERS) * off + OUTLIERS * common)
-        return ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
+        table: Float32Array = ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
+        return table
 
 
 def edge_model(cache: str) -> EdgeModel:

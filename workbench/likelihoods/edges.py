@@ -37,8 +37,8 @@ class Edges:
     points that are hidden or out of the image add nothing. The distributions are histograms, per limb and filter,
     of people rendered in known poses. Each limb counts as k independent responses.
 
-    Deviations from Sidenbladh & Black: learned from rendered people, not from photographs; contrast is normalised by the
-    local standard deviation; the ridge has the one scale that fits the limb's width; no temporal differences.
+    Deviations from Sidenbladh & Black: learned from rendered people, not from photographs; contrast is normalised by
+    the local standard deviation; the ridge has the one scale that fits the limb's width; no temporal differences.
 
     cache: a folder where the learned model is kept. Raises InputError when k is not positive, and for bodies with limbs
     that the model does not have.
@@ -94,8 +94,11 @@ def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Fl
     edges, ridges, counts = responses(images, points)
     limb = np.arange(len(table[0]))[:, None]
     on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)
-    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0).sum(axis=(-1, -2))
-    return (on_axis + at_sides) / len(POINTS)
+    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0).sum(
+        axis=(-1, -2)
+    )
+    log_ratio: FloatArray = (on_axis + at_sides) / len(POINTS)
+    return log_ratio
 
 
 def _bins(values: FloatArray, low: float, high: float) -> Any:
@@ -103,9 +106,7 @@ def _bins(values: FloatArray, low: float, high: float) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _response_sums(
-    gradient: Any, ridges: Any, pixels: Any, counts: Any, table: Any, scales: Any, sums: Any
-) -> None:
+def _response_sums(gradient: Any, ridges: Any, pixels: Any, counts: Any, table: Any, scales: Any, sums: Any) -> None:
     for i in numba.prange(counts.shape[0]):
         for limb in range(counts.shape[1]):
             total, half_width = 0.0, 0.0
@@ -119,7 +120,7 @@ def _response_sums(
                 if v == 1:
                     wx, wy = _way(pixels, i, limb, 3 * (ALONG // 2), 3 * (ALONG // 2) + 2)
                     half_width = np.log(max(np.sqrt(wx * wx + wy * wy) / 2.0, 1e-9))
-                    scale = np.argmin(np.abs(half_width - scales))
+                    scale = int(np.argmin(np.abs(half_width - scales)))
                 for s in range(first, last + 1, 3):
                     if counts[i, limb, s]:
                         x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]

@@ -114,7 +114,7 @@ def place_points(
 
     The second result (N, L, n) is true for points in the image that no other limb hides, as `hidden_samples` of the
     reference says for "sample"; with `beside`, for points in the image that no limb covers at any depth: those just
-    outside a limb, |v| > 1. The third (N, L), rad, is the azimuth in the joint's frame of the side of the limb at v = 1.
+    outside a limb, |v| > 1. The third (N, L), rad, is the azimuth in the joint's frame of the limb's side at v = 1.
     """
     shape = (len(frames.positions), len(limbs), len(samples))
     pixels, counts = np.empty((*shape, 2), dtype=np.float32), np.empty(shape, dtype=np.bool_)

@@ -14,6 +14,7 @@ from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
 from workbench.likelihoods.image_motion_kernel import FAST, place_points
 
+
 @dataclass(frozen=True, eq=False)
 class LimbPoints:
     """n points on each of L limbs in N poses. pixels: (N, L, n, 2), px. counts: (N, L, n), which of them to look at.
@@ -57,7 +58,7 @@ def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
 def over_views(
     body: Body, frame: Frame, pose: FloatArray, one_view: Callable[[View, JointFrames], FloatArray]
 ) -> FloatArray:
-    """The sum over the frame's views of `one_view`'s log likelihoods (N,), −inf for poses (N, P) that are not finite."""
+    """The sum over the frame's views of `one_view`'s log likelihoods (N,); −inf where a pose (N, P) is not finite."""
     finite = np.isfinite(pose).all(axis=1)
     frames = forward(body.skeleton, pose[finite])
     log_prob = np.full(len(pose), -np.inf)

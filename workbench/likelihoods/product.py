@@ -87,6 +87,4 @@ def shares(parts: Mapping[str, FloatArray], total: FloatArray) -> dict[str, floa
     finite = np.isfinite(total)
     apart = total[finite] - total[finite].mean() if finite.any() else np.zeros(0)
     spread = float((apart**2).sum())
-    return {
-        name: float((part[finite] * apart).sum()) / spread if spread > 0.0 else 0.0 for name, part in parts.items()
-    }
+    return {name: float((part[finite] * apart).sum()) / spread if spread > 0.0 else 0.0 for name, part in parts.items()}
