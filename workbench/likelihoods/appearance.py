@@ -61,7 +61,7 @@ class Appearance:
     sigma: float = 12.0
     epsilon: float = 0.1
     rate: float = 0.1
-    n_samples: int = 24
+    n_samples: int = 16
     blur_px: float = 2.0**0.5
     seed: int = 0
     _templates: dict[str, Template] = field(default_factory=dict, init=False, repr=False)
