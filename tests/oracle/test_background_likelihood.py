@@ -49,10 +49,10 @@ def by_hand(difference):
 def test_median_and_deviation_of_a_pixel_are_robust():
     """Of seven frames two show a person; the others lie about 100 by −4, −2, 0, 2, 4."""
     levels = np.array([96.0, 98.0, 230.0, 100.0, 102.0, 250.0, 104.0], np.float32)
-    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2), 1.0)
+    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2, 1), 1.0)
     np.testing.assert_array_equal(found.median, 102.0)
     np.testing.assert_allclose(found.sigma, 1.4826 * 4.0, rtol=1e-6)  # |deviations| 6 4 128 2 0 148 2
-    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2), 7.0, np.float32), 2.5).sigma, 2.5)
+    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2, 1), 7.0, np.float32), 2.5).sigma, 2.5)
 
 
 @pytest.mark.parametrize("difference", [0.0, 3.0, 60.0])
@@ -61,6 +61,17 @@ def test_ratio_of_a_pixel(difference):
     likelihood = Background(ROD, dataset, blur_px=0.0)
     found = log_ratio(frames[-1].views[0], likelihood.scenes["front"], 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [(80, 80, 80), (80, 0, 0), (3, 0, 6)])
+def test_channels_count_as_one(channels):
+    """Their deviations are averaged: three equal ones say what a grey image says."""
+    empty = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 100, np.uint8)
+    dataset, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
+    scene = Background(ROD, dataset, blur_px=0.0).scenes["front"]
+    assert scene.median.shape == empty.shape
+    found = log_ratio(frames[-1].views[0], scene, 0.0, EPSILON)
+    np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
 
 
 def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside():

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -12,7 +13,7 @@ from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Dataset, Frame, View
 from workbench.errors import InputError
-from workbench.likelihoods.image_motion import patch_samples, smoothed
+from workbench.likelihoods.image_motion import float_levels, patch_samples
 from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
@@ -23,7 +24,8 @@ MAD_TO_SIGMA = 1.4826
 
 @dataclass(frozen=True, eq=False)
 class StillScene:
-    """What one camera sees without the person: median and standard deviation of every pixel, (height, width) levels."""
+    """What one camera sees without the person: median and standard deviation, (height, width, C), of every pixel's one
+    or three levels, 0..255."""
 
     median: Float32Array
     sigma: Float32Array
@@ -34,14 +36,15 @@ class Background:
     """Likelihood ratio of foreground to background at the pixels in and about the limbs, for cameras that stand still.
 
     The background of a pixel is Gaussian about its median over the clip with a robust deviation, or an outlier; the
-    person can have any grey level. With r the logarithm of their ratio,
+    person can have any level. With r the logarithm of their ratio,
 
-        r(x) = −log( ε + (1−ε) 256 N(I(x); median(x), σ(x)²) )
+        r(x) = −log( ε + (1−ε) Π_c [256 N(I_c(x); median_c(x), σ_c(x)²)]^(1/C) )
         log p = k/n Σ_j ( Σ_i r(x_j,i) − Σ_i r(y_j,i) )
 
-    x_j,i: n points of limb j, of which those that another limb hides or that are not in the image add nothing. y_j,i:
-    as many about the limb, beside it and beyond its end, of which those that some limb covers add nothing; they hold a
-    limb in the middle of the person's, which the points inside alone do not. Each limb counts as k independent pixels.
+    C: 1 for grey images, 3 for colour, whose channels err together and count as one. x_j,i: n points of limb j, of
+    which those that another limb hides or that are not in the image add nothing. y_j,i: as many about the limb, beside
+    it and beyond its end, of which those that some limb covers add nothing; they hold a limb in the middle of the
+    person's, which the points inside alone do not. Each limb counts as k independent pixels.
 
     The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part
     of the background; there this likelihood says nothing or, where the person leaves in the end, the wrong thing.
@@ -119,18 +122,18 @@ def points_about(inside: FloatArray) -> FloatArray:
 
 
 def still_scenes(dataset: Dataset, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
-    """Median and 1.4826 times the median absolute deviation of every camera's smoothed pixels over the clip."""
+    """Median and 1.4826 times the median absolute deviation of every camera's smoothed levels over the clip."""
     used = set(np.unique(np.linspace(0, len(dataset) - 1, n_frames).round().astype(int)).tolist())
     seen: dict[str, list[Float32Array]] = {}
     for i, frame in enumerate(tqdm(dataset.frames(), "background", len(dataset), unit="frame", disable=None)):
         if i in used:
             for view in frame.views:
-                seen.setdefault(view.camera.name, []).append(smoothed(view, blur_px))
+                seen.setdefault(view.camera.name, []).append(levels(view, blur_px))
     return {camera: still_scene(np.stack(images), least_sigma) for camera, images in seen.items()}
 
 
 def still_scene(images: Float32Array, least_sigma: float) -> StillScene:
-    """The scene that images (F, height, width) have in common."""
+    """The scene that images (F, height, width, C) have in common."""
     median = np.median(images, axis=0)
     deviation = np.median(np.abs(images - median), axis=0)
     return StillScene(median, np.maximum(MAD_TO_SIGMA * deviation, least_sigma).astype(np.float32))
@@ -139,7 +142,14 @@ def still_scene(images: Float32Array, least_sigma: float) -> StillScene:
 @lru_cache(maxsize=8)
 def log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
     """r of every pixel (height, width), see `Background`; kept for the last views."""
-    apart = (smoothed(view, blur_px) - scene.median) / scene.sigma
-    peak = (1.0 - epsilon) * 256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)
-    ratio: Float32Array = -np.log(epsilon + peak * np.exp(-0.5 * apart**2)).astype(np.float32)
+    apart = (levels(view, blur_px) - scene.median) / scene.sigma
+    normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * apart**2
+    ratio: Float32Array = -np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))).astype(np.float32)
     return ratio
+
+
+def levels(view: View, blur_px: float) -> Float32Array:
+    """The view's one or three levels (height, width, C), smoothed by a Gaussian."""
+    image = float_levels(view)
+    smooth = cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px > 0.0 else image
+    return np.ascontiguousarray(smooth, dtype=np.float32).reshape(*image.shape[:2], -1)
