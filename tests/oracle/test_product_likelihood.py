@@ -74,6 +74,7 @@ def test_every_term_is_told_what_was_found_and_warns():
     remember(product, FRAME, POSES[0], first=True)
     remember(product, FRAME, POSES[0], first=False)
     assert product.terms["a"].seen == ["began", "observed"]
+    assert product.diagnostics() == {"found": 3.0, "share_a": 0.0, "share_b": 0.0}
     assert product.warnings() == ("careful",)
     evaluate(product)
     assert diagnostics(product) == {"found": 3.0, "share_a": 0.0, "share_b": 0.0}

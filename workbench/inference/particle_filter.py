@@ -86,11 +86,10 @@ class ParticleFilter:
             else:
                 particles, gained, warnings = self._advance(particles, previous, frame, rng_streams, clock)
                 log_evidence += gained
-            said = {} if previous is None else diagnostics(self.likelihood)
             step = _step(frame, self.prior, particles, log_evidence, warnings, clock)
             remember(self.likelihood, frame, step.expected_pose, first=previous is None)
             clock.lap("likelihood")
-            evaluations = 0.0 if previous is None else float(self.n_particles)
+            evaluations, said = 0.0 if previous is None else float(self.n_particles), diagnostics(self.likelihood)
             yield replace(step, diagnostics=said, evaluations=evaluations, timing_s=clock.laps)
             previous = frame
 

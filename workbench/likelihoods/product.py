@@ -26,6 +26,7 @@ class Product:
         share_k = Cov(w_k log p_k, log p) / Var(log p),
 
     over the particles whose likelihood is not zero. They sum to one; a cue that contradicts the others is below zero.
+    In a run's first frame, which is given, all are 0.
     Raises InputError when there is no term, or the weights are not those of the terms or negative.
     """
 
@@ -69,6 +70,7 @@ class Product:
     def begin(self, frame: Frame, pose: FloatArray) -> None:
         """Tell the terms that have a memory; see `Remembering`."""
         self._shares.clear()
+        self._shares.update({f"share_{name}": 0.0 for name in self.used})
         for term in self.used.values():
             remember(term, frame, pose, first=True)
 

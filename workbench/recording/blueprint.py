@@ -115,8 +115,11 @@ def _coefficient(k: int) -> rrb.BarChartView:
 
 def _others(shown: Shown) -> list[rrb.View | rrb.Container]:
     bands = [_curve(f"/posterior/parameters/{name}", name) for name in shown.pictured]
+    shares = [f"/metrics/{name}" for name in shown.metrics if _is_share(name)]
+    curves = [_curve(f"/metrics/{name}", name) for name in shown.metrics if not _is_error(name) and not _is_share(name)]
+    together = [rrb.TimeSeriesView(origin="/metrics", contents=shares, name="shares of the cues")] if shares else []
     return [
-        rrb.Grid(*(_curve(f"/metrics/{name}", name) for name in shown.metrics if not _is_error(name)), name="filter"),
+        rrb.Grid(*curves, *together, name="filter"),
         rrb.Grid(*bands, grid_columns=2, name="5–95 % bands"),
         rrb.TextLogView(origin="/log", name="warnings"),
         rrb.TextDocumentView(origin="/__properties/config", name="config"),
@@ -125,6 +128,10 @@ def _others(shown: Shown) -> list[rrb.View | rrb.Container]:
 
 def _is_error(metric: str) -> bool:
     return metric.startswith("error")
+
+
+def _is_share(metric: str) -> bool:
+    return metric.startswith("share_")
 
 
 def _errors(shown: Shown) -> rrb.Horizontal:
