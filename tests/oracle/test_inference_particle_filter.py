@@ -118,7 +118,12 @@ def test_a_likelihood_with_a_memory_is_told_every_frame_before_the_next_is_weigh
         ]  # fmt: skip
         for (*_, pose), step in zip(likelihood.seen, steps, strict=True):
             np.testing.assert_array_equal(pose, step.expected_pose)
-        assert [dict(step.diagnostics) for step in steps] == [{"told": 1.0}, {"told": 2.0}, {"told": 3.0}, {"told": 4.0}]
+        assert [dict(step.diagnostics) for step in steps] == [
+            {"told": 1.0},
+            {"told": 2.0},
+            {"told": 3.0},
+            {"told": 4.0},
+        ]
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))

@@ -1,6 +1,6 @@
 """What a limb covers differs from the background that a still camera sees, and what lies just beside it does not."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -129,14 +129,17 @@ def still_scenes(dataset: Dataset, n_frames: int, blur_px: float, least_sigma: f
         if i in used:
             for view in frame.views:
                 seen.setdefault(view.camera.name, []).append(levels(view, blur_px))
-    return {camera: still_scene(np.stack(images), least_sigma) for camera, images in seen.items()}
+    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
 
 
-def still_scene(images: Float32Array, least_sigma: float) -> StillScene:
-    """The scene that images (F, height, width, C) have in common."""
-    median = np.median(images, axis=0)
-    deviation = np.median(np.abs(images - median), axis=0)
-    return StillScene(median, np.maximum(MAD_TO_SIGMA * deviation, least_sigma).astype(np.float32))
+def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
+    """The scene that F images (height, width, C) have in common."""
+    median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
+    for rows in np.array_split(np.arange(len(median)), 16):  # in strips, which take less memory
+        strip = np.stack([image[rows] for image in images])
+        median[rows] = np.median(strip, axis=0)
+        sigma[rows] = MAD_TO_SIGMA * np.median(np.abs(strip - median[rows]), axis=0)
+    return StillScene(median, np.maximum(sigma, np.float32(least_sigma)))
 
 
 @lru_cache(maxsize=8)
