@@ -7,6 +7,8 @@ from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
 from workbench.cli.build import build, check_targets
 from workbench.cli.run import prepare_hydra
 from workbench.cli.schema import COMPONENTS, schema_of
@@ -53,6 +55,17 @@ def test_a_typo_in_any_group_names_the_key(group):
     forced = compose("config", overrides=[*usual, f"+{group}.no_such_key=1"])  # this skips the schema
     with pytest.raises(InputError, match="no_such_key"):
         build(forced[group])
+
+
+def test_the_terms_of_a_product_are_built_with_the_live_objects():
+    config = compose("config", overrides=["likelihood=product", "likelihood.terms.background.k=0.7"])
+    body, dataset = person(from_height(1.7)), object()
+    product = build(config.likelihood, body=body, dataset=dataset)
+    assert list(product.terms) == list(product.weights) == ["image_motion", "background", "appearance", "edges"]
+    assert all(term.body is body for term in product.terms.values())
+    assert product.terms["background"].dataset is dataset
+    assert product.terms["background"].k == 0.7
+    assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
 
 
 def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():

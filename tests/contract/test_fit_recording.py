@@ -130,6 +130,15 @@ def test_a_fit_is_laid_out_for_its_judgement():
     assert found[errors].contents == ["/metrics/error_abs_mm"]  # a fit's heaviest particle is the expected pose
 
 
+def test_shares_of_cues_have_a_view_of_their_own():
+    metrics = ("error_abs_mm", "ess", "share_background", "share_edges")
+    found = {view.name: view for view in views(blueprint.layout(replace(SHOWN, metrics=metrics)).root_container)}
+    assert found["shares of the cues"].contents == ["/metrics/share_background", "/metrics/share_edges"]
+    assert "- /metrics/share_edges" in found["errors"].contents
+    assert "share_edges" not in found
+    assert "ess" in found
+
+
 def test_without_activity_and_surface_their_views_are_left_out():
     plain = replace(SHOWN, activity=False, surface=False)
     found = {view.name: view for view in views(blueprint.layout(plain).root_container)}

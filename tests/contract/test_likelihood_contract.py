@@ -1,5 +1,6 @@
 """What every likelihood promises: (N,) log likelihoods, no NaN, clear errors, and warnings that are told once."""
 
+import numba
 import numpy as np
 import pytest
 
@@ -8,18 +9,48 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
+from workbench.likelihoods.appearance import Appearance
+from workbench.likelihoods.background import Background
+from workbench.likelihoods.edge_model import BINS, EdgeModel
+from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
-from workbench.likelihoods.likelihood import Likelihood
+from workbench.likelihoods.likelihood import Likelihood, remember
+from workbench.likelihoods.product import Product
 from workbench.likelihoods.uniform import Uniform
 
 BODY = person(from_height(1.75))
 LEFT = plain_camera(160, 120, 150.0, (3.0, -2.0, 1.0), (0.0, 0.0, 0.0), name="left")
 RIGHT = plain_camera(160, 120, 150.0, (3.0, 2.0, 1.0), (0.0, 0.0, 0.0), name="right")
+
+
+class Empty:
+    """A clip of two cameras that see grey walls."""
+
+    def __len__(self):
+        return 3
+
+    def frames(self):
+        for i in range(3):
+            yield Frame(i, i / 30, tuple(View(c, np.full((c.height, c.width), 128, np.uint8)) for c in (LEFT, RIGHT)))
+
+
+def edges():
+    likelihood, rng = Edges(BODY), np.random.default_rng(0)
+    counts = rng.integers(1, 100, (2, 2, 7, BINS)).astype(float)
+    parts = ("torso", "head", "upper_arm", "forearm", "hand", "thigh", "calf")
+    likelihood.__dict__["model"] = EdgeModel(parts, counts[0], counts[1])  # instead of that of rendered people
+    return likelihood
+
+
 LIKELIHOODS: tuple[Likelihood, ...] = (
     Uniform(),
     ImageMotion(BODY),
     ImageMotion(BODY, occlusion="limb", exponent="sum"),
     ImageMotion(BODY, background="still"),
+    Background(BODY, Empty()),
+    Appearance(BODY),
+    edges(),
+    Product({"motion": ImageMotion(BODY), "background": Background(BODY, Empty())}, {"motion": 0.5, "background": 1.0}),
 )
 
 
@@ -38,7 +69,9 @@ def poses(rng, n):
 def test_one_finite_number_per_particle(likelihood):
     rng = np.random.default_rng(0)
     for n in (0, 1, 33):
-        found = likelihood.log_prob(*frames(rng, LEFT, RIGHT), poses(rng, n), poses(rng, n))
+        before, now = frames(rng, LEFT, RIGHT)
+        remember(likelihood, before, np.zeros(25), first=True)
+        found = likelihood.log_prob(before, now, poses(rng, n), poses(rng, n))
         assert found.shape == (n,)
         assert found.dtype == np.float64
         assert np.isfinite(found).all()
@@ -49,6 +82,7 @@ def test_the_same_question_has_the_same_answer(likelihood):
     rng = np.random.default_rng(0)
     question = (*frames(rng, LEFT), poses(rng, 50), poses(rng, 50))
     copies = [np.copy(question[2]), np.copy(question[3])]
+    remember(likelihood, question[0], np.zeros(25), first=True)
     np.testing.assert_array_equal(likelihood.log_prob(*question), likelihood.log_prob(*question))
     np.testing.assert_array_equal(question[2:], copies)  # and the question is left as it was
 
@@ -58,9 +92,11 @@ def test_warnings_are_given_once(likelihood):
     rng = np.random.default_rng(0)
     far_aside = poses(rng, 5)
     far_aside[:, 1] -= 100.0  # behind the camera
+    before, now = frames(rng, LEFT)
+    remember(likelihood, before, np.zeros(25), first=True)
     likelihood.warnings()
-    likelihood.log_prob(*frames(rng, LEFT), far_aside, far_aside)
-    assert bool(likelihood.warnings()) == isinstance(likelihood, ImageMotion)
+    likelihood.log_prob(before, now, far_aside, far_aside)
+    assert bool(likelihood.warnings()) == isinstance(likelihood, ImageMotion | Product)
     assert likelihood.warnings() == ()
 
 
@@ -80,6 +116,39 @@ def test_pose_that_is_not_finite_is_impossible_and_hurts_nobody_else(bad):
     expected[[3, 17]] = -np.inf
     np.testing.assert_array_equal(likelihood.log_prob(*pair, previous, now), expected)
     assert likelihood.warnings() == ("image motion: 2 of 40 poses were not finite",)
+
+
+@pytest.mark.parametrize("likelihood", LIKELIHOODS[4:7], ids=lambda x: type(x).__name__)
+def test_a_pose_that_is_not_finite_is_told_by_cues_of_single_frames(likelihood):
+    rng = np.random.default_rng(0)
+    before, now = frames(rng, LEFT)
+    remember(likelihood, before, np.zeros(25), first=True)
+    pose = poses(rng, 6)
+    expected = likelihood.log_prob(before, now, pose, pose)
+    likelihood.warnings()
+    spoilt = pose.copy()
+    spoilt[2, 7] = np.nan
+    expected[2] = -np.inf
+    np.testing.assert_array_equal(likelihood.log_prob(before, now, pose, spoilt), expected)
+    assert any("1 of 6 poses were not finite" in sentence for sentence in likelihood.warnings())
+
+
+@pytest.mark.parametrize("likelihood", LIKELIHOODS[4:8], ids=lambda x: type(x).__name__)
+def test_one_and_two_threads_give_the_same_bits(likelihood):
+    most = numba.config.NUMBA_NUM_THREADS
+    if most < 2:
+        pytest.skip("numba has one thread only here")
+    rng = np.random.default_rng(0)
+    question = (*frames(rng, LEFT, RIGHT), poses(rng, 200), poses(rng, 200))
+    remember(likelihood, question[0], np.zeros(25), first=True)
+    usual, found = numba.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            found.append(likelihood.log_prob(*question))
+    finally:
+        numba.set_num_threads(usual)
+    np.testing.assert_array_equal(*found)
 
 
 def test_absurd_but_finite_poses_do_not_crash():

@@ -54,6 +54,23 @@ class Constant(Position):
         return np.full(len(pose), self.value)
 
 
+class Remembers(Position):
+    """Keeps what the filter tells it, and has something to say."""
+
+    def __init__(self, measured):
+        super().__init__(measured)
+        self.seen = []
+
+    def begin(self, frame, pose):
+        self.seen = [("began", frame.index, pose)]
+
+    def observe(self, frame, pose):
+        self.seen.append(("observed", frame.index, pose))
+
+    def diagnostics(self):
+        return {"told": float(len(self.seen))}
+
+
 def frames(n):
     return [Frame(index=t, time_s=0.1 * t, views=()) for t in range(n)]
 
@@ -89,6 +106,24 @@ def simulate(n, seed):
 def run(n_particles, seed, measured, **options):
     inference = ParticleFilter(LinearPrior(), Position(measured), n_particles=n_particles, **options)
     return list(inference.run(frames(len(measured)), MEAN0, streams(seed)))
+
+
+def test_a_likelihood_with_a_memory_is_told_every_frame_before_the_next_is_weighed():
+    likelihood = Remembers(simulate(4, seed=0))
+    inference = ParticleFilter(LinearPrior(), likelihood, n_particles=20)
+    for _ in range(2):  # a second run begins anew
+        steps = list(inference.run(frames(4), MEAN0, streams(1)))
+        assert [(what, index) for what, index, _ in likelihood.seen] == [
+            ("began", 0), ("observed", 1), ("observed", 2), ("observed", 3),
+        ]  # fmt: skip
+        for (*_, pose), step in zip(likelihood.seen, steps, strict=True):
+            np.testing.assert_array_equal(pose, step.expected_pose)
+        assert [dict(step.diagnostics) for step in steps] == [
+            {"told": 1.0},
+            {"told": 2.0},
+            {"told": 3.0},
+            {"told": 4.0},
+        ]
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))

@@ -1,5 +1,6 @@
 """From a configuration to live objects, for targets of the workbench only."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from inspect import signature
 from typing import Any
@@ -25,6 +26,7 @@ def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
 def build(node: DictConfig, **live: object) -> Any:
     """Call the node's target with its keys and those of the live objects that it has parameters for.
 
+    Nodes below it that have a target are built in the same way, with the same live objects.
     Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
     through unchanged.
     """
@@ -33,7 +35,20 @@ def build(node: DictConfig, **live: object) -> Any:
     if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
     wanted = {name: value for name, value in live.items() if name in known}
-    return instantiate(node, _partial_=True, _convert_="all")(**wanted)
+    nested = {str(key): _built(node[key], live) for key in node if _has_target(node, key)}
+    return instantiate(node, _partial_=True, _recursive_=False, _convert_="all")(**wanted, **nested)
+
+
+def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
+    """What the node, or every node under a name in it, builds."""
+    return build(node, **live) if "_target_" in node else {str(key): _built(node[key], live) for key in node}
+
+
+def _has_target(node: DictConfig, key: Any) -> bool:
+    if OmegaConf.is_missing(node, key):
+        return False
+    inner = node[key]
+    return isinstance(inner, DictConfig) and ("_target_" in inner or any(_has_target(inner, name) for name in inner))
 
 
 def _check(value: object, place: str) -> None:

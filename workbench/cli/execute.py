@@ -116,7 +116,7 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
     full_body: Body | None = getattr(dataset, "full_body", None)
     body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body)
     _check_skeletons(full_body, body, prior)
-    likelihood = build(config.likelihood, body=body)
+    likelihood = build(config.likelihood, body=body, dataset=dataset)
     live = {
         "prior": prior,
         "likelihood": likelihood,

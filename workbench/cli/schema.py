@@ -29,7 +29,11 @@ from workbench.inference.restarting import Restarting
 from workbench.inference.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.synthesis import Synthesis
 from workbench.inference.tempered_smc import TemperedSMC
+from workbench.likelihoods.appearance import Appearance
+from workbench.likelihoods.background import Background
+from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
@@ -69,7 +73,15 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "flipping": Flipping,
         "activity": activity,
     },
-    "likelihood": {"image_motion": ImageMotion, "surface_points": SurfacePoints, "uniform": Uniform},
+    "likelihood": {
+        "image_motion": ImageMotion,
+        "background": Background,
+        "appearance": Appearance,
+        "edges": Edges,
+        "product": Product,
+        "surface_points": SurfacePoints,
+        "uniform": Uniform,
+    },
     "inference": {
         "particle_filter": ParticleFilter,
         "synthesis": Synthesis,
@@ -96,7 +108,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape", "full_body"},
     "prior": {"camera"},
-    "likelihood": {"body"},
+    "likelihood": {"body", "dataset"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},
     "study": {"prior"},

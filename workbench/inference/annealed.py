@@ -67,7 +67,7 @@ class Annealed:
         rng_streams: generators named "start", "resampling" and "prior".
         """
         first = {"is_posterior": 0.0, "distinct": float(self.n_particles)}
-        steps = filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams, first)
+        steps = filtered(self.prior, self.likelihood, self.n_particles, self.advance, frames, start, rng_streams, first)
         for count, step in enumerate(steps):
             yield step if count else replace(step, warnings=(NO_POSTERIOR, *step.warnings))
 

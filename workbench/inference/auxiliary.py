@@ -47,7 +47,7 @@ class Auxiliary:
         rng_streams: generators named "start", "resampling" and "prior".
         """
         first = {"distinct": float(self.n_particles)}
-        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams, first)
+        return filtered(self.prior, self.likelihood, self.n_particles, self.advance, frames, start, rng_streams, first)
 
     def advance(
         self,

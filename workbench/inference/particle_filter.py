@@ -1,7 +1,7 @@
 """The particle filter: sequential importance resampling (paper A, section 4.1; Gordon, Salmond & Smith 1993)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 from types import MappingProxyType
 
@@ -13,7 +13,7 @@ from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
-from workbench.likelihoods.likelihood import Likelihood
+from workbench.likelihoods.likelihood import Likelihood, diagnostics, remember
 from workbench.priors.state import Prior, StateSpace, propose
 
 
@@ -53,17 +53,20 @@ Advance = Callable[[Particles, Frame, Frame, Mapping[str, np.random.Generator], 
 
 def filtered(
     prior: Prior,
+    likelihood: Likelihood,
     n_particles: int,
     advance: Advance,
     frames: Iterable[Frame],
     start: FloatArray,
     rng_streams: Mapping[str, np.random.Generator],
-    diagnostics: Mapping[str, float] = MappingProxyType({}),
+    first: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Step]:
     """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
 
+    A likelihood that remembers is told of every frame what was expected in it.
+
     rng_streams: generators named "start" and those that `advance` draws from, which makes all steps but the first.
-    diagnostics: of the first step; a recording arranges its views by what that one has.
+    first: diagnostics of the first step; a recording arranges its views by what that one has.
     """
     previous: Frame | None = None
     log_evidence = 0.0
@@ -72,13 +75,16 @@ def filtered(
         if previous is None:
             state = prior.start(start, n_particles, rng_streams["start"])
             even = np.full(n_particles, -np.log(n_particles))
-            first = Particles(state, prior.pose(state), even, np.arange(n_particles))
-            advanced = Advanced(first, 0.0, 0.0, diagnostics=diagnostics)
+            started = Particles(state, prior.pose(state), even, np.arange(n_particles))
+            advanced = Advanced(started, 0.0, 0.0, diagnostics=first)
             clock.lap("prior")
         else:
             advanced = advance(advanced.particles, previous, frame, rng_streams, clock)
         log_evidence += advanced.log_gain
-        yield particle_step(frame, prior.space, advanced, log_evidence, clock)
+        step = particle_step(frame, prior.space, advanced, log_evidence, clock)
+        remember(likelihood, frame, step.expected_pose, first=previous is None)
+        clock.lap("likelihood")
+        yield replace(step, diagnostics={**diagnostics(likelihood), **step.diagnostics}, timing_s=clock.laps)
         previous = frame
 
 
@@ -125,7 +131,7 @@ class ParticleFilter:
 
         rng_streams: generators named "start", "resampling" and "prior". Raises DegenerateWeights as configured.
         """
-        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams)
+        return filtered(self.prior, self.likelihood, self.n_particles, self.advance, frames, start, rng_streams)
 
     def advance(
         self,

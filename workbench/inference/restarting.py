@@ -64,7 +64,9 @@ class Restarting:
         """One step per frame, see `ParticleFilter.run`. The diagnostic restarted is 1 where particles started anew."""
         advance = partial(self._advance, [])
         first = {"restarted": 0.0}
-        return filtered(self.prior, self.filter.n_particles, advance, frames, start, rng_streams, first)
+        return filtered(
+            self.prior, self.filter.likelihood, self.filter.n_particles, advance, frames, start, rng_streams, first
+        )
 
     def _advance(
         self,

@@ -14,12 +14,13 @@ from workbench.errors import InputError
 from workbench.inference.particle_filter import ParticleFilter, defined, effective_sample_size
 from workbench.inference.resampling import systematic_draws
 from workbench.inference.step import Step
-from workbench.likelihoods.likelihood import Likelihood
+from workbench.likelihoods.likelihood import Likelihood, Remembering
 from workbench.priors.jitter import with_density
 from workbench.priors.state import Prior, StateSpace
 
 BLOCK = 2_000_000
 """Numbers held at once where every path is compared with every particle."""
+LATE_MEMORY = "backward simulation: what the likelihood remembers after the last frame judged all frames' paths"
 
 
 class FixedLag:
@@ -80,6 +81,8 @@ class BackwardSimulation:
     from the ancestor (Bunch & Godsill 2013, section 3). Where the likelihood does not look at the previous pose every
     proposal is accepted, and one move is the algorithm itself.
 
+    A likelihood with a memory is asked with what it remembers after the last frame, which the first step says.
+
     n_particles, ess_threshold: of the filter. n_paths: drawn, which become the equally weighted particles of the steps;
     a step's `map_pose` is that of the path with the highest density, the start's left out. The prior must have a
     density. Raises InputError for a prior without one and numbers out of range.
@@ -127,6 +130,9 @@ class BackwardSimulation:
             spent = {**later.timing_s, "smoothing": perf_counter() - began}
             smoothed.append((replace(later, timing_s=spent), picked))
         best = int(np.argmax(score))
+        if isinstance(self.likelihood, Remembering):
+            first, picked = smoothed[-1]
+            smoothed[-1] = replace(first, warnings=(*first.warnings, LATE_MEMORY)), picked
         for step, picked in reversed(smoothed):
             yield _replaced(step, picked, np.full(self.n_paths, -np.log(self.n_paths)), np.arange(self.n_paths), best)
 

@@ -71,7 +71,7 @@ class TemperedSMC:
         acceptance, of the moves; distinct, how many particles of the frame before have offspring.
         """
         first = {"temperatures": 0.0, "acceptance": 1.0, "distinct": float(self.n_particles)}
-        return filtered(self.prior, self.n_particles, self.advance, frames, start, rng_streams, first)
+        return filtered(self.prior, self.likelihood, self.n_particles, self.advance, frames, start, rng_streams, first)
 
     def advance(
         self,

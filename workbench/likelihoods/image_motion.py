@@ -151,16 +151,21 @@ def smoothed(view: View, blur_px: float) -> Float32Array:
 
     Raises InputError when the image has not the size that its camera states.
     """
+    levels = float_levels(view)
+    grey = cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY) if levels.ndim == 3 else levels
+    smooth = cv2.GaussianBlur(grey, (0, 0), blur_px) if blur_px > 0.0 else grey
+    return np.ascontiguousarray(smooth, dtype=np.float32)
+
+
+def float_levels(view: View) -> Float32Array:
+    """The view's grey or RGB levels, 0..255; raises InputError when the image has not the size its camera states."""
     camera, image = view.camera, view.image
     if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
         raise InputError(
-            f"image motion: camera {camera.name}: expected a grey or RGB image of {camera.width}×{camera.height} px, "
+            f"likelihood: camera {camera.name}: expected a grey or RGB image of {camera.width}×{camera.height} px, "
             f"found an array of shape {image.shape}"
         )
-    levels = image.astype(np.float32)
-    grey = cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else levels
-    smooth = cv2.GaussianBlur(grey, (0, 0), blur_px) if blur_px > 0.0 else grey
-    return np.ascontiguousarray(smooth, dtype=np.float32)
+    return image.astype(np.float32)
 
 
 def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numba
 import numpy as np
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
@@ -66,7 +66,8 @@ START, END, START_RADII, END_RADII, SPHERE, THICKNESS = 0, 3, 6, 8, 10, 11
 # A camera: its rotation row by row, translation, fx, fy, cx, cy, k1, k2, p1, p2, k3.
 ROTATION, TRANSLATION, FOCAL, CENTRE, DISTORTION = 0, 9, 12, 14, 16
 # A patch is (AX + u DX) + v (WX + u EX) in x, the same in y, and Z + u DZ in depth; u = 0..1 along, v = −1..1 across.
-AX, AY, DX, DY, WX, WY, EX, EY, Z, DZ = range(10)
+# ACROSS: x and y, in the joint's frame, of the direction in which v grows.
+AX, AY, DX, DY, WX, WY, EX, EY, Z, DZ, ACROSS, PATCH = *range(11), 12
 # What a limb covers: u and v of a pixel by an affine map, |v| <= H + u DH for a patch; its bounding box and depths.
 UX, UY, U0, VX, VY, V0, H, DH, LEFT, RIGHT, TOP, BOTTOM, NEAR, FAR, SURFACE = range(15)
 
@@ -106,6 +107,26 @@ def view_log_prob(
     return log_prob, outside
 
 
+def place_points(
+    limbs: Limbs, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool
+) -> tuple[Float32Array, BoolArray, FloatArray]:
+    """The pixels (N, L, n, 2) of points (n, 2) of every patch, which of them count, and how the limbs are turned.
+
+    The second result (N, L, n) is true for points in the image that no other limb hides, as `hidden_samples` of the
+    reference says for "sample"; with `beside`, for points in the image that no limb covers at any depth: those just
+    outside a limb, |v| > 1. The third (N, L), rad, is the azimuth in the joint's frame of the limb's side at v = 1.
+    """
+    shape = (len(frames.positions), len(limbs), len(samples))
+    pixels, counts = np.empty((*shape, 2), dtype=np.float32), np.empty(shape, dtype=np.bool_)
+    turns = np.empty(shape[:2])
+    u, v = np.ascontiguousarray(samples.T)
+    _place_points(
+        *(_limb_table(limbs), limbs.joints, u, v, _camera_row(camera), float(camera.width), float(camera.height)),
+        *(frames.rotations, frames.positions, beside, pixels, counts, turns),
+    )
+    return pixels, counts, turns
+
+
 def _limb_table(limbs: Limbs) -> FloatArray:
     thickness = limbs.radii.mean(axis=(1, 2))
     return np.column_stack(
@@ -127,7 +148,8 @@ def _run(
 ) -> None:  # fmt: skip
     n_particles, n_limbs, n = log_prob.shape[0], joints.shape[0], u.shape[0]
     for chunk in numba.prange((n_particles + CHUNK - 1) // CHUNK):
-        patches_before, patches_now, covers = np.empty((n_limbs, 10)), np.empty((n_limbs, 10)), np.empty((n_limbs, 15))
+        patches_before, patches_now = np.empty((n_limbs, PATCH)), np.empty((n_limbs, PATCH))
+        covers = np.empty((n_limbs, 15))
         cos_alpha, points, hidden = np.empty(n_limbs), np.empty((4, n)), np.empty(n, dtype=np.bool_)
         for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n_particles)):
             for limb in range(n_limbs):
@@ -157,6 +179,47 @@ def _run(
                     total -= _still_log_ratio(model, still_squares, n_compared) * n_compared / n
                 n_outside += n_left_out
             log_prob[i], outside[i] = total, n_outside
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _place_points(
+    table: Any, joints: Any, u: Any, v: Any, camera: Any, width: float, height: float,
+    rotations: Any, positions: Any, beside: bool, pixels: Any, counts: Any, turns: Any,
+) -> None:  # fmt: skip
+    n_particles, n_limbs, n = counts.shape
+    for chunk in numba.prange((n_particles + CHUNK - 1) // CHUNK):
+        patches, covers, cos_alpha = np.empty((n_limbs, PATCH)), np.empty((n_limbs, 15)), np.empty(n_limbs)
+        points, hidden = np.empty((4, n)), np.empty(n, dtype=np.bool_)  # rows 2 and 3, as in `_run`
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n_particles)):
+            for limb in range(n_limbs):
+                cos_alpha[limb] = _patch(table, limb, camera, rotations, positions, i, joints[limb], patches)
+                _cover(patches, limb, cos_alpha[limb] > 0.0, table, covers)
+            for limb in range(n_limbs):
+                if cos_alpha[limb] == 0.0:
+                    pixels[i, limb], counts[i, limb], turns[i, limb] = 0.0, False, 0.0
+                    continue
+                turns[i, limb] = np.arctan2(patches[limb, ACROSS + 1], patches[limb, ACROSS])
+                _positions(patches, limb, u, v, points, 2)
+                hidden[:] = False
+                if beside:
+                    _hide_covered(table, limb, u, points, patches, covers, hidden)
+                else:
+                    _hide(table, limb, u, points, patches, covers, False, hidden)
+                for s in range(n):
+                    pixels[i, limb, s, 0], pixels[i, limb, s, 1] = points[2, s], points[3, s]
+                    x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]  # rounded, as they will be looked up
+                    inside = x >= 0.0 and x < width - 1.0 and y >= 0.0 and y < height - 1.0  # false for NaN
+                    counts[i, limb, s] = inside and not hidden[s]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _hide_covered(table: Any, limb: int, u: Any, points: Any, patches: Any, covers: Any, hidden: Any) -> None:
+    """Mark the points that any limb covers, whatever its depth."""
+    left, right, top, bottom = points[2].min(), points[2].max(), points[3].min(), points[3].max()
+    for k in range(covers.shape[0]):
+        across = (covers[k, LEFT] <= right) & (covers[k, RIGHT] >= left)  # never so without a cover
+        if across & (covers[k, TOP] <= bottom) & (covers[k, BOTTOM] >= top):
+            _hide_behind(table, limb, k, u, points, patches, covers, -np.inf, hidden)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -286,6 +349,8 @@ def _patch(
     if not _dot(across, across) > MIN_SINE * MIN_SINE * _dot(sight, sight):
         return 0.0
     across = _unit(across)
+    x, y = _dot(x_axis, across), _dot(y_axis, across)
+    patches[limb, ACROSS], patches[limb, ACROSS + 1] = x, y
     if sphere:
         cos_alpha = 1.0
         start_width = end_width = table[limb, START_RADII] / np.sqrt(2.0)
@@ -293,7 +358,6 @@ def _patch(
         start, end = _add(start, -start_width, upright), _add(end, end_width, upright)
     else:
         cos_alpha = _norm(axis[0], axis[1])
-        x, y = _dot(x_axis, across), _dot(y_axis, across)
         start_width = _norm(table[limb, START_RADII] * x, table[limb, START_RADII + 1] * y)
         end_width = _norm(table[limb, END_RADII] * x, table[limb, END_RADII + 1] * y)
     a, b = _add(start, -start_width, across), _add(start, start_width, across)

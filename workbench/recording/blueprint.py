@@ -177,8 +177,10 @@ def _coefficient(k: int) -> rrb.BarChartView:
 def _others(shown: Shown) -> list[rrb.Grid]:
     taken = {"coverage_90", *looks.errors_mm(shown.metrics), *looks.errors_px(shown.metrics)}
     taken |= set() if shown.flexions else {"ess"}
-    views = [_metric(name, looks.title(name)) for name in shown.metrics if name not in taken]
-    return [rrb.Grid(*views, name="more numbers")] if views else []
+    shares = looks.shares(shown.metrics)
+    views = [_metric(name, looks.title(name)) for name in shown.metrics if name not in {*taken, *shares}]
+    together = [_curves("shares of the cues in what tells particles apart", shares)] if shares else []
+    return [rrb.Grid(*together, *views, name="more numbers")] if views or together else []
 
 
 def _curves(title: str, metrics: Sequence[str]) -> rrb.TimeSeriesView:

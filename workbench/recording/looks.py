@@ -1,6 +1,7 @@
 """How curves look and what they are called: the estimate orange, as everywhere, and each title with its unit."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import cycle
 from typing import TypeAlias
 
 import rerun as rr
@@ -37,8 +38,10 @@ _TITLES = {
 
 def fixed(metrics: Iterable[str]) -> Entities:
     """The looks of the curves of `metrics`, to be logged static."""
+    metrics = tuple(metrics)
+    cues = {name: (title(name), colour, 2.0) for name, colour in zip(shares(metrics), cycle(colours.PARTS))}
     for name in metrics:
-        label, colour, width = _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
+        label, colour, width = cues.get(name) or _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
         yield f"metrics/{name}", rr.SeriesLines(colors=[colour], widths=[width], names=[label])
 
 
@@ -57,3 +60,8 @@ def errors_px(metrics: Sequence[str]) -> list[str]:
     """Those of the metrics that are errors in the image, and what they are measured by."""
     found = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
     return [*found, *(name for name in metrics if found and name == "forearm_px")]
+
+
+def shares(metrics: Sequence[str]) -> list[str]:
+    """Those of the metrics that are the parts of cues."""
+    return [name for name in metrics if name.startswith("share_")]

@@ -1,0 +1,139 @@
+"""The appearance term where the answer is known: templates of flat limbs, robust updates, sides seen one by one."""
+
+import likelihood_scenes as scenes
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import forward
+from workbench.errors import InputError
+from workbench.likelihoods.appearance import ALONG, AROUND, Appearance, Template, cells, learned, template_log_ratio
+from workbench.likelihoods.image_motion import patch_samples
+from workbench.likelihoods.image_motion_reference import grey_levels
+from workbench.likelihoods.limb_points import limb_points
+
+ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
+SIGMA, EPSILON = 12.0, 0.1
+
+
+def ratio(difference, n=1.0):
+    variance = SIGMA**2 * (1.0 + 1.0 / n)
+    normal = np.exp(-0.5 * np.square(difference) / variance) / np.sqrt(2.0 * np.pi * variance)
+    return np.log(EPSILON + (1.0 - EPSILON) * 256.0 * normal)
+
+
+def view(level, index=0):
+    return scenes.frame(index, (scenes.FRONT, scenes.flat(level)))
+
+
+@pytest.mark.parametrize("difference", [0, 10, 100])
+def test_a_flat_limb_that_changes_its_level(difference):
+    likelihood = Appearance(ROD, k=2.0, sigma=SIGMA, epsilon=EPSILON)
+    likelihood.begin(view(100), scenes.root()[0])
+    found = likelihood.log_prob(view(100), view(100 + difference, 1), scenes.root(), scenes.root())
+    np.testing.assert_allclose(found, 2.0 * ratio(difference), rtol=1e-6)
+
+
+def test_kernel_agrees_with_plain_numpy():
+    rng = np.random.default_rng(3)
+    samples, limbs = patch_samples(20, rng), len(scenes.PERSON.limbs)
+    template = Template(
+        128.0 + 40.0 * rng.standard_normal((limbs, ALONG, AROUND)), rng.integers(0, 4, (limbs, ALONG, AROUND))
+    )
+    image = scenes.texture(rng).astype(np.float32)
+    points = limb_points(scenes.PERSON, samples, scenes.FRONT, forward(scenes.PERSON.skeleton, scenes.people(rng, 50)))
+    along, around = cells(samples, points.turns)
+    cell = np.arange(limbs)[:, None], along, around
+    levels = grey_levels(image, points.pixels.astype(float))
+    known = points.counts & (template.n[cell] > 0)
+    assert 0.3 < known.mean() < 0.9
+    values = np.where(known, ratio(levels - template.mean[cell], np.maximum(template.n[cell], 1)), 0.0)
+    found = template_log_ratio(image, points, samples, template, SIGMA, EPSILON)
+    # float32 grey levels are good to 1e-4, which a residual of 255 makes 255 · 1e-4 / σ² in the logarithm
+    np.testing.assert_allclose(found, values.sum(axis=-1) / 20, rtol=0.0, atol=2e-4)
+
+
+def test_cells_go_around_the_limb():
+    """At v = −1, 0, 1 of a limb turned by φ the azimuth is φ − π, φ − π/2 and φ."""
+    samples = np.array([[0.0, -1.0], [0.55, 0.0], [1.0, 1.0]])
+    along, around = cells(samples, np.array([[0.01, 0.01 + np.pi, 0.01 - 2.0 * np.pi]]))
+    assert along.tolist() == [0, 5, ALONG - 1]
+    assert around[0].tolist() == [[12, 18, 0], [0, 6, 12], [12, 18, 0]]
+
+
+def test_a_side_is_learned_when_it_is_seen():
+    """A body that turns half around shows its other side: not known, so worth nothing, until it is learned, too."""
+    likelihood = Appearance(ROD, sigma=SIGMA, epsilon=EPSILON)
+    front, back = scenes.root(), scenes.root(heading=np.pi)
+    likelihood.begin(view(100), front[0])
+    assert likelihood.log_prob(view(100), view(100, 1), back, back)[0] == 0.0
+    likelihood.observe(view(200, 1), back[0])
+    both = np.concatenate([front, back])
+    for level, first, second in ((100, 0.0, 100.0), (200, 100.0, 0.0)):
+        found = likelihood.log_prob(view(100), view(level, 2), both, both)
+        np.testing.assert_allclose(found, [ratio(first), ratio(second)], rtol=1e-6)
+
+
+def test_the_template_averages_then_forgets():
+    seen = [np.full((1, 1, 1), level) for level in (100.0, 104.0, 96.0, 108.0)]
+    template = None
+    for level in seen[:3]:
+        template = learned(template, level, 1e3, 1e-9, 0.25)  # so wide that every level is trusted
+    np.testing.assert_allclose(template.mean, 100.0, rtol=1e-6)
+    np.testing.assert_allclose(template.n, 3.0, rtol=1e-6)
+    for level in [*seen[3:], *seen[3:]]:
+        before, template = template, learned(template, level, 1e3, 1e-9, 0.25)
+        np.testing.assert_allclose(template.mean, before.mean + 0.25 * (108.0 - before.mean), rtol=1e-6)
+
+
+def test_an_outlier_hardly_changes_the_template_and_what_is_not_seen_not_at_all():
+    before = Template(np.array([100.0, 100.0, 0.0]), np.array([5.0, 5.0, 0.0]))
+    found = learned(before, np.array([220.0, np.nan, np.nan]), SIGMA, EPSILON, 0.1)
+    np.testing.assert_allclose(found.mean, before.mean, atol=1e-6)
+    np.testing.assert_allclose(found.n, before.n, atol=1e-6)
+
+
+def test_a_hidden_limb_teaches_nothing():
+    """A rod 50 cm behind a broader one."""
+    body = scenes.rods(((-0.5, 0.0, -0.2), (-0.5, 0.0, 0.2), 0.05), ((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.3))
+    likelihood = Appearance(body)
+    likelihood.begin(view(100), scenes.root()[0])
+    n = likelihood.templates["front"].n
+    assert not n[0].any()
+    assert n[1].any()
+
+
+def test_the_texture_is_best_explained_where_it_went():
+    """The rod carries its texture 5 px to the right, 1/15 m, before a background that stays."""
+    image = scenes.texture(np.random.default_rng(5))
+    now = image.copy()
+    now[90:150, 150:180] = image[90:150, 145:175]
+    likelihood = Appearance(ROD, blur_px=1.0)
+    likelihood.begin(scenes.frame(0, (scenes.FRONT, image)), scenes.root()[0])
+    shifts = np.arange(-8, 9)
+    poses = np.repeat(scenes.root(), len(shifts), axis=0)
+    poses[:, 1] = shifts / 75.0
+    found = likelihood.log_prob(view(0), scenes.frame(1, (scenes.FRONT, now)), poses, poses)
+    assert shifts[np.argmax(found)] == 5
+
+
+def test_a_new_run_begins_with_nothing():
+    likelihood = Appearance(ROD)
+    pose = scenes.root()
+    assert likelihood.log_prob(view(0), view(0), pose, pose)[0] == 0.0
+    assert likelihood.warnings() == ("appearance: nothing is known yet of how front sees the person",)
+    likelihood.begin(view(100), pose[0])
+    likelihood.observe(view(150), np.full(25, np.nan))
+    assert likelihood.warnings() == ("appearance: frame 0 has no finite expected pose to learn from",)
+    likelihood.begin(view(200), pose[0])
+    assert set(np.unique(likelihood.templates["front"].n)) == {0.0, 1.0}
+    seen = likelihood.templates["front"].mean[likelihood.templates["front"].n > 0]
+    np.testing.assert_allclose(seen, 200.0, rtol=1e-6)  # smoothed in float32
+
+
+@pytest.mark.parametrize(
+    ("constant", "value"),
+    [("k", 0.0), ("sigma", 0.0), ("epsilon", 1.0), ("rate", 1.5), ("n_samples", 0), ("blur_px", -1.0)],
+)
+def test_constants_out_of_range_are_named(constant, value):
+    with pytest.raises(InputError, match=rf"appearance: {constant} must be .* found"):
+        Appearance(ROD, **{constant: value})

@@ -1,0 +1,136 @@
+"""The background term where the answer is known: flat scenes, a person who walks through, a person who stays."""
+
+from types import SimpleNamespace
+
+import likelihood_scenes as scenes
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import forward
+from workbench.datasets.synthetic import Synthetic
+from workbench.errors import InputError
+from workbench.likelihoods.background import Background, log_ratio, points_about, still_scene
+from workbench.likelihoods.image_motion import ImageMotion, patch_samples
+from workbench.likelihoods.image_motion_kernel import PosedView
+from workbench.likelihoods.image_motion_reference import limb_patches
+
+ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
+EPSILON, SIGMA = 0.05, 3.0
+
+
+def clip(*images, camera=scenes.FRONT):
+    """A dataset of these images by one camera."""
+    frames = [scenes.frame(i, (camera, image)) for i, image in enumerate(images)]
+
+    class Clip:
+        name, shape, start_pose, start_marks, scale = "clip", None, None, None, 1.0
+
+        def __len__(self):
+            return len(frames)
+
+        def frames(self):
+            return iter(frames)
+
+    return Clip(), frames
+
+
+def with_block(image, level, rows, columns):
+    changed = image.copy()
+    changed[rows, columns] = level
+    return changed
+
+
+def by_hand(difference):
+    """r of a pixel that differs from the background by so much."""
+    normal = np.exp(-0.5 * (difference / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
+    return -np.log(EPSILON + (1.0 - EPSILON) * 256.0 * normal)
+
+
+def test_median_and_deviation_of_a_pixel_are_robust():
+    """Of seven frames two show a person; the others lie about 100 by −4, −2, 0, 2, 4."""
+    levels = np.array([96.0, 98.0, 230.0, 100.0, 102.0, 250.0, 104.0], np.float32)
+    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2, 1), 1.0)
+    np.testing.assert_array_equal(found.median, 102.0)
+    np.testing.assert_allclose(found.sigma, 1.4826 * 4.0, rtol=1e-6)  # |deviations| 6 4 128 2 0 148 2
+    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2, 1), 7.0, np.float32), 2.5).sigma, 2.5)
+
+
+@pytest.mark.parametrize("difference", [0.0, 3.0, 60.0])
+def test_ratio_of_a_pixel(difference):
+    dataset, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
+    likelihood = Background(ROD, dataset, blur_px=0.0)
+    found = log_ratio(frames[-1].views[0], likelihood.scenes["front"], 0.0, EPSILON)
+    np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [(80, 80, 80), (80, 0, 0), (3, 0, 6)])
+def test_channels_count_as_one(channels):
+    """Their deviations are averaged: three equal ones say what a grey image says."""
+    empty = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 100, np.uint8)
+    dataset, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
+    scene = Background(ROD, dataset, blur_px=0.0).scenes["front"]
+    assert scene.median.shape == empty.shape
+    found = log_ratio(frames[-1].views[0], scene, 0.0, EPSILON)
+    np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
+
+
+def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside():
+    """What changed is the rod's silhouette: inside r(80), about it −r(0); a rod elsewhere gets r(0) − r(0) = 0."""
+    view = PosedView(scenes.FRONT, np.zeros((240, 320), np.float32), forward(ROD.skeleton, scenes.root()))
+    corners = limb_patches(ROD.limbs, view).corners[0, 0].reshape(-1, 2)
+    (left, top), (right, bottom) = np.ceil(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
+    empty = scenes.flat(100)
+    dataset, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
+    likelihood = Background(ROD, dataset, blur_px=0.0, k=2.0)
+    poses = np.concatenate(
+        [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
+    )
+    found = likelihood.log_prob(frames[2], frames[3], poses, poses)
+    # points lie 0.2 half widths or 1.5 px within the outline and 0.15 outside of it: interpolation reaches no further
+    np.testing.assert_allclose(found, [2.0 * (by_hand(80.0) - by_hand(0.0)), 0.0, 0.0], rtol=1e-5, atol=1e-9)
+
+
+def test_points_about_a_limb_lie_beside_it_and_beyond_its_end():
+    inside = patch_samples(300, np.random.default_rng(0))
+    about = points_about(inside)
+    beyond = about[:, 0] > 1.0
+    assert beyond.sum() == 100
+    assert (about[beyond, 0] >= 1.25).all()
+    assert (np.abs(about[~beyond, 1]) >= 1.15).all()
+    np.testing.assert_array_equal(np.sign(about[~beyond, 1]), np.sign(inside[~beyond, 1]))
+
+
+@pytest.fixture(scope="module")
+def walk():
+    dataset = Synthetic(n_frames=24, rate_hz=10.0, width=320, height=240, person_px=130.0, focal_px=350.0)
+    return SimpleNamespace(dataset=dataset, frames=list(dataset.frames()), body=dataset._body)
+
+
+def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(walk):
+    """The bare image-motion term cannot tell the walker from a body at rest beside him; this can, in every frame."""
+    bare, background = ImageMotion(walk.body), Background(walk.body, walk.dataset)
+    gained = []
+    for before, now in zip(walk.frames[8:15], walk.frames[9:16], strict=True):
+        true_before, true_now = (np.array([frame.truth.pose]) for frame in (before, now))
+        aside = true_before + np.r_[1.2, np.zeros(24)] * (1.0 if true_before[0, 0] < 0.0 else -1.0)
+        previous, poses = np.concatenate([true_before, aside]), np.concatenate([true_now, aside])
+        paper = bare.log_prob(before, now, previous, poses)
+        assert paper[1] > paper[0]  # nothing moves there, so that it even wins
+        ratio = background.log_prob(before, now, previous, poses)
+        gained.append(ratio[0] - ratio[1])
+    assert min(gained) > 5.0
+
+
+def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
+    frame = scenes.frame(0, (scenes.FRONT, scenes.flat(100)))
+    with pytest.raises(InputError, match="camera front was not in the clip"):
+        Background(walk.body, walk.dataset).log_prob(frame, frame, scenes.root(), scenes.root())
+
+
+@pytest.mark.parametrize(
+    ("constant", "value"),
+    [("k", 0.0), ("epsilon", 0.0), ("least_sigma", 0.0), ("n_frames", 2), ("n_samples", 0), ("blur_px", -1.0)],
+)
+def test_constants_out_of_range_are_named(constant, value):
+    with pytest.raises(InputError, match=rf"background: {constant} must be .* found"):
+        Background(ROD, clip(scenes.flat(1))[0], **{constant: value})

@@ -1,0 +1,142 @@
+"""Edges and ridges: the filters on patterns drawn by hand, the kernel against NumPy, histograms, files."""
+
+import h5py
+import likelihood_scenes as scenes
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import forward
+from workbench.datasets.frame import View
+from workbench.errors import InputError
+from workbench.learning.store import Provenance
+from workbench.likelihoods.edge_filters import ALONG, POINTS, RIDGE_SCALES_PX, filtered, responses
+from workbench.likelihoods.edge_model import BINS, EdgeModel, learn_edges, read_edges, write_edges
+from workbench.likelihoods.edges import Edges, response_log_ratio, response_log_ratio_reference
+from workbench.likelihoods.limb_points import limb_points
+
+ROD = scenes.rods(((0.0, 0.0, -0.4), (0.0, 0.0, 0.4), 0.1))  # 15 px wide, from column 152 to 167
+PROVENANCE = Provenance({}, {}, ())
+
+
+def bar(level=180, roll=0.0):
+    """The rod's silhouette, brighter than the rest; a pixel on its rim has its share of both."""
+    x = np.arange(scenes.WIDTH) - (scenes.WIDTH - 1) / 2
+    y = np.arange(scenes.HEIGHT)[:, None] - (scenes.HEIGHT - 1) / 2
+    across = x * np.cos(roll) - y * np.sin(roll)
+    return np.rint(100 + (level - 100) * np.clip(8.0 - np.abs(across), 0.0, 1.0)).astype(np.uint8)
+
+
+def look(image, pose):
+    points = limb_points(ROD, POINTS, scenes.FRONT, forward(ROD.skeleton, pose))
+    return responses(filtered(View(scenes.FRONT, image)), points)
+
+
+def test_a_step_answers_where_and_along_which_direction_it_lies():
+    on, on_axis, counts = look(bar(), scenes.root())
+    assert counts.all()
+    aside, _, _ = look(bar(), scenes.root((0.0, 0.6, 0.0)))
+    across, _, _ = look(bar(), scenes.root(roll=np.pi / 2))
+    assert on.min() > 0.3
+    assert aside.max() < 1e-6
+    assert across[0, 0, [0, -1]].max() < 1e-6  # the ends of a rod that lies across the bar meet no edge
+    # the step of 80 levels over its local contrast; half of it within the central difference of the blurred image
+    assert np.ptp(on) < 0.05
+    assert on_axis.shape == (1, 1, ALONG)
+
+
+def test_a_bar_is_a_ridge_along_its_axis_only():
+    _, along, _ = look(bar(), scenes.root())
+    _, across, _ = look(bar(), scenes.root(roll=np.pi / 2))
+    middle = ALONG // 2
+    assert along.min() > 0.3
+    assert across[0, 0, [middle - 1, middle]].max() < 0.0  # there, what changes lies along the limb
+    assert RIDGE_SCALES_PX[1] == 4.0  # the scale for half a width of 7.5 px
+
+
+@pytest.mark.parametrize("roll", [0.3, -0.8])
+def test_filters_are_steered(roll):
+    upright, tilted = look(bar(), scenes.root()), look(bar(roll=roll), scenes.root(roll=roll))
+    wrong = look(bar(roll=roll), scenes.root(roll=-roll))
+    # the square window of the contrast holds more of a tilted bar, and the rim is drawn to a pixel
+    np.testing.assert_allclose(tilted[1].mean(), upright[1].mean(), rtol=0.1)
+    np.testing.assert_allclose(tilted[0].mean(), upright[0].mean(), rtol=0.1)
+    assert wrong[0].mean() < 0.5 * tilted[0].mean()
+
+
+def test_contrast_does_not_matter():
+    faint, strong = look(bar(level=140), scenes.root()), look(bar(level=220), scenes.root())
+    # the floor of 4 grey levels under a contrast of 20 and of 60
+    np.testing.assert_allclose(strong[0] / faint[0], (1.0 + 4.0 / 20.0) / (1.0 + 4.0 / 60.0), rtol=0.05)
+
+
+def test_kernel_agrees_with_plain_numpy():
+    rng = np.random.default_rng(0)
+    table = rng.standard_normal((2, len(scenes.PERSON.limbs), BINS)).astype(np.float32)
+    poses = scenes.people(rng, 60)
+    poses[0, 0] = 5.0  # behind the camera
+    points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
+    images = filtered(View(scenes.FRONT, scenes.texture(rng)))
+    expected, found = (f(images, points, table) for f in (response_log_ratio_reference, response_log_ratio))
+    assert expected.std() > 0.05
+    assert not found[0].any()
+    # a response may fall on the edge of a bin and, in float32, on its other side: rarely, and that moves one of n terms
+    agree = np.abs(found - expected) < 1e-6
+    assert agree.mean() > 0.99
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=2 * np.ptp(table) / len(POINTS))
+
+
+def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
+    """Bars of random contrast are learned; then the true place of a bar beats all places aside."""
+    rng = np.random.default_rng(1)
+    seen = [(ROD, View(scenes.FRONT, bar(int(level))), scenes.root()[0]) for level in rng.integers(120, 250, 8)]
+    model = learn_edges(seen, rng)
+    assert model.on.sum(axis=-1).tolist() == [[8 * 2 * ALONG], [8 * ALONG]]  # at both sides, on the axis
+    write_edges(tmp_path / "edges.h5", model, PROVENANCE)
+    kept = read_edges(tmp_path / "edges.h5")
+    np.testing.assert_array_equal(kept.log_ratio(["rod_0"]), model.log_ratio(["rod_0"]))
+
+    likelihood = Edges(ROD, k=2.0)
+    likelihood.__dict__["model"] = kept  # instead of that of rendered people
+    places = np.repeat(scenes.root(), 9, axis=0)
+    places[:, 1] = np.linspace(-0.4, 0.4, 9)
+    frame = scenes.frame(0, (scenes.FRONT, bar()))
+    found = likelihood.log_prob(frame, frame, places, places)
+    assert np.argmax(found) == 4
+    assert found[4] > np.delete(found, 4).max() + 1.0
+
+
+def test_bins_never_met_say_nothing():
+    on, off = np.zeros((2, 1, BINS)), np.zeros((2, 1, BINS))
+    on[:, 0, 3], off[:, 0, 5] = 10.0, 80.0
+    found = EdgeModel(("rod",), on, off).log_ratio(["left_rod"])[0, 0]
+    assert found[3] > 1.0
+    assert found[5] < -1.0
+    np.testing.assert_allclose(np.delete(found, [3, 5]), 0.0, atol=1e-6)
+
+
+def test_limbs_that_were_not_learned_are_an_error():
+    model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
+    with pytest.raises(InputError, match="knows thigh, but not the limb 'tail'"):
+        model.log_ratio(["left_thigh", "tail"])
+    with pytest.raises(InputError, match="k must be positive"):
+        Edges(ROD, k=0.0)
+
+
+@pytest.mark.parametrize("damage", ["missing", "junk", "format", "shape", "lacks"])
+def test_a_file_that_is_no_edge_model(tmp_path, damage):
+    path = tmp_path / "edges.h5"
+    write_edges(path, EdgeModel(("rod",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS))), PROVENANCE)
+    if damage == "missing":
+        path.unlink()
+    elif damage == "junk":
+        path.write_bytes(b"not HDF5")
+    else:
+        with h5py.File(path, "a") as file:
+            if damage == "format":
+                file.attrs["format"] = "another"
+            else:
+                del file["on"]
+            if damage == "shape":
+                file["on"] = np.ones((2, 2, BINS))
+    with pytest.raises(InputError, match=r"edges\.h5: "):
+        read_edges(path)

@@ -1,0 +1,206 @@
+"""How the person looks, limb by limb, learned from the first frame and slowly renewed (paper A, section 8).
+
+A's own likelihood compares with the frame before alone, so that small errors add up: it drifts. A template does not.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numba
+import numpy as np
+
+from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.body.kinematics import JointFrames, forward
+from workbench.body.limbs import Body
+from workbench.datasets.frame import Frame, View
+from workbench.errors import InputError
+from workbench.likelihoods.image_motion import patch_samples, smoothed
+from workbench.likelihoods.image_motion_kernel import FAST
+from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
+
+ALONG, AROUND = 10, 24
+"""Cells of a limb's template: along it, and once around it."""
+_PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """The grey levels of L limbs' surfaces as one camera sees them, in cells (L, ALONG, AROUND).
+
+    mean: grey levels. n: how many frames the mean stands for, 0 where a cell was never seen.
+    """
+
+    mean: FloatArray
+    n: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """Every limb carries a template of its grey levels; a point shows its cell's level, or anything at all:
+
+        log p = k/n Σ_j Σ_i log( ε + (1−ε) 256 N(I(x_j,i); T_j(x_j,i), σ² (1 + 1/n_T)) )
+
+    x_j,i: n points of limb j's planar patch, which lie on the limb where its section, taken as round, is seen from the
+    camera: at the azimuth of the patch's side less arccos v. Cells go around the limb, so that each learns when its
+    side is seen. The ratio is to a person of any grey level, the foreground of `Background`; points that are hidden,
+    out of the image or in a cell not yet seen add nothing. n_T: how many frames the cell's mean T stands for. Each
+    limb counts as k independent pixels.
+
+    After every frame the template learns from the expected pose: T += g (I − T), g = w max(1/(n_T + 1), rate), w being
+    the probability that the point is no outlier. So the first 1/rate frames are averaged, and later ones slowly
+    replace them. A template learned from wrong poses is wrong: what drifts into it stays for about 1/rate frames.
+
+    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n. blur_px: of the smoothing. seed: of the points.
+    Raises InputError when a constant is out of range.
+    """
+
+    body: Body
+    k: float = 1.0
+    sigma: float = 12.0
+    epsilon: float = 0.1
+    rate: float = 0.1
+    n_samples: int = 16
+    blur_px: float = 2.0**0.5
+    seed: int = 0
+    _templates: dict[str, Template] = field(default_factory=dict, init=False, repr=False)
+    _notes: list[str] = field(default_factory=list, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, good, expected in (
+            ("k", self.k > 0.0, "positive"),
+            ("sigma", self.sigma > 0.0, "positive"),
+            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
+            ("rate", 0.0 <= self.rate <= 1.0, "between 0 and 1"),
+            ("n_samples", self.n_samples >= 1, "at least 1"),
+            ("blur_px", self.blur_px >= 0.0, "at least 0"),
+        ):
+            if not good:
+                raise InputError(f"appearance: {name} must be {expected}, found {getattr(self, name)!r}")
+
+    @property
+    def templates(self) -> Mapping[str, Template]:
+        """What was learned so far, by the camera's name."""
+        return self._templates
+
+    @cached_property
+    def samples(self) -> FloatArray:
+        """The points (n, 2) of every patch."""
+        return patch_samples(self.n_samples, np.random.default_rng(self.seed))
+
+    @cached_property
+    def learned_from(self) -> FloatArray:
+        """The points (n, 2) of every patch that the template learns from, evenly spread over its cells."""
+        u = (np.arange(ALONG * _PER_CELL) + 0.5) / (ALONG * _PER_CELL)
+        angles = np.pi * (np.arange(AROUND // 2 * _PER_CELL) + 0.5) / (AROUND // 2 * _PER_CELL)
+        v = -np.cos(angles)
+        return patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
+
+    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
+        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
+        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
+            self._notes.append(f"appearance: {bad} of {len(pose)} poses were not finite")
+        if unknown := [view.camera.name for view in frame.views if view.camera.name not in self._templates]:
+            self._notes.append(f"appearance: nothing is known yet of how {unknown[0]} sees the person")
+        return over_views(self.body, frame, pose, self._one_view)
+
+    def begin(self, frame: Frame, pose: FloatArray) -> None:
+        """Learn anew, from a frame and its expected pose (P,)."""
+        self._templates.clear()
+        self.observe(frame, pose)
+
+    def observe(self, frame: Frame, pose: FloatArray) -> None:
+        """Learn from a frame and its expected pose (P,); one that is not finite teaches nothing."""
+        if not np.isfinite(pose).all():
+            self._notes.append(f"appearance: frame {frame.index} has no finite expected pose to learn from")
+            return
+        frames = forward(self.body.skeleton, pose[None])
+        for view in frame.views:
+            points = limb_points(self.body, self.learned_from, view.camera, frames)
+            seen = cell_levels(smoothed(view, self.blur_px), points, self.learned_from)
+            before = self._templates.get(view.camera.name)
+            self._templates[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out since the last call."""
+        sentences = tuple(dict.fromkeys(self._notes))
+        self._notes.clear()
+        return sentences
+
+    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
+        if view.camera.name not in self._templates:
+            return np.zeros(len(frames.positions))
+        points = limb_points(self.body, self.samples, view.camera, frames)
+        image, template = smoothed(view, self.blur_px), self._templates[view.camera.name]
+        ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
+        log_prob: FloatArray = self.k * ratios.sum(axis=1)
+        return log_prob
+
+
+def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:
+    """The cells of points (n, 2) along the limbs (n,), and around limbs that are turned by (N, L): (N, L, n)."""
+    along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
+    azimuth = (turns[..., None] - np.arccos(np.clip(samples[:, 1], -1.0, 1.0))) / (2.0 * np.pi)
+    around = ((azimuth - np.floor(azimuth)) * AROUND).astype(np.int64)
+    return along, np.minimum(around, AROUND - 1)
+
+
+def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -> FloatArray:
+    """The mean grey level (L, ALONG, AROUND) that one pose's points show of every cell, NaN of those not seen."""
+    along, around = cells(samples, points.turns)
+    limb, i = np.nonzero(points.counts[0])
+    levels = levels_at(image, points.pixels[0, limb, i])
+    total, n = np.zeros((2, points.counts.shape[1], ALONG, AROUND))
+    cell = limb, along[i], around[0, limb, i]
+    np.add.at(total, cell, levels)
+    np.add.at(n, cell, 1.0)
+    return np.where(n > 0.0, total / np.maximum(n, 1.0), np.nan)
+
+
+def learned(before: Template | None, seen: FloatArray, sigma: float, epsilon: float, rate: float) -> Template:
+    """The template after cells were seen at levels (L, ALONG, AROUND), NaN where they were not; see `Appearance`."""
+    mean, n = (np.zeros_like(seen), np.zeros_like(seen)) if before is None else (before.mean, before.n)
+    apart = np.where(np.isnan(seen), 0.0, seen - mean)
+    variance = sigma**2 * (1.0 + 1.0 / np.maximum(n, 1.0))
+    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    trust = np.where(np.isnan(seen), 0.0, np.where(n > 0.0, ratio / (ratio + epsilon), 1.0))
+    gain = trust * np.maximum(1.0 / (n + 1.0), rate)
+    return Template(mean + gain * apart, n + trust)
+
+
+def template_log_ratio(
+    image: Float32Array, points: LimbPoints, samples: FloatArray, template: Template, sigma: float, epsilon: float
+) -> FloatArray:
+    """log(ε + (1−ε) 256 N) at the points that count and whose cell is known, summed for each limb (N, L), over n."""
+    variance = sigma**2 * (1.0 + 1.0 / np.maximum(template.n, 1.0))
+    peak = np.where(template.n > 0.0, (1.0 - epsilon) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
+    along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
+    offsets = -np.arccos(np.clip(samples[:, 1], -1.0, 1.0))
+    sums = np.empty(points.turns.shape)
+    _template_sums(
+        *(image, points.pixels, points.counts, points.turns, along, offsets),
+        *(template.mean, peak, -0.5 / variance, epsilon, sums),
+    )
+    return sums / len(samples)
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _template_sums(
+    image: Any, pixels: Any, counts: Any, turns: Any, along: Any, offsets: Any,
+    mean: Any, peak: Any, slope: Any, epsilon: float, sums: Any,
+) -> None:  # fmt: skip
+    n_around, turn = mean.shape[2], 2.0 * np.pi
+    for i in numba.prange(counts.shape[0]):
+        for limb in range(counts.shape[1]):
+            total = 0.0
+            for s in range(counts.shape[2]):
+                if not counts[i, limb, s]:
+                    continue
+                azimuth = (turns[i, limb] + offsets[s]) / turn
+                around = min(int((azimuth - np.floor(azimuth)) * n_around), n_around - 1)
+                height = peak[limb, along[s], around]
+                if height > 0.0:
+                    apart = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
+                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * apart * apart))
+            sums[i, limb] = total

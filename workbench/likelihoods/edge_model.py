@@ -1,0 +1,151 @@
+"""How edge and ridge filters respond on limbs and elsewhere, learned from rendered people (Sidenbladh & Black 2003)."""
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from workbench import __version__
+from workbench.arrays import Float32Array, FloatArray
+from workbench.body.kinematics import forward
+from workbench.body.limbs import Body, person
+from workbench.datasets import gait, render, synthetic
+from workbench.datasets.frame import View
+from workbench.datasets.synthetic import Synthetic
+from workbench.digest import code_digest
+from workbench.errors import InputError
+from workbench.files import whole_file
+from workbench.learning.store import Provenance
+from workbench.likelihoods import edge_filters
+from workbench.likelihoods.edge_filters import POINTS, filtered, responses
+from workbench.likelihoods.limb_points import limb_points
+
+log = logging.getLogger(__name__)
+
+FORMAT = "workbench edge model 1"
+BINS = 32
+EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)
+"""Of the responses; beyond, they belong to the last bin."""
+OUTLIERS = 0.05
+SCENES, FRAMES = 10, 5
+"""Share of responses that say nothing; rendered people, and frames of each to learn from."""
+_FIRST_SEED = 1000  # of clothes, backgrounds and walks that no experiment renders
+_DISPLACED = 8  # wrong poses for every true one
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeModel:
+    """Counts of responses by limb part. parts: names of G limbs, without left and right. on, off: (2, G, BINS), of
+    edges and of ridges, on the limbs and with the body displaced."""
+
+    parts: tuple[str, ...]
+    on: FloatArray
+    off: FloatArray
+
+    def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
+        """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
+
+        A share `OUTLIERS` of either is what both have in common, so that bins hardly ever met say little.
+        Raises InputError for a limb the model does not have.
+        """
+        parts = [_part(name) for name in limbs]
+        if unknown := sorted(set(parts) - set(self.parts)):
+            raise InputError(f"edges: the model knows {', '.join(self.parts)}, but not the limb {unknown[0]!r}")
+        on, off, common = (
+            counts / counts.sum(axis=-1, keepdims=True) for counts in (self.on, self.off, self.on + self.off + 1.0)
+        )
+        ratio = np.log((1.0 - OUTLIERS) * on + OUTLIERS * common) - np.log((1.0 - OUTLIERS) * off + OUTLIERS * common)
+        table: Float32Array = ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
+        return table
+
+
+def edge_model(cache: str) -> EdgeModel:
+    """The model of rendered people, from the folder `cache` or learned anew, which takes half a minute."""
+    code = code_digest(edge_filters, render, synthetic, gait)
+    provenance = Provenance({}, {"scenes": SCENES, "frames": FRAMES, "bins": BINS, "seed": _FIRST_SEED}, (), code)
+    path = Path(cache).expanduser() / "models" / f"edges-{provenance.key[:16]}.h5"
+    if path.is_file():
+        return read_edges(path)
+    log.info("learning edges and ridges from rendered people")
+    rng = np.random.default_rng(_FIRST_SEED)
+    model = learn_edges(rendered_people(rng), rng)
+    write_edges(path, model, provenance)
+    return model
+
+
+def rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, FloatArray]]:
+    """Views of walkers of all sorts, with their bodies and true poses (P,)."""
+    for scene in range(SCENES):
+        dataset = Synthetic(
+            path=("straight", "circle")[scene % 2],
+            n_frames=FRAMES,
+            rate_hz=4.0,
+            view_deg=float(rng.uniform(30.0, 150.0)),
+            person_px=float(rng.uniform(200.0, 340.0)),
+            contrast=float(rng.uniform(0.5, 1.5)),
+            clutter=float(rng.uniform(0.5, 1.5)),
+            seed=_FIRST_SEED + scene,
+        )
+        body = person(dataset.shape)
+        for frame in dataset.frames():
+            if frame.truth is not None and frame.truth.pose is not None:
+                yield body, frame.views[0], frame.truth.pose
+
+
+def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Generator) -> EdgeModel:
+    """Count the responses at true poses (P,), and at the same displaced in the image by 5 to 60 cm."""
+    counts: dict[str, FloatArray] = {}
+    for body, view, pose in seen:
+        angle, far = rng.uniform(0.0, 2.0 * np.pi, _DISPLACED), rng.uniform(0.05, 0.6, _DISPLACED)
+        poses = np.repeat(pose[None], 1 + _DISPLACED, axis=0)
+        offsets = np.outer(far * np.cos(angle), view.camera.rotation[0]) + np.outer(
+            far * np.sin(angle), view.camera.rotation[1]
+        )
+        poses[1:, :3] += offsets
+        points = limb_points(body, POINTS, view.camera, forward(body.skeleton, poses))
+        edges, ridges, looked_at = responses(filtered(view), points)
+        kinds = ((edges, looked_at[..., [0, 2]], EDGE_RANGE), (ridges, looked_at[..., 1], RIDGE_RANGE))
+        for limb, name in enumerate(body.limbs.names):
+            found = counts.setdefault(_part(name), np.zeros((2, 2, BINS)))
+            for kind, (values, counted, (low, high)) in enumerate(kinds):
+                for on, rows in enumerate((slice(0, 1), slice(1, None))):
+                    inside = np.clip(values[rows, limb][counted[rows, limb]], low, np.nextafter(high, low))
+                    found[on, kind] += np.histogram(inside, BINS, (low, high))[0]
+    if not counts:
+        raise InputError("edges: expected views of people to learn from")
+    on, off = np.stack(list(counts.values()), axis=2)
+    return EdgeModel(tuple(counts), on, off)
+
+
+def write_edges(path: Path, model: EdgeModel, provenance: Provenance) -> None:
+    """Write the model to `path`; the file appears whole or not at all."""
+    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["workbench"] = __version__
+        file.attrs["provenance"] = provenance.as_json()
+        file.attrs["parts"] = list(model.parts)
+        file["on"], file["off"] = model.on, model.off
+
+
+def read_edges(path: Path) -> EdgeModel:
+    """Read a model; raises InputError when the file is missing or is not an edge model of this format."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such model file")
+    try:
+        with h5py.File(path, "r") as file:
+            found = file.attrs.get("format")
+            if found != FORMAT:
+                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
+            model = EdgeModel(tuple(map(str, file.attrs["parts"])), file["on"][:], file["off"][:])
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: expected an edge model in HDF5: {error}") from None
+    if not model.on.shape == model.off.shape == (2, len(model.parts), BINS):
+        raise InputError(f"{path}: expected counts of shape (2, {len(model.parts)}, {BINS}), found {model.on.shape}")
+    return model
+
+
+def _part(limb: str) -> str:
+    return limb.removeprefix("left_").removeprefix("right_")

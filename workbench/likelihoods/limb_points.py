@@ -1,0 +1,94 @@
+"""Points on the limbs as one camera sees them: what the cues that look at single frames have in common."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.body.camera import Camera
+from workbench.body.kinematics import JointFrames, forward
+from workbench.body.limbs import Body
+from workbench.datasets.frame import Frame, View
+from workbench.likelihoods.image_motion_kernel import FAST, place_points
+
+
+@dataclass(frozen=True, eq=False)
+class LimbPoints:
+    """n points on each of L limbs in N poses. pixels: (N, L, n, 2), px. counts: (N, L, n), which of them to look at.
+
+    turns: (N, L), rad, the azimuth about the limb, in its joint's frame, of its side at v = 1.
+    """
+
+    pixels: Float32Array
+    counts: BoolArray
+    turns: FloatArray
+
+
+def limb_points(
+    body: Body, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool = False
+) -> LimbPoints:
+    """Points (n, 2) of every patch, u along and v across it: those on it that no limb hides, or those `beside` it,
+    |v| > 1, that no limb covers. See `image_motion_kernel.place_points`."""
+    return LimbPoints(*place_points(body.limbs, samples, camera, frames, beside))
+
+
+def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:
+    """The points (U·V, 2) of a grid on the patch, v running fastest."""
+    return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def mean_at(image: Float32Array, points: LimbPoints) -> FloatArray:
+    """The image's values at the points that count, summed for each limb (N, L) and divided by n: hidden ones add 0."""
+    sums = np.empty(points.counts.shape[:2])
+    _sum_at(image, points.pixels, points.counts, sums)
+    means: FloatArray = sums / points.counts.shape[2]
+    return means
+
+
+def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
+    """The image's values (M,) at pixels (M, 2) inside it."""
+    levels = np.empty(len(pixels))
+    _levels_at(image, pixels, levels)
+    return levels
+
+
+def over_views(
+    body: Body, frame: Frame, pose: FloatArray, one_view: Callable[[View, JointFrames], FloatArray]
+) -> FloatArray:
+    """The sum over the frame's views of `one_view`'s log likelihoods (N,); −inf where a pose (N, P) is not finite."""
+    finite = np.isfinite(pose).all(axis=1)
+    frames = forward(body.skeleton, pose[finite])
+    log_prob = np.full(len(pose), -np.inf)
+    log_prob[finite] = sum((one_view(view, frames) for view in frame.views), np.zeros(int(finite.sum())))
+    return log_prob
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
+    for i in numba.prange(counts.shape[0]):
+        for limb in range(counts.shape[1]):
+            total = 0.0
+            for s in range(counts.shape[2]):
+                if counts[i, limb, s]:
+                    total += bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1])
+            sums[i, limb] = total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _levels_at(image: Any, pixels: Any, levels: Any) -> None:
+    for i in range(levels.shape[0]):
+        levels[i] = bilinear(image, pixels[i, 0], pixels[i, 1])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def bilinear(image: Any, x: float, y: float) -> Any:
+    """The value of the image at a point between the centres of its pixels."""
+    column, row = np.uint32(x), np.uint32(y)  # unsigned indices spare numba's test for negative ones
+    right, below = np.uint32(column + np.uint32(1)), np.uint32(row + np.uint32(1))
+    fx, fy = np.float32(x - column), np.float32(y - row)
+    top = image[row, column] + fx * (image[row, right] - image[row, column])
+    bottom = image[below, column] + fx * (image[below, right] - image[below, column])
+    return top + fy * (bottom - top)
