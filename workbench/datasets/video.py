@@ -98,8 +98,8 @@ class Video:
         index = self.first_frame - 1
         for index, image in enumerate(decode(self.source, self.first_frame, self.last_frame), self.first_frame):
             self._check_size(image)
-            views, keypoints = (View(camera, self._scaled(image)),), self._keypoints_at(self._keypoints, index)
-            yield Frame(index, index / self.rate_hz, views, self._truth_at(index), keypoints=keypoints)
+            view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
+            yield Frame(index, index / self.rate_hz, (view,), self._truth_at(index))
         if index < self.last_frame:
             raise InputError(f"{self.source}: ends before frame {self.last_frame}, which was there before")
 

@@ -17,7 +17,7 @@ from workbench.errors import InputError
 from workbench.inference.decoding import Decoder, MotionDecoder, MotionModel, PoseDecoder
 from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, follow, global_motion, pose_prior, track_poses
 from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe
+from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe, views_residual
 from workbench.inference.phase_grid import find_phase, roots_from_points
 from workbench.inference.residuals import Loss, Residual, upright_residual
 from workbench.inference.robust import LOSSES
@@ -336,7 +336,7 @@ class LeastSquares:
         if kinds_seen(seen) != ("keypoints",):
             return residuals
         upright = upright_residual(self.skeleton, UPRIGHT_SIGMA_RAD)
-        return [upright if one.keypoints is None else own for one, own in zip(seen, residuals, strict=True)]
+        return [own if one.keypoints else upright for one, own in zip(seen, residuals, strict=True)]
 
     def _coarse(self, seen: Sequence[Observed]) -> tuple[list[Residual], Loss]:
         """What the start looks at, and with which loss: some of the points, and keypoints where there are enough."""
@@ -347,19 +347,19 @@ class LeastSquares:
     def _first_roots(self, decoder: MotionDecoder, seen: Sequence[Observed], times_s: FloatArray) -> FloatArray:
         """Where the person may be, (n, 6), in the first frame that shows enough: by its keypoints, else by points."""
         keypoints = first_keypoints(seen)
-        if keypoints is None:
+        if not keypoints:
             return roots_from_points(self.skeleton, [one.points for one in seen], times_s)
-        return likely_roots(decoder, keypoints, keypoints.residual(self.skeleton, self.sigma_px))
+        return likely_roots(decoder, keypoints, views_residual(self.skeleton, keypoints, self.sigma_px))
 
     def _first_pose(self, seen: Sequence[Observed], times_s: FloatArray, prior: Gaussian | None) -> FloatArray:
         """The same without a motion: a pose (P,)."""
         keypoints = first_keypoints(seen)
-        if keypoints is None:
+        if not keypoints:
             roots = roots_from_points(self.skeleton, [one.points for one in seen], times_s)
             if len(roots) > 1:
                 raise InputError("least squares: the person moves too little to tell where they face; give a start")
             return np.concatenate([roots[0], np.zeros(len(self.skeleton.dof_names) - N_ROOT)])
-        return likely_pose(self.skeleton, keypoints, keypoints.residual(self.skeleton, self.sigma_px), prior)
+        return likely_pose(self.skeleton, keypoints, views_residual(self.skeleton, keypoints, self.sigma_px), prior)
 
 
 def _fit(
