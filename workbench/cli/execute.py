@@ -23,7 +23,7 @@ from workbench.cli.summary import Summary, versions
 from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
 from workbench.inference.least_squares import LeastSquares
@@ -111,7 +111,7 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
     with _timed(summary, "prior_learning"):
         prior: Prior = build(config.prior)
     full_body: Body | None = getattr(dataset, "full_body", None)
-    body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body)
+    body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body, dataset=dataset)
     _check_skeletons(full_body, body, prior)
     likelihood = build(config.likelihood, body=body)
     live = {
@@ -169,9 +169,10 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
     streams = rng_streams(int(config.seed))
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
+    shaking = AccelerationError(parts.body.skeleton, parts.prior.parameters)
     with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
         for step in steps:
-            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale)
+            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale) | shaking.add(step)
             with _timed(summary, "recording"):
                 recorder.log(step, errors)
             summary.add(step, errors)

@@ -26,9 +26,9 @@ class View:
 class Truth:
     """Ground truth of one frame, each part where it is known.
 
-    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints. marks: (J, 2) marked pixels in the first view,
-    NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a hidden joint. activity: what the
-    person does, such as "walk".
+    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints, NaN for one that is not known. marks: (J, 2)
+    marked pixels in the first view, NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a
+    hidden joint. activity: what the person does, such as "walk".
     """
 
     pose: FloatArray | None = None
