@@ -36,12 +36,12 @@ def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
 def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """The continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq. 21), in
     the quantity's unit; the absolute error where all particles are equal."""
-    order = np.argsort(values, axis=0)
-    x, w = np.take_along_axis(values, order, axis=0), weights[order]
-    reached = np.cumsum(w, axis=0)
+    columns = np.ascontiguousarray(values.T)
+    order = np.argsort(columns, axis=1)
+    x, reached = np.take_along_axis(columns, order, axis=1), np.cumsum(weights[order], axis=1)[:, :-1]
     # half of E|x − x'| = Σ over gaps between neighbours of gap · F (1 − F)
-    spread = (np.diff(x, axis=0) * reached[:-1] * (1.0 - reached[:-1])).sum(axis=0)
-    score: FloatArray = (w * np.abs(x - truth)).sum(axis=0) - spread
+    spread = (np.diff(x, axis=1) * reached * (1.0 - reached)).sum(axis=1)
+    score: FloatArray = (np.abs(columns - truth[:, None]) * weights).sum(axis=1) - spread
     return score
 
 

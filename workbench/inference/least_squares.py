@@ -21,7 +21,7 @@ from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen
 from workbench.inference.phase_grid import find_phase, roots_from_points
 from workbench.inference.residuals import Loss, Residual, upright_residual
 from workbench.inference.robust import LOSSES
-from workbench.inference.smooth_fit import fit_smooth
+from workbench.inference.smooth_fit import LEANING_SIGMA_RAD, first_poses, fit_smooth
 from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, first_keypoints, likely_pose, likely_roots
 from workbench.inference.step import Step
 from workbench.learning.activities import ActivityModel
@@ -327,9 +327,9 @@ class LeastSquares:
         decoder = None if self.model is None else MotionDecoder(self.skeleton, self.model, rest)
         if decoder is None or self.style in FREE_STYLES:
             prior = pose_prior(decoder) if decoder is not None and self.pose_prior else None
-            start = self._first_pose(seen, times_s, prior) if start is None else start
             if self.style == "smooth":
-                return self._fit_smooth(residuals, times_s, start)
+                return self._fit_smooth(seen, residuals, times_s, start)
+            start = self._first_pose(seen, times_s, prior) if start is None else start
             return fit_poses(PoseDecoder(self.skeleton), residuals, self.loss, start, prior)
         return fit_sequence(
             decoder, residuals, times_s, self.loss, coarse=self._coarse(seen), smoothness=self.smoothness,
@@ -338,10 +338,18 @@ class LeastSquares:
             max_iterations=self.max_iterations,
         )  # fmt: skip
 
-    def _fit_smooth(self, residuals: Sequence[Residual], times_s: FloatArray, start: FloatArray) -> Fit:
+    def _fit_smooth(
+        self, seen: Sequence[Observed], residuals: Sequence[Residual], times_s: FloatArray, start: FloatArray | None
+    ) -> Fit:
         clock = perf_counter()
+        if start is not None:
+            starts = start[None]
+        elif keypoints := first_keypoints(seen):
+            starts = first_poses(self.skeleton, keypoints, self.sigma_px)
+        else:
+            starts = self._first_pose(seen, times_s, None)[None]
         poses, covariances, found = fit_smooth(
-            self.skeleton, residuals, times_s, self.loss, start, self.smoothness, self.max_iterations
+            self.skeleton, residuals, times_s, self.loss, starts, self.smoothness, self.max_iterations
         )
         timing_s = {"least_squares": perf_counter() - clock}
         decoder = PoseDecoder(self.skeleton)
@@ -349,11 +357,13 @@ class LeastSquares:
 
     def _residuals(self, seen: Sequence[Observed]) -> list[Residual]:
         """Of every frame. Where keypoints are all there is, a person is upright in the frames between them too."""
-        residuals = [one.residual(self.skeleton, self.surface, self.kind, self.sigma, self.sigma_px) for one in seen]
+        upright = LEANING_SIGMA_RAD if self.style == "smooth" else UPRIGHT_SIGMA_RAD
+        own = (self.skeleton, self.surface, self.kind, self.sigma, self.sigma_px, upright)
+        residuals = [one.residual(*own) for one in seen]
         if kinds_seen(seen) != ("keypoints",):
             return residuals
-        upright = upright_residual(self.skeleton, UPRIGHT_SIGMA_RAD)
-        return [own if one.keypoints else upright for one, own in zip(seen, residuals, strict=True)]
+        alone = upright_residual(self.skeleton, upright)
+        return [residual if one.keypoints else alone for one, residual in zip(seen, residuals, strict=True)]
 
     def _coarse(self, seen: Sequence[Observed]) -> tuple[list[Residual], Loss]:
         """What the start looks at, and with which loss: some of the points, and keypoints where there are enough."""

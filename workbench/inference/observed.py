@@ -14,6 +14,7 @@ from workbench.datasets.frame import Frame
 from workbench.inference.residuals import Residual, keypoint_residual, stacked, surface_residual, upright_residual
 
 UPRIGHT_SIGMA_RAD = 0.15
+"""Of people who walk or run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +33,23 @@ class Observed:
     points: FloatArray
     keypoints: tuple[Keypoints, ...] = ()
 
-    def residual(self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float) -> Residual:
-        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px."""
+    def residual(
+        self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float,
+        upright: float = UPRIGHT_SIGMA_RAD,
+    ) -> Residual:  # fmt: skip
+        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px; upright: as below."""
         parts = [] if not len(self.points) else [surface_residual(skeleton, surface, self.points, kind, sigma)]
-        parts += [views_residual(skeleton, self.keypoints, sigma_px)] if self.keypoints else []
+        parts += [views_residual(skeleton, self.keypoints, sigma_px, upright)] if self.keypoints else []
         return stacked(parts)
 
 
-def views_residual(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> Residual:
-    """Of one frame's keypoints in all views, with a deviation of sigma_px over the root of the weight, and of an
-    upright root, see `upright_residual`."""
+def views_residual(
+    skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float, upright: float = UPRIGHT_SIGMA_RAD
+) -> Residual:
+    """Of one frame's keypoints in all views, with a deviation of sigma_px over the root of the weight, and of a root
+    that leans by `upright`, rad, see `upright_residual`."""
     views = [keypoint_residual(skeleton, one.camera, one.joints, one.marks, sigma_px) for one in seen]
-    return stacked([*views, upright_residual(skeleton, UPRIGHT_SIGMA_RAD)])
+    return stacked([*views, upright_residual(skeleton, upright)])
 
 
 def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:

@@ -12,7 +12,9 @@ from workbench.inference.decoding import PoseDecoder
 from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, fit_frame
 from workbench.inference.levenberg_marquardt import Minimum
 from workbench.inference.motion_fit import FitProblem, fit_motion, second_differences
+from workbench.inference.observed import Keypoints, views_residual
 from workbench.inference.residuals import Loss, Residual, limit_residual, robust, stacked
+from workbench.inference.start import likely_poses
 
 LIMIT_SIGMA_RAD = 0.05
 REST_SIGMA_RAD = 1.0
@@ -20,6 +22,11 @@ REST_SIGMA_RAD = 1.0
 FOLLOW_SIGMA = 0.5
 """m and rad at PACE_HZ: how far from the frame before a pose is looked for at first."""
 SQUARED = Loss("squared", 1.0)
+FAR_LOSS = Loss("huber", 3.0)
+LEANING_SIGMA_RAD = 0.6
+"""Of pitch and roll of people who do anything."""
+N_HYPOTHESES = 3
+"""Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
 
 
 def fit_smooth(
@@ -27,21 +34,38 @@ def fit_smooth(
     residuals: Sequence[Residual],
     times_s: FloatArray,
     loss: Loss,
-    start: FloatArray,
+    starts: FloatArray,
     smoothness: Smoothness,
     max_iterations: int,
 ) -> tuple[FloatArray, FloatArray, Minimum]:
     """Poses (T, P) with their marginal covariances (T, P, P), and the search.
 
     Minimises Σ_t Σ_k ρ(r_tk) + limits + ½ Σ_t |angles / REST_SIGMA_RAD|² + the smoothness's second differences, which
-    is the smooth prior of paper A (section 6.1) over all frames at once. It starts from a pose (P,) in the first frame
-    and what is then found frame by frame.
+    is the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first frame,
+    of which the one wins that all frames together like best, and what is then found frame by frame, at first with a loss that sees any distance: an arm that one which redescends
+    has lost in one frame would be an outlier in all that follow.
     """
     decoder, limits = PoseDecoder(skeleton), limit_residual(skeleton, LIMIT_SIGMA_RAD)
-    bounded = [stacked([robust(one, loss), limits]) for one in residuals]
-    poses = _follow(decoder, bounded, times_s, start)
-    problem = smooth_problem(decoder, bounded, times_s, smoothness)
-    return fit_motion(problem, poses, max_iterations=max_iterations)
+
+    def problem(ends: Loss) -> FitProblem:
+        bounded = [stacked([robust(one, ends), limits]) for one in residuals]
+        return smooth_problem(decoder, bounded, times_s, smoothness)
+
+    far = problem(FAR_LOSS)
+    followed = [_follow(decoder, far.residuals, times_s, start) for start in starts]
+    found = [fit_motion(far, poses, max_iterations=max_iterations, tolerance=1e-3) for poses in followed]
+    poses, _, _ = min(found, key=lambda one: one[2].costs[-1])
+    return fit_motion(problem(loss), poses, max_iterations=max_iterations)
+
+
+def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> FloatArray:
+    """Poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows."""
+    residual = views_residual(skeleton, seen, sigma_px, LEANING_SIGMA_RAD)
+    sigma = np.full(len(skeleton.dof_names), REST_SIGMA_RAD)
+    sigma[:N_ROOT] = np.inf
+    rest = Gaussian.independent(np.zeros(len(sigma)), sigma)
+    bounded = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
+    return likely_poses(skeleton, seen, bounded, rest, N_HYPOTHESES)
 
 
 def smooth_problem(

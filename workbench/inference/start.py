@@ -28,6 +28,7 @@ LEAST_KEYPOINTS = 4
 KEYPOINT_LOSS = Loss("huber", 3.0)
 """With which a start is found in keypoints: it sees any distance, since which joint is which is known."""
 N_KEPT = 2
+APART_M = 0.1
 _APART_RAD = np.pi / 4.0  # between headings that are worth keeping both
 
 
@@ -119,13 +120,26 @@ def likely_pose(
 
     Where no prior holds the angles, the damping of the search does.
     """
+    return likely_poses(skeleton, seen, residual, prior, 1)[0]
+
+
+def likely_poses(
+    skeleton: Skeleton, seen: Sequence[Keypoints], residual: Residual, prior: Gaussian | None, most: int
+) -> FloatArray:
+    """The poses (n ≤ most, P) that fit one frame of keypoints best, the best first: minima found from N_HEADINGS
+    headings whose joints are APART_M or more from each other in the mean."""
     upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
     upright[:N_ROOT] = 0.0
     found = [
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
         for root in upright_roots(skeleton, seen, upright)
     ]
-    return min(found, key=lambda fit: fit.costs[-1]).x
+    kept: list[FloatArray] = []
+    for fit in sorted(found, key=lambda fit: fit.costs[-1]):
+        places = joints(skeleton, np.stack([fit.x, *kept]))
+        if len(kept) < most and (np.linalg.norm(places[1:] - places[0], axis=2).mean(axis=1) > APART_M).all():
+            kept.append(fit.x)
+    return np.array(kept)
 
 
 def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:

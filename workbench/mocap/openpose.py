@@ -161,10 +161,11 @@ def _layout(folder: Path, points: Sequence[FloatArray]) -> str:
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
-    """Sum of the medians of the limbs' lengths in the image, px."""
+    """The mean over the limbs of their median lengths in the image, px; infinite where none is seen."""
     joints = dict(zip(JOINT_NAMES, np.stack([_joints(layout, one) for one in points], axis=1), strict=True))
     lengths = [np.linalg.norm((joints[a] - joints[b])[:, :2], axis=1) for a, b in _BONES]
-    return float(sum(np.median(some[np.isfinite(some)]) for some in lengths if np.isfinite(some).any()))
+    medians = [np.median(some[np.isfinite(some)]) for some in lengths if np.isfinite(some).any()]
+    return float(np.mean(medians)) if medians else np.inf
 
 
 def _joints(layout: Layout, points: FloatArray) -> FloatArray:
