@@ -61,8 +61,7 @@ def test_a_smooth_fit_bridges_frames_that_show_nothing():
     steps = run(shown, style="smooth")
     assert errors_mm(SKELETON, found(steps)[6:8], poses[6:8]) < 40.0  # the arm moves by 100 mm between frames
     assert steps[6].warnings == ("frames 6 to 7: no keypoints; bridged by the frames beside them",)
-    held = run(shown, style="none")
-    np.testing.assert_array_equal(held[7].expected_pose, held[5].expected_pose)
+    assert errors_mm(SKELETON, found(run(shown, style="none"))[6:8], poses[6:8]) > 40.0
 
 
 def test_a_smooth_fit_keeps_the_limits_that_single_frames_break():

@@ -26,6 +26,7 @@ from workbench.errors import InputError
 from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
+from workbench.inference.keypoint_start import start_from_keypoints
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
@@ -146,8 +147,13 @@ def _unknown(dataset: Dataset) -> bool:
 
 
 def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
+    """The first pose (P,), or several (n, P) that keypoints allow."""
     if dataset.start_pose is not None:
         return dataset.start_pose
+    if dataset.start_marks is None and any(view.keypoints is not None for view in next(dataset.frames()).views):
+        poses = start_from_keypoints(body.skeleton, dataset.frames())
+        log.info("start fitted to keypoints: %d poses that they allow", len(poses))
+        return poses
     if dataset.start_marks is None:
         raise InputError(
             "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "

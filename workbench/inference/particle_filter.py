@@ -69,7 +69,8 @@ class ParticleFilter:
     def run(
         self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
+        """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted, or
+        the even mixture of those around several, (n, P).
 
         rng_streams: generators named "start", "resampling" and "prior". Raises DegenerateWeights as configured.
         """
@@ -78,7 +79,7 @@ class ParticleFilter:
         for frame in frames:
             clock = _Stopwatch()
             if previous is None:
-                state = self.prior.start(start, self.n_particles, rng_streams["start"])
+                state = self._start(np.atleast_2d(start), rng_streams["start"])
                 even = np.full(self.n_particles, -np.log(self.n_particles))
                 particles = Particles(state, self.prior.pose(state), even, np.arange(self.n_particles))
                 warnings: tuple[str, ...] = ()
@@ -89,6 +90,13 @@ class ParticleFilter:
             step = _step(frame, self.prior, particles, log_evidence, warnings, clock)
             yield replace(step, evaluations=0.0 if previous is None else float(self.n_particles))
             previous = frame
+
+    def _start(self, poses: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """States (N, D), as evenly as possible around the poses (n, P)."""
+        shares = np.bincount(np.arange(self.n_particles) % len(poses), minlength=len(poses))
+        return np.concatenate(
+            [self.prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n]
+        )
 
     def _advance(
         self,

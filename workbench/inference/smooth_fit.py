@@ -41,21 +41,38 @@ def fit_smooth(
     """Poses (T, P) with their marginal covariances (T, P, P), and the search.
 
     Minimises Σ_t Σ_k ρ(r_tk) + limits + ½ Σ_t |angles / REST_SIGMA_RAD|² + the smoothness's second differences, which
-    is the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first frame,
-    of which the one wins that all frames together like best, and what is then found frame by frame, at first with a loss that sees any distance: an arm that one which redescends
-    has lost in one frame would be an outlier in all that follow.
+    is the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first
+    frame, of which the one wins that all frames together like best, and what is then found frame by frame, at first
+    with a loss that sees any distance: an arm that one which redescends has lost in one frame would be an outlier in
+    all that follow.
     """
-    decoder, limits = PoseDecoder(skeleton), limit_residual(skeleton, LIMIT_SIGMA_RAD)
+    poses, _ = candidates(skeleton, residuals, times_s, starts, smoothness, max_iterations)[0]
+    problem = smooth_problem(PoseDecoder(skeleton), bounded(skeleton, residuals, loss), times_s, smoothness)
+    return fit_motion(problem, poses, max_iterations=max_iterations)
 
-    def problem(ends: Loss) -> FitProblem:
-        bounded = [stacked([robust(one, ends), limits]) for one in residuals]
-        return smooth_problem(decoder, bounded, times_s, smoothness)
 
-    far = problem(FAR_LOSS)
-    followed = [_follow(decoder, far.residuals, times_s, start) for start in starts]
-    found = [fit_motion(far, poses, max_iterations=max_iterations, tolerance=1e-3) for poses in followed]
-    poses, _, _ = min(found, key=lambda one: one[2].costs[-1])
-    return fit_motion(problem(loss), poses, max_iterations=max_iterations)
+def candidates(
+    skeleton: Skeleton,
+    residuals: Sequence[Residual],
+    times_s: FloatArray,
+    starts: FloatArray,
+    smoothness: Smoothness,
+    max_iterations: int,
+) -> list[tuple[FloatArray, float]]:
+    """Poses (T, P) and their cost under FAR_LOSS, from each of the poses `starts` (n, P), the likeliest first."""
+    decoder, near = PoseDecoder(skeleton), bounded(skeleton, residuals, FAR_LOSS)
+    problem, found = smooth_problem(decoder, near, times_s, smoothness), []
+    for start in starts:
+        poses = _follow(decoder, near, times_s, start)
+        poses, _, minimum = fit_motion(problem, poses, max_iterations=max_iterations, tolerance=1e-3)
+        found.append((poses, minimum.costs[-1]))
+    return sorted(found, key=lambda one: one[1])
+
+
+def bounded(skeleton: Skeleton, residuals: Sequence[Residual], loss: Loss) -> list[Residual]:
+    """With the loss of what is seen, and the limits beside it, which no loss forgives."""
+    limits = limit_residual(skeleton, LIMIT_SIGMA_RAD)
+    return [stacked([robust(one, loss), limits]) for one in residuals]
 
 
 def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> FloatArray:
@@ -64,8 +81,8 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
     sigma = np.full(len(skeleton.dof_names), REST_SIGMA_RAD)
     sigma[:N_ROOT] = np.inf
     rest = Gaussian.independent(np.zeros(len(sigma)), sigma)
-    bounded = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
-    return likely_poses(skeleton, seen, bounded, rest, N_HYPOTHESES)
+    within = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
+    return likely_poses(skeleton, seen, within, rest, N_HYPOTHESES)
 
 
 def smooth_problem(

@@ -120,7 +120,8 @@ def likely_pose(
 
     Where no prior holds the angles, the damping of the search does.
     """
-    return likely_poses(skeleton, seen, residual, prior, 1)[0]
+    pose: FloatArray = likely_poses(skeleton, seen, residual, prior, 1)[0]
+    return pose
 
 
 def likely_poses(
