@@ -95,14 +95,14 @@ def test_a_step_reports_them_all():
     true = joints(SKELETON, pose[None])[0]
     moved = pose + np.eye(25)[0] * 0.03
     errors = step_errors(step_of(np.stack([moved, moved]), Truth(pose=pose, joints=true)), BODY)
-    assert errors["error_humaneva_mm"] == pytest.approx(30)
+    assert errors["humaneva_mm"] == pytest.approx(30)
     assert errors["error_procrustes_mm"] == pytest.approx(0, abs=1e-9)
     assert errors["pck_150mm"] == errors["pck_150mm_map"] == 1.0
     assert errors["error_angle_deg"] == pytest.approx(0, abs=1e-9)
     gone = true.copy()
     gone[[0, 5]] = np.nan
     errors = step_errors(step_of(moved[None], Truth(joints=gone)), BODY)
-    assert errors["error_abs_mm"] == errors["error_humaneva_mm"] == pytest.approx(30)
+    assert errors["error_abs_mm"] == errors["humaneva_mm"] == pytest.approx(30)
     assert "error_rel_mm" not in errors
 
 
@@ -116,7 +116,23 @@ def test_shaking_is_told_from_standing_beside():
         for t in range(4):
             step = step_of((beside + (-1) ** t * shake * np.eye(25)[1])[None], true)
             error = measure.add(replace(step, frame=replace(step.frame, time_s=t / 20.0)))
-        errors.append(error["error_accel_m_s2"])
+        errors.append(error["acceleration_error_m_s2"])
     # from −1 cm to 1 cm and back in 0.1 s: 4 · 1 cm · 20² / s²
     assert errors == pytest.approx([0.0, 16.0], abs=1e-9)
     assert measure.add(step_of(beside[None], Truth(pose=pose))) == {}
+
+
+def test_the_error_in_the_image_is_the_mean_of_all_views():
+    pose = standing()
+    true = joints(SKELETON, pose[None])[0]
+    step = step_of((pose + 0.03 * np.eye(25)[0])[None], Truth(joints=true))
+    (front,) = step.frame.views
+    away = replace(
+        front, camera=replace(front.camera, name="far", translation=front.camera.translation + np.array([0, 0, 7.0]))
+    )
+    errors = [
+        step_errors(replace(step, frame=replace(step.frame, views=views)), BODY)["humaneva_px"]
+        for views in ((front,), (away,), (front, away))
+    ]
+    assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.02)  # twice as far, but for the depth of the body
+    assert errors[2] == pytest.approx(0.5 * (errors[0] + errors[1]))

@@ -115,10 +115,9 @@ def test_two_cameras_measure_a_person_of_unknown_height():
     other = person(shape_of(OTHER)).skeleton
     times, poses = swinging(other, 8, rate_hz=7.0)
     seen = [one.keypoints for one in observed(other, frames(other, times, poses))]
-    measured = measure(seen)
-    # what SIGMA_PX, 28 mm, leaves of a length that is seen in eight frames by two cameras on two sides, 5 to 7 mm, lets
-    # the priors bend it that much, although the pixels here are without noise
-    np.testing.assert_allclose(person_skeleton(measured.shape).offsets, other.offsets, atol=0.007)
+    measured = measure(seen, keypoint_sigma=0.002)
+    # the pixels are without noise; of a deviation of 4 mm eight frames and two cameras leave 1 mm to the priors
+    np.testing.assert_allclose(person_skeleton(measured.shape).offsets, other.offsets, atol=0.002)
     assert measured.error_px < 0.5
     assert errors_mm(other, measured.poses, poses) < 15.0
 

@@ -36,8 +36,9 @@ def frames(skeleton, times, poses, cameras=CAMERAS, sigma_px=0.0, seed=0):
     rng, image, places = np.random.default_rng(seed), np.zeros((480, 640), np.uint8), joints(skeleton, poses)
 
     def view(camera, place):
-        pixels = camera.project(place) return View(camera, image, np.column_stack([pixels + sigma_px *
-        rng.standard_normal(pixels.shape), np.ones(15)]))
+        pixels = camera.project(place)
+        seen = pixels + sigma_px * rng.standard_normal(pixels.shape)
+        return View(camera, image, np.column_stack([seen, np.ones(15)]))
 
     return [
         Frame(t, time, tuple(view(camera, places[t]) for camera in cameras)) for t, time in enumerate(times)

@@ -36,7 +36,7 @@ def step_errors(
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
-    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. error_humaneva_mm: over all joints with
+    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with
     the root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
@@ -60,6 +60,10 @@ def step_errors(
         pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
+        if truth.joints is not None and len(measured) == len(estimate) - 1 and step.frame.views:
+            seen = [(view.camera.project(estimate), view.camera.project(truth.joints)) for view in step.frame.views]
+            error = float(np.mean([mean_distance(found, true) for found, true in seen])) / image_scale
+            errors |= {f"humaneva_px{suffix}": error} if np.isfinite(error) else {}
     if truth.joints is not None and step.frame.views and "error_px" in errors:
         errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
     if truth.pose is not None:
@@ -119,15 +123,15 @@ def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArra
         "error_abs_mm": 1e3 * float(mean_distance(places, true)),
         "error_rel_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
         "error_procrustes_mm": 1e3 * procrustes(places, true),
-        "error_humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
+        "humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
         "pck_150mm": float(correct_keypoints(places, true, PCK_M)),
     }
     return {name: error for name, error in errors.items() if np.isfinite(error)}
 
 
 class AccelerationError:
-    """error_accel_m_s2: of the expected pose's joints against the true ones', in the frame before the one that comes
-    in, over the joints that parameters called `moving` move. Unlike the others it tells shaking from standing
+    """acceleration_error_m_s2: of the expected pose's joints against the true ones', in the frame before the one that
+    comes in, over the joints that parameters called `moving` move. Unlike the others it tells shaking from standing
     beside."""
 
     def __init__(self, skeleton: Skeleton, moving: Sequence[str] = POSE_NAMES) -> None:
@@ -146,7 +150,7 @@ class AccelerationError:
             return {}
         times_s, found, true = (np.array(part) for part in zip(*self._last, strict=True))
         (error,) = acceleration_error(found, true, times_s)
-        return {"error_accel_m_s2": float(error)} if np.isfinite(error) else {}
+        return {"acceleration_error_m_s2": float(error)} if np.isfinite(error) else {}
 
 
 def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, moving: Sequence[str]) -> float:

@@ -9,7 +9,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.frame_fit import PACE_HZ, Smoothness
-from workbench.inference.observed import observe, views_residual
+from workbench.inference.observed import observe, person_px, views_residual
 from workbench.inference.smooth_fit import LEANING_SIGMA_RAD, candidates, first_poses
 from workbench.inference.start import enough_keypoints
 
@@ -39,8 +39,7 @@ def start_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatAr
     first = enough_keypoints(seen[0]) if seen else ()
     if not first:
         raise InputError("dataset: expected keypoints in the first frame to start from, found too few")
-    heights = [np.ptp(one.marks[:, 1]) for one in first]
-    sigma_px = START_SIGMA * float(np.median(heights))
+    sigma_px = START_SIGMA * person_px(first)
     times_s = np.array([frame.time_s for frame in taken])
     residuals = [views_residual(skeleton, one.keypoints, sigma_px, LEANING_SIGMA_RAD) for one in seen]
     starts = first_poses(skeleton, first, sigma_px)

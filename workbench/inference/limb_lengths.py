@@ -16,7 +16,7 @@ from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.inference.decoding import PoseDecoder
 from workbench.inference.frame_fit import Gaussian, fit_frame
-from workbench.inference.observed import Keypoints, Observed, usable_keypoints, views_residual
+from workbench.inference.observed import Keypoints, Observed, person_px, usable_keypoints, views_residual
 from workbench.inference.residuals import projection_jacobian
 from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, likely_pose
 
@@ -31,7 +31,9 @@ PROPORTION_SIGMA = 0.08
 anatomists'."""
 ANGLE_SIGMA_RAD = 1.0
 """Of every joint angle about zero, for those that nothing shows, such as the twist of a straight arm."""
-SIGMA_PX = 4.0
+KEYPOINT_SIGMA = 0.03
+"""Of a joint, in heights of the person in the image: detectors are off by 1 to 2 %, but alike in frames that follow
+each other, so that eight say little more than one."""
 GAP_S = 1.0 / 14.0
 """Between the frames looked at: nearer ones show nothing new."""
 
@@ -72,27 +74,30 @@ def of_keypoints(dataset: Dataset, *, height_m: float | None = None, n_frames: i
     return person(measured.shape)
 
 
-def measure(seen: Sequence[Sequence[Keypoints]], height_m: float | None = None) -> Measured:
+def measure(
+    seen: Sequence[Sequence[Keypoints]], height_m: float | None = None, keypoint_sigma: float = KEYPOINT_SIGMA
+) -> Measured:
     """Lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
-    The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints are
-    as many pixels off as SIGMA_PX says, over the root of their weight, under Huber's loss.
+    The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
+    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's loss.
     """
+    sigma_px = keypoint_sigma * person_px(seen[0])
     start = np.zeros(1 + len(LENGTHS))
     start[0] = 0.0 if height_m is None else np.log(height_m / AVERAGE_M)
     spread = np.full(len(start), PROPORTION_SIGMA)
     spread[0] = HEIGHT_SIGMA if height_m is None else GIVEN_SIGMA
-    poses = _first_poses(person_skeleton(shape_of(start)), seen)
+    poses = _first_poses(person_skeleton(shape_of(start)), seen, sigma_px)
     held = np.concatenate([start, poses.ravel()]), np.concatenate([spread, np.tile(_pose_sigma(poses), len(poses))])
     held[0][len(start) :].reshape(poses.shape)[:, N_ROOT:] = 0.0
     tied = np.isfinite(held[1])
 
     def misses(x: FloatArray) -> FloatArray:
-        seen_off = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen)[0]
+        seen_off = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[0]
         return np.concatenate([seen_off, ((x - held[0]) / held[1])[tied]])
 
     def slopes(x: FloatArray) -> FloatArray:
-        by_seen = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen)[1]
+        by_seen = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[1]
         return np.vstack([by_seen, np.diag(1.0 / held[1])[tied]])
 
     found = least_squares(
@@ -101,8 +106,8 @@ def measure(seen: Sequence[Sequence[Keypoints]], height_m: float | None = None) 
     )  # fmt: skip
     lengths, poses = found.x[: len(start)], found.x[len(start) :].reshape(poses.shape)
     n_marks = sum(len(one.joints) for views in seen for one in views)
-    left = _project(lengths, poses, seen)[0]
-    return Measured(shape_of(lengths), poses, SIGMA_PX * float(np.sqrt((left**2).sum() / n_marks)))
+    left = _project(lengths, poses, seen, sigma_px)[0]
+    return Measured(shape_of(lengths), poses, sigma_px * float(np.sqrt((left**2).sum() / n_marks)))
 
 
 def shape_of(lengths: FloatArray) -> Shape:
@@ -130,7 +135,7 @@ def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray
 
 
 def _project(
-    lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]]
+    lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and poses."""
     skeleton = person_skeleton(shape_of(lengths))
@@ -141,7 +146,7 @@ def _project(
     places, misses, slopes = forward(skeleton, poses).positions, [], []
     for t, views in enumerate(seen):
         for one in views:
-            white = np.sqrt(one.marks[:, 2:]) / SIGMA_PX
+            white = np.sqrt(one.marks[:, 2:]) / sigma_px
             apart = np.nan_to_num((one.camera.project(places[t, one.joints]) - one.marks[:, :2]) * white, nan=1e3)
             lens = projection_jacobian(one.camera, places[t, one.joints]) * white[..., None]
             slope = np.zeros((apart.size, len(lengths) + poses.size))
@@ -153,10 +158,10 @@ def _project(
     return np.concatenate(misses), np.vstack(slopes)
 
 
-def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]]) -> FloatArray:
+def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
     """Poses (T, P) of the average person: the first from nothing, the others each from the one before."""
     prior = Gaussian.independent(np.zeros(len(skeleton.dof_names)), _pose_sigma(np.zeros((1, len(skeleton.dof_names)))))
-    residuals = [views_residual(skeleton, views, SIGMA_PX) for views in seen]
+    residuals = [views_residual(skeleton, views, sigma_px) for views in seen]
     poses = [likely_pose(skeleton, seen[0], residuals[0], prior)]
     for residual in residuals[1:]:
         poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)

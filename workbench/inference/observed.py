@@ -43,6 +43,11 @@ class Observed:
         return stacked(parts)
 
 
+def person_px(seen: Sequence[Keypoints]) -> float:
+    """The person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
+    return float(np.median([np.ptp(one.marks[:, 1]) for one in seen]))
+
+
 def views_residual(
     skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float, upright: float = UPRIGHT_SIGMA_RAD
 ) -> Residual:
