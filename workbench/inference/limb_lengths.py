@@ -80,7 +80,8 @@ def measure(
     """Lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
-    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's loss.
+    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's
+    loss.
     """
     sigma_px = keypoint_sigma * person_px(seen[0])
     start = np.zeros(1 + len(LENGTHS))
