@@ -38,9 +38,10 @@ def test_frames_come_in_order_as_many_as_promised_and_again_alike(dataset):
     assert len(frames) == len(dataset) == len(again) > 0
     assert np.all(np.diff([frame.index for frame in frames]) == 1)
     assert np.all(np.diff([frame.time_s for frame in frames]) > 0.0)
-    assert any(frame.keypoints is not None for frame in frames)
+    assert any(frame.views[0].keypoints is not None for frame in frames)
     for first, second in zip(frames, again, strict=True):
-        assert np.array_equal(first.keypoints, second.keypoints, equal_nan=first.keypoints is not None)
+        seen, seen_again = first.views[0].keypoints, second.views[0].keypoints
+        assert np.array_equal(seen, seen_again, equal_nan=seen is not None)
         assert (first.index, first.time_s) == (second.index, second.time_s)
         assert np.array_equal(first.views[0].image, second.views[0].image)
 
@@ -66,7 +67,7 @@ def test_what_is_known_has_the_promised_shape(dataset):
         assert dataset.start_marks.keypoints.shape == (len(dataset.start_marks.times_s), len(JOINT_NAMES), 3)
         assert dataset.start_marks.times_s[0] == next(dataset.frames()).time_s
     for frame in dataset.frames():
-        assert frame.keypoints is None or frame.keypoints.shape == (len(JOINT_NAMES), 3)
+        assert all(view.keypoints is None or view.keypoints.shape == (len(JOINT_NAMES), 3) for view in frame.views)
         truth = frame.truth
         if truth is not None and truth.joints is not None:
             assert truth.joints.shape == (len(JOINT_NAMES), 3)

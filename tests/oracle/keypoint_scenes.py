@@ -38,9 +38,9 @@ def keypoints(poses, sigma_px=0.0, missed=0.0, seed=0):
 
 def frames(times, seen):
     """Frames that show keypoints (T, 15, 3), or none where they are None."""
-    view = View(CAMERA, np.zeros((480, 640), np.uint8))
+    image = np.zeros((480, 640), np.uint8)
     return [
-        Frame(20 + t, time, (view,), keypoints=rows)
+        Frame(20 + t, time, (View(CAMERA, image, rows),))
         for t, (time, rows) in enumerate(zip(times, seen, strict=True))
     ]  # fmt: skip
 

@@ -207,7 +207,7 @@ def test_a_dataset_can_be_copied_with_other_parameters():
 def test_keypoints_are_the_true_joints_with_noise_and_some_missing():
     dataset = Synthetic(n_frames=40, width=160, height=120, person_px=60.0, focal_px=160.0, keypoint_sigma_px=2.0)
     frames = list(dataset.frames())
-    seen = np.array([frame.keypoints for frame in frames])
+    seen = np.array([frame.views[0].keypoints for frame in frames])
     apart = seen[:, :, :2] - np.array([dataset.view_camera.project(frame.truth.joints) for frame in frames])
     found = np.isfinite(seen).all(axis=2)
     # of 600 joints: the share missed has a deviation of 0.012, that of 1080 numbers or so one of 0.043 px

@@ -94,14 +94,14 @@ def test_marks_of_later_frames_may_help_the_start(scene):
 
 def test_marks_become_keypoints_but_for_those_held_out(scene):
     dataset = video(scene, scale=0.5, keypoints="marks.csv", hidden_weight=0.2)
-    seen = {frame.index: frame.keypoints for frame in dataset.frames()}
+    seen = {frame.index: frame.views[0].keypoints for frame in dataset.frames()}
     assert [index for index, keypoints in seen.items() if keypoints is not None] == [3, 10]
     assert seen[3][ANKLE] == pytest.approx([5.0, 19.75, 0.2])  # (u + ½) / 2 − ½
     assert np.isfinite(seen[10]).all(axis=1).sum() == 1
     assert all(frame.truth is None for frame in dataset.frames())
     dataset = video(scene, keypoints="marks.csv", eval_marks="marks.csv", held_out=[10])
     frames = list(dataset.frames())
-    assert [frame.index for frame in frames if frame.keypoints is not None] == [3]
+    assert [frame.index for frame in frames if frame.views[0].keypoints is not None] == [3]
     assert [frame.index for frame in frames if frame.truth is not None] == [10]
 
 

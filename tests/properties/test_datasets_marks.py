@@ -90,5 +90,5 @@ def test_a_file_without_marks_or_without_text_or_no_file_at_all(file, tmp_path):
     assert "text file" in outcome(file, b"\xff\xfe\x00")
     with pytest.raises(InputError, match="no such file"):
         read_marks(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="no such file"):
-        read_marks(tmp_path)
+    with pytest.raises(InputError, match="expected a folder of OpenPose's JSON files, found none"):
+        read_marks(tmp_path / "..")

@@ -24,9 +24,10 @@ from workbench.cli.summary import Summary, versions
 from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
+from workbench.inference.keypoint_start import start_from_keypoints
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
@@ -114,7 +115,7 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
     with _timed(summary, "prior_learning"):
         prior: Prior = build(config.prior, camera=lambda: _camera(dataset))
     full_body: Body | None = getattr(dataset, "full_body", None)
-    body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body)
+    body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body, dataset=dataset)
     _check_skeletons(full_body, body, prior)
     likelihood = build(config.likelihood, body=body, dataset=dataset)
     live = {
@@ -157,8 +158,13 @@ def _camera(dataset: Dataset) -> Camera:
 
 
 def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
+    """The first pose (P,), or several (n, P) that keypoints allow."""
     if dataset.start_pose is not None:
         return dataset.start_pose
+    if dataset.start_marks is None and any(view.keypoints is not None for view in next(dataset.frames()).views):
+        poses = start_from_keypoints(body.skeleton, dataset.frames())
+        log.info("start fitted to keypoints: %d poses that they allow", len(poses))
+        return poses
     if dataset.start_marks is None:
         raise InputError(
             "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
@@ -182,9 +188,10 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
     streams = rng_streams(int(config.seed))
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
+    shaking = AccelerationError(parts.body.skeleton, parts.prior.parameters)
     with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
         for step in steps:
-            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale)
+            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale) | shaking.add(step)
             with _timed(summary, "recording"):
                 recorder.log(step, errors)
             summary.add(step, errors)

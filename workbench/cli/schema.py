@@ -15,6 +15,7 @@ from omegaconf import MISSING
 
 from workbench.body import person
 from workbench.datasets.blank import Blank
+from workbench.datasets.multi_view import MultiView
 from workbench.datasets.point_files import PointFiles
 from workbench.datasets.points import Points
 from workbench.datasets.stereo import Stereo
@@ -24,6 +25,7 @@ from workbench.inference.annealed import Annealed
 from workbench.inference.auxiliary import Auxiliary
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
+from workbench.inference.limb_lengths import of_keypoints
 from workbench.inference.particle_filter import ParticleFilter
 from workbench.inference.restarting import Restarting
 from workbench.inference.smoothing import BackwardSimulation, FixedLag
@@ -52,10 +54,11 @@ from workbench.studies.learning_period import PeriodSnr
 from workbench.studies.learning_walk import LearnWalk
 
 COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
-    "body": {"dataset": person.of_dataset, "height": person.of_height, "file": of_file},
+    "body": {"dataset": person.of_dataset, "height": person.of_height, "file": of_file, "keypoints": of_keypoints},
     "dataset": {
         "synthetic": Synthetic,
         "video": Video,
+        "multi_view": MultiView,
         "blank": Blank,
         "points": Points,
         "stereo": Stereo,
@@ -106,7 +109,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     },
 }
 LIVE: dict[str, set[str]] = {
-    "body": {"dataset_shape", "full_body"},
+    "body": {"dataset_shape", "full_body", "dataset"},
     "prior": {"camera"},
     "likelihood": {"body", "dataset"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},

@@ -13,6 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from workbench.evaluation.errors import held
+from workbench.evaluation.events import lost_and_found, lost_share
 from workbench.files import whole_file
 from workbench.inference.step import Step
 
@@ -80,7 +81,10 @@ class Summary:
             means["jump_deg_mean"] = means.pop("jump_deg")
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
         if {"error_px", "forearm_px"} <= means.keys():
-            means["held"] = float(held(self.per_frame["error_px"], self.per_frame["forearm_px"]))
+            errors, widths = self.per_frame["error_px"], self.per_frame["forearm_px"]
+            means["held"] = float(held(errors, widths))
+            means["times_lost"] = float(sum(event.kind == "lost" for event in lost_and_found(errors, widths)))
+            means["lost_share"] = lost_share(errors, widths)
         return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
 
     @property

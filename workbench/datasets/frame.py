@@ -11,19 +11,24 @@ from workbench.body.shape import Shape
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera saw. image: (height, width) grey or (height, width, 3) RGB, uint8."""
+    """What one camera saw. image: (height, width) grey or (height, width, 3) RGB, uint8.
+
+    keypoints: (J, 3) joints marked or detected in the image, [u px, v px, weight 0..1], in the order of JOINT_NAMES and
+    NaN for a joint that was not; None where nobody looked for any.
+    """
 
     camera: Camera
     image: ByteArray
+    keypoints: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
     """Ground truth of one frame, each part where it is known.
 
-    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints. marks: (J, 2) marked pixels in the first view,
-    NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a hidden joint. activity: what the
-    person does, such as "walk".
+    pose: (P,). joints: (J, 3), m, in the skeleton's order of joints, NaN for one that is not known. marks: (J, 2)
+    marked pixels in the first view, NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a
+    hidden joint. activity: what the person does, such as "walk".
     """
 
     pose: FloatArray | None = None
@@ -37,9 +42,7 @@ class Truth:
 class Frame:
     """One time step's observations. index: the frame's number in its source; time_s: its time, s.
 
-    points: (K, 3) observed points of the person's surface, m, in the world, where there are some. keypoints: (J, 3)
-    joints marked or detected in the first view, [u px, v px, weight 0..1], in the order of JOINT_NAMES and NaN for a
-    joint that was not; None where nobody looked for any.
+    points: (K, 3) observed points of the person's surface, m, in the world, where there are some.
     """
 
     index: int
@@ -47,14 +50,13 @@ class Frame:
     views: tuple[View, ...]
     truth: Truth | None = None
     points: FloatArray | None = None
-    keypoints: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class MarkedFrames:
     """Joints marked in F frames, of which the first is the dataset's first frame, to start from.
 
-    times_s: (F,), s, rising. keypoints: (F, J, 3) as in `Frame`.
+    times_s: (F,), s, rising. keypoints: (F, J, 3) as in `View`.
     """
 
     times_s: FloatArray

@@ -1,9 +1,10 @@
-"""Joints marked by hand in a video, from a CSV file."""
+"""Joints marked by hand or found by a detector in a video, from a CSV file or OpenPose's JSON files."""
 
 import csv
+import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ import numpy as np
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.errors import InputError
+from workbench.mocap.openpose import read_openpose
+
+log = logging.getLogger(__name__)
 
 COLUMNS = ("frame", "joint", "u", "v", "visible")
 
@@ -22,12 +26,14 @@ class Marks:
     source: the file they come from. frames: (M,) numbers of the frames in their video, rising. pixels: (M, J, 2) marks
     [u, v] in the full-size image, the centre of the top left pixel being (0, 0), NaN for joints without a mark, in
     the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and where there is no mark.
+    confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by hand.
     """
 
     source: str
     frames: IntArray
     pixels: FloatArray
     visible: BoolArray
+    confidence: FloatArray | None = None
 
     def at(self, frame: int) -> tuple[FloatArray, BoolArray] | None:
         """Pixels (J, 2) and visibility (J,) of the marks in a frame; None where it has none."""
@@ -36,14 +42,32 @@ class Marks:
         row = int(np.searchsorted(self.frames, frame))
         return self.pixels[row], self.visible[row]
 
+    def weighted(self, frame: int, hidden_weight: float) -> FloatArray | None:
+        """The marks (J, 3) in a frame, [u, v, weight]: a detector's confidence, or 1, where hidden hidden_weight."""
+        if frame not in self.frames:
+            return None
+        row = int(np.searchsorted(self.frames, frame))
+        weights = np.where(self.visible[row], 1.0, hidden_weight) if self.confidence is None else self.confidence[row]
+        return np.column_stack([self.pixels[row], np.where(np.isnan(self.pixels[row, :, 0]), np.nan, weights)])
 
-def read_marks(path: str | Path) -> Marks:
-    """Read a CSV file with the columns frame, joint, u, v, visible, in any order; visible is 0 or 1.
+    def rows(self, kept: BoolArray) -> "Marks":
+        """Those of the frames `kept` (M,)."""
+        confidence = None if self.confidence is None else self.confidence[kept]
+        return replace(
+            self, frames=self.frames[kept], pixels=self.pixels[kept], visible=self.visible[kept], confidence=confidence
+        )
 
-    Raises InputError, naming the file and the line, for a missing or empty file, missing or unknown columns, an
-    unknown joint, what is not a number, and a second mark on the same joint in the same frame.
+
+def read_marks(path: str | Path, person: int | None = None) -> Marks:
+    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file.
+
+    The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming
+    the file and the line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a
+    number, and a second mark on the same joint in the same frame.
     """
     path = Path(path)
+    if path.is_dir():
+        return _detected(path, person)
     seen: dict[tuple[int, str], int] = {}
     rows: dict[int, list[tuple[int, float, float, bool]]] = {}
     for line, row in _rows(path):
@@ -61,6 +85,13 @@ def read_marks(path: str | Path) -> Marks:
         for j, u, v, visible in rows[frame]:
             pixels[m, j], visible_joints[m, j] = (u, v), visible
     return Marks(str(path), np.array(frames), pixels, visible_joints)
+
+
+def _detected(folder: Path, person: int | None) -> Marks:
+    found = read_openpose(folder, person)
+    log.info("%s: %s, %d frames", folder, found.layout, len(found.frames))
+    pixels, confidence = found.joints[..., :2], found.joints[..., 2]
+    return Marks(str(folder), found.frames, pixels, np.isfinite(confidence), confidence)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

@@ -125,8 +125,8 @@ class Synthetic:
         for i, image in enumerate(self._images):
             index = self.first_frame + i
             truth = Truth(pose=poses[i], joints=places[i])
-            views = (View(self.view_camera, image),)
-            yield Frame(index, index / self.rate_hz, views, truth, keypoints=self._keypoints(i, places[i]))
+            views = (View(self.view_camera, image, self._keypoints(i, places[i])),)
+            yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
         """What the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""

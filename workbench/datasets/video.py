@@ -1,7 +1,7 @@
 """Real video: a file or a folder of images, seen by a calibrated camera, with joints marked by hand in some frames."""
 
+import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,6 +15,8 @@ from workbench.datasets.marks import Marks, read_marks
 from workbench.errors import InputError
 
 LEAST_SIZE_PX = 16
+MOST_STRETCHED = 0.01
+"""Images may be larger or smaller than the camera's by this part: encoders cut or pad to multiples of their blocks."""
 
 
 class Video:
@@ -25,13 +27,16 @@ class Video:
     first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both
     included; None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the
     source does not say or says it wrongly. start_marks: a file of marks, of which those at first_frame, with those of
-    later frames up to start_last, give the start. keypoints: a file of marks, or of what a detector found, that are
-    observations. eval_marks: a file of marks that are truth for the evaluation only. held_out: frames whose marks are
-    kept from the keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of a mark on a
-    hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to 4.
+    later frames up to start_last, give the start. keypoints: a file of marks, or a folder of what a detector found
+    (OpenPose's JSON), that are observations. person: the number of the one to follow among those found in the first
+    file, None for the largest and surest. eval_marks: the same that is truth for the evaluation only. held_out: frames
+    whose marks are kept from the keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of
+    a mark on a hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to
+    4; a detector's is its confidence.
 
-    Raises InputError for what cannot be read, frames that are not there, images of another size than the camera's, a
-    missing frame rate, start marks that leave out the first frame and frames held out that are not marked.
+    Images that are up to 1 % off the camera's size are stretched to it, with a warning. Raises InputError for what
+    cannot be read, frames that are not there, images of another size, a missing frame rate, start marks that leave out
+    the first frame and frames held out that are not marked.
     """
 
     def __init__(
@@ -49,6 +54,7 @@ class Video:
         eval_marks: str | None = None,
         held_out: Sequence[int] = (),
         hidden_weight: float = 0.35,
+        person: int | None = None,
     ) -> None:
         if not 0.0 < scale <= 1.0:
             raise InputError(f"video: scale must be above 0 and at most 1, found {scale}")
@@ -60,14 +66,18 @@ class Video:
         self.camera = _choose(camera, which)
         self.first_frame, self.last_frame = first_frame, _last_frame(self.source, first_frame, last_frame)
         self.rate_hz = _rate(self.source, rate_hz)
-        self._check_size(next(decode(self.source)))
+        first = next(decode(self.source))
+        self._check_size(first)
+        if first.shape[:2] != (self.camera.height, self.camera.width):
+            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{self.camera.width}×{self.camera.height}"
+            warnings.warn(f"{source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
         if min(self.camera.width, self.camera.height) * scale < LEAST_SIZE_PX:
             size = f"{self.camera.width * scale:.0f}×{self.camera.height * scale:.0f}"
             raise InputError(f"video: scale {scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}")
         self.hidden_weight = hidden_weight
         self._start = None if start_marks is None else self._first_marks(read_marks(start_marks), start_last)
-        self._keypoints = None if keypoints is None else _apart(read_marks(keypoints), held_out, False)
-        self._truth = None if eval_marks is None else _apart(read_marks(eval_marks), held_out, bool(held_out))
+        self._keypoints = None if keypoints is None else _apart(read_marks(keypoints, person), held_out, False)
+        self._truth = None if eval_marks is None else _apart(read_marks(eval_marks, person), held_out, bool(held_out))
 
     @property
     def name(self) -> str:
@@ -98,16 +108,18 @@ class Video:
         index = self.first_frame - 1
         for index, image in enumerate(decode(self.source, self.first_frame, self.last_frame), self.first_frame):
             self._check_size(image)
-            views, keypoints = (View(camera, self._scaled(image)),), self._keypoints_at(self._keypoints, index)
-            yield Frame(index, index / self.rate_hz, views, self._truth_at(index), keypoints=keypoints)
+            view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
+            yield Frame(index, index / self.rate_hz, (view,), self._truth_at(index))
         if index < self.last_frame:
             raise InputError(f"{self.source}: ends before frame {self.last_frame}, which was there before")
 
     def _scaled(self, image: ByteArray) -> ByteArray:
-        if self.scale == 1.0:
+        height, width = image.shape[:2]
+        fx, fy = self.scale * self.camera.width / width, self.scale * self.camera.height / height
+        if fx == fy == 1.0:
             return image
         # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
-        return np.asarray(cv2.resize(image, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(cv2.resize(image, None, fx=fx, fy=fy, interpolation=cv2.INTER_AREA), np.uint8)
 
     def _first_marks(self, marks: Marks, last: int | None) -> MarkedFrames:
         """The marks of the first frame and of those up to `last`."""
@@ -123,12 +135,8 @@ class Video:
 
     def _keypoints_at(self, marks: Marks | None, index: int) -> FloatArray | None:
         """The weighted marks (J, 3) of a frame in the resized image, where there are any."""
-        found = None if marks is None else marks.at(index)
-        if found is None:
-            return None
-        pixels, visible = found
-        weights = np.where(np.isnan(pixels[:, 0]), np.nan, np.where(visible, 1.0, self.hidden_weight))
-        return np.column_stack([_resized(pixels, self.scale), weights])
+        found = None if marks is None else marks.weighted(index, self.hidden_weight)
+        return None if found is None else np.column_stack([_resized(found[:, :2], self.scale), found[:, 2]])
 
     def _truth_at(self, index: int) -> Truth | None:
         found = None if self._truth is None else self._truth.at(index)
@@ -136,7 +144,8 @@ class Video:
 
     def _check_size(self, image: ByteArray) -> None:
         height, width = image.shape[:2]
-        if (width, height) != (self.camera.width, self.camera.height):
+        stretch = np.array([width / self.camera.width, height / self.camera.height])
+        if np.abs(stretch - 1.0).max() > MOST_STRETCHED:
             expected = f"{self.camera.width}×{self.camera.height} of camera {self.camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
 
@@ -173,8 +182,7 @@ def _apart(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
     """The marks of the frames held out, or without these."""
     if missing := set(held_out) - set(marks.frames.tolist()):
         raise InputError(f"{marks.source}: no marks in frame {min(missing)}, which is held out")
-    rows = np.isin(marks.frames, list(held_out)) == wanted
-    return replace(marks, frames=marks.frames[rows], pixels=marks.pixels[rows], visible=marks.visible[rows])
+    return marks.rows(np.isin(marks.frames, list(held_out)) == wanted)
 
 
 def _resized(pixels: FloatArray, scale: float) -> FloatArray:

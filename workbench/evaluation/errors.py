@@ -1,5 +1,6 @@
 """How far an estimate is from the truth, frame by frame."""
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,15 +8,25 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.flexion import flexions, wrapped_deg
-from workbench.body.kinematics import joints
+from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.datasets.frame import Truth
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.calibration import covered, crps
+from workbench.evaluation.joint_errors import (
+    PCK_M,
+    acceleration_error,
+    correct_keypoints,
+    geodesic_deg,
+    mean_distance,
+    procrustes,
+)
 from workbench.inference.step import Step
 
-BAND = (0.05, 0.95)
-"""The 90 % band whose coverage is counted."""
+LEVELS = (0.5, 0.9)
+"""Of the central bands whose coverage is counted."""
+N_POSITION = 3
+"""Numbers of a pose that are lengths, which come first."""
 
 
 def step_errors(
@@ -25,11 +36,16 @@ def step_errors(
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
-    moving pelvis onto pelvis. error_px: mean distance in the first view's image, in pixels of the unscaled image
-    (`image_scale` is the factor the image was resized by); where joints were marked by hand, over the visible marks.
-    forearm_px: width of a forearm in the same pixels, the yardstick of `held`, where the true joints are known.
-    coverage_90: fraction of the pose's numbers whose truth lies in the posterior's 5–95 % band. knee_deg, hip_deg: see
-    `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned without truth.
+    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with
+    the root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
+    image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
+    marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
+    where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
+    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, see
+    `calibration`; with coordinates of the joints in place of the pose's numbers, where the true pose is not known, they
+    are called coverage_50_joints, coverage_90_joints and crps_joints_mm. error_angle_deg: the mean turn between joints'
+    frames and the true ones, relative to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1
+    where the activity told is the true one. Nothing is returned without truth.
     """
     truth = step.frame.truth
     if truth is None:
@@ -44,11 +60,18 @@ def step_errors(
         pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
-    if truth.joints is not None and step.frame.views:
+        if truth.joints is not None and len(measured) == len(estimate) - 1 and step.frame.views:
+            seen = [(view.camera.project(estimate), view.camera.project(truth.joints)) for view in step.frame.views]
+            error = float(np.mean([mean_distance(found, true) for found, true in seen])) / image_scale
+            errors |= {f"humaneva_px{suffix}": error} if np.isfinite(error) else {}
+    if truth.joints is not None and step.frame.views and "error_px" in errors:
         errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
     if truth.pose is not None:
-        errors["coverage_90"] = _coverage(step, truth.pose)
+        errors |= pose_calibration(step, truth.pose)
+        errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
         errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
+    elif truth.joints is not None:
+        errors |= joint_calibration(step, skeleton, truth.joints, measured)
     if truth.activity is not None and step.activity is not None:
         errors["activity_accuracy"] = float(step.activity == truth.activity)
     return errors
@@ -87,17 +110,90 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
 def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
     """Mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
     width_m = float(np.sum(body.shape.forearm_radii))  # the mean of the two ends' diameters
-    depth_m = float(camera.to_camera(true_joints)[list(measured), 2].mean())
+    depth_m = float(np.nanmean(camera.to_camera(true_joints)[list(measured), 2]))
     return float(camera.matrix[0, 0]) * width_m / depth_m
 
 
 def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """error_abs_mm and error_rel_mm of joints (J, 3), m, against true joints (J, 3), m, over those measured."""
-    apart = estimate - truth
-    return {
-        "error_abs_mm": 1e3 * float(np.linalg.norm(apart[list(measured)], axis=1).mean()),
-        "error_rel_mm": 1e3 * float(np.linalg.norm(apart[list(measured)] - apart[0], axis=1).mean()),
+    """Errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is known
+    (not NaN); what needs more than is known is left out."""
+    places, true = estimate[list(measured)], truth[list(measured)]
+    whole = len(measured) == len(truth) - 1
+    errors = {
+        "error_abs_mm": 1e3 * float(mean_distance(places, true)),
+        "error_rel_mm": 1e3 * float(mean_distance(places - estimate[0], true - truth[0])),
+        "error_procrustes_mm": 1e3 * procrustes(places, true),
+        "humaneva_mm": 1e3 * float(mean_distance(estimate, truth)) if whole else np.nan,
+        "pck_150mm": float(correct_keypoints(places, true, PCK_M)),
     }
+    return {name: error for name, error in errors.items() if np.isfinite(error)}
+
+
+class AccelerationError:
+    """acceleration_error_m_s2: of the expected pose's joints against the true ones', in the frame before the one that
+    comes in, over the joints that parameters called `moving` move. Unlike the others it tells shaking from standing
+    beside."""
+
+    def __init__(self, skeleton: Skeleton, moving: Sequence[str] = POSE_NAMES) -> None:
+        self._skeleton, self._measured = skeleton, moved_joints(skeleton, moving)
+        self._last: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=3)
+
+    def add(self, step: Step) -> dict[str, float]:
+        """The error, where this frame and the two before have a truth."""
+        truth = step.frame.truth
+        if truth is None or truth.joints is None:
+            self._last.clear()
+            return {}
+        places = joints(self._skeleton, step.expected_pose[None])[0]
+        self._last.append((step.frame.time_s, places[self._measured], truth.joints[self._measured]))
+        if len(self._last) < 3:
+            return {}
+        times_s, found, true = (np.array(part) for part in zip(*self._last, strict=True))
+        (error,) = acceleration_error(found, true, times_s)
+        return {"acceleration_error_m_s2": float(error)} if np.isfinite(error) else {}
+
+
+def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, moving: Sequence[str]) -> float:
+    """The mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true ones,
+    over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
+    rotations = forward(skeleton, np.stack([pose, truth])).rotations
+    local = rotations.copy()
+    children = np.flatnonzero(skeleton.parents >= 0)
+    local[:, children] = np.swapaxes(rotations[:, skeleton.parents[children]], -1, -2) @ rotations[:, children]
+    turned = sorted({int(skeleton.dof_joints[p]) for p in map(skeleton.dof, moving) if p >= N_POSITION})
+    return float(geodesic_deg(local[0, turned], local[1, turned]).mean()) if turned else 0.0
+
+
+def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
+    """coverage_50, coverage_90, crps_mm and crps_deg over the true pose's (P,) numbers, but those that the prior holds
+    fixed: no spread among the particles."""
+    spread = np.ptp(step.poses, axis=0) > 0.0
+    if not spread.any():
+        return {"coverage_90": float("nan")}
+    values, weights, true = step.poses[:, spread], np.exp(step.log_weights), pose[spread]
+    scores, lengths = crps(values, weights, true), np.flatnonzero(spread) < N_POSITION
+    errors = _coverages(values, weights, true, "")
+    errors |= {"crps_mm": 1e3 * float(scores[lengths].mean())} if lengths.any() else {}
+    return errors | ({"crps_deg": float(np.degrees(scores[~lengths].mean()))} if not lengths.all() else {})
+
+
+def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:
+    """coverage_50_joints, coverage_90_joints and crps_joints_mm over the coordinates of those of the true joints (J,
+    3), m, that are measured and known."""
+    known = [joint for joint in measured if np.isfinite(truth[joint]).all()]
+    if not known:
+        return {}
+    values = joints(skeleton, step.poses)[:, known].reshape(len(step.poses), -1)
+    weights, true = np.exp(step.log_weights), truth[known].ravel()
+    return {
+        **_coverages(values, weights, true, "_joints"),
+        "crps_joints_mm": 1e3 * float(crps(values, weights, true).mean()),
+    }
+
+
+def _coverages(values: FloatArray, weights: FloatArray, truth: FloatArray, suffix: str) -> dict[str, float]:
+    shares = covered(values, weights, truth, LEVELS).mean(axis=1)
+    return {f"coverage_{100.0 * level:.0f}{suffix}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
 
 
 def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
@@ -111,13 +207,5 @@ def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, 
         return float(np.linalg.norm(seen - truth.marks, axis=1)[visible].mean())
     if truth.joints is None:
         return None
-    return float(np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)].mean())
-
-
-def _coverage(step: Step, pose: FloatArray) -> float:
-    """Numbers the prior holds fixed (no spread among the particles) are left out."""
-    spread = np.ptp(step.poses, axis=0) > 0.0
-    if not spread.any():
-        return float("nan")
-    low, high = weighted_quantiles(step.poses[:, spread], np.exp(step.log_weights), BAND)
-    return float(((low <= pose[spread]) & (pose[spread] <= high)).mean())
+    apart = np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)]
+    return float(np.nanmean(apart)) if np.isfinite(apart).any() else None

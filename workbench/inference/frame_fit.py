@@ -52,13 +52,15 @@ class Smoothness:
     coefficients and of the speeds.
 
     style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
-    differences of μ, cycles. position, rotation: second differences of the root, m and rad.
+    differences of μ, cycles. position, rotation: second differences of the root, m and rad. angle: those of joint
+    angles without a motion model, rad.
     """
 
     style: float = 0.3
     phase: float = 0.02
     position: float = 0.03
     rotation: float = 0.03
+    angle: float = 0.2
 
     @property
     def second_differences(self) -> FloatArray:

@@ -17,17 +17,20 @@ from workbench.errors import InputError
 from workbench.inference.decoding import Decoder, MotionDecoder, MotionModel, PoseDecoder
 from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, follow, global_motion, pose_prior, track_poses
 from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe
+from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe, views_residual
 from workbench.inference.phase_grid import find_phase, roots_from_points
 from workbench.inference.residuals import Loss, Residual, upright_residual
 from workbench.inference.robust import LOSSES
+from workbench.inference.smooth_fit import LEANING_SIGMA_RAD, first_poses, fit_smooth
 from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, first_keypoints, likely_pose, likely_roots
 from workbench.inference.step import Step
 from workbench.learning.activities import ActivityModel
 from workbench.learning.activity_classes import classify
 from workbench.priors.state import StateSpace
 
-STYLES = ("steady", "frame", "none")
+STYLES = ("steady", "frame", "smooth", "none")
+FREE_STYLES = ("smooth", "none")
+"""Those without a motion model."""
 START_POINTS = 150
 """Points a frame that the start looks at, taken evenly from all; more only make it slower."""
 START_SIGMA_M = 0.02
@@ -170,12 +173,13 @@ class LeastSquares:
     its steps after solving.
 
     style: "steady", one α for all frames (D, section 4.2), "frame", one for every `frames_per_style` frames (section
-    4.3), or "none", no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the model's
-    poses. kind: of the residual of points, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the
-    same unit. sigma_px: that of a keypoint, px of the image it was seen in. loss: "squared", "huber" or
-    "geman_mcclure", which bends at `scale`, in the unit of sigma, and for keypoints at as many deviations. phases:
-    (μ₁, μ_T), cycles, or None to take phase_ends, what the dataset offers, or without those to find them. sigma_style,
-    sigma_phase, sigma_position, sigma_rotation: see `frame_fit.Smoothness`. most_points: a frame's points beyond are
+    4.3), "smooth", no motion model, all frames at once with smooth angles within limits (see `smooth_fit`), or "none",
+    no motion model, frame by frame (section 4.1), with `pose_prior` under the Gaussian of the model's poses. kind: of
+    the residual of points, "distance" (m) or the paper's "field"; sigma: its standard deviation, in the same unit.
+    sigma_px: that of a keypoint, px of the image it was seen in. loss: "squared", "huber" or "geman_mcclure", which
+    bends at `scale`, in the unit of sigma, and for keypoints at as many deviations. phases: (μ₁, μ_T), cycles, or None
+    to take phase_ends, what the dataset offers, or without those to find them. sigma_style, sigma_phase,
+    sigma_position, sigma_rotation, sigma_angle: see `frame_fit.Smoothness`. most_points: a frame's points beyond are
     thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
 
     Raises InputError for numbers out of range and a style that needs a model where there is none.
@@ -204,6 +208,7 @@ class LeastSquares:
         sigma_phase: float = 0.02,
         sigma_position: float = 0.03,
         sigma_rotation: float = 0.03,
+        sigma_angle: float = 0.2,
         most_points: int = 1000,
         max_iterations: int = 40,
         n_particles: int = 500,
@@ -215,27 +220,27 @@ class LeastSquares:
         positive = {
             "scale": scale, "sigma": sigma, "sigma_px": sigma_px, "frames_per_style": frames_per_style,
             "sigma_style": sigma_style, "sigma_phase": sigma_phase, "sigma_position": sigma_position,
-            "sigma_rotation": sigma_rotation, "most_points": most_points, "max_iterations": max_iterations,
-            "n_particles": n_particles,
+            "sigma_rotation": sigma_rotation, "sigma_angle": sigma_angle, "most_points": most_points,
+            "max_iterations": max_iterations, "n_particles": n_particles,
         }  # fmt: skip
         for name, value in positive.items():
             if not 0.0 < value < np.inf:
                 raise InputError(f"inference: {name} must be above zero, found {value}")
-        if model is None and (style != "none" or pose_prior):
-            raise InputError("inference: expected a motion model; only style=none without pose_prior does without")
+        if model is None and (style not in FREE_STYLES or pose_prior):
+            raise InputError("inference: expected a motion model; only style=none and style=smooth do without")
         self.skeleton, self.model = body.skeleton, model
         self.surface = person_surface(body) if surface is None else surface
         self.style, self.kind, self.sigma, self.sigma_px = style, kind, sigma, sigma_px
         self.loss = Loss(loss, scale / sigma)
         self.frames_per_style, self.pose_prior = frames_per_style, pose_prior
         self.phases = phase_ends if phases is None else phases
-        self.smoothness = Smoothness(sigma_style, sigma_phase, sigma_position, sigma_rotation)
+        self.smoothness = Smoothness(sigma_style, sigma_phase, sigma_position, sigma_rotation, sigma_angle)
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
 
     @property
     def space(self) -> StateSpace:
         """Of the particles: {α, μ, root}, or without a motion model the pose."""
-        if self.style == "none" or self.model is None:
+        if self.style in FREE_STYLES or self.model is None:
             return PoseDecoder(self.skeleton).space
         return MotionDecoder(self.skeleton, self.model, np.zeros(len(self.skeleton.dof_names))).space
 
@@ -281,10 +286,11 @@ class LeastSquares:
 
         Nothing where the model has one activity only.
         """
-        if self.style == "none" or not isinstance(self.model, ActivityModel) or len(set(self.model.activities)) < 2:
+        model = None if self.style in FREE_STYLES else self.model
+        if not isinstance(model, ActivityModel) or len(set(model.activities)) < 2:
             return None, {}
         coefficients = step.space.slices["coefficients"]
-        told = classify(self.model, step.particles[:, coefficients].mean(axis=0))
+        told = classify(model, step.particles[:, coefficients].mean(axis=0))
         named = zip(told.activities, told.probabilities, strict=True)
         return str(told.labels), {f"probability_{name}": float(probability) for name, probability in named}
 
@@ -319,8 +325,10 @@ class LeastSquares:
         residuals = self._residuals(seen)
         rest = np.zeros(len(self.skeleton.dof_names)) if start is None else start
         decoder = None if self.model is None else MotionDecoder(self.skeleton, self.model, rest)
-        if decoder is None or self.style == "none":
+        if decoder is None or self.style in FREE_STYLES:
             prior = pose_prior(decoder) if decoder is not None and self.pose_prior else None
+            if self.style == "smooth":
+                return self._fit_smooth(seen, residuals, times_s, start)
             start = self._first_pose(seen, times_s, prior) if start is None else start
             return fit_poses(PoseDecoder(self.skeleton), residuals, self.loss, start, prior)
         return fit_sequence(
@@ -330,13 +338,32 @@ class LeastSquares:
             max_iterations=self.max_iterations,
         )  # fmt: skip
 
+    def _fit_smooth(
+        self, seen: Sequence[Observed], residuals: Sequence[Residual], times_s: FloatArray, start: FloatArray | None
+    ) -> Fit:
+        clock = perf_counter()
+        if start is not None:
+            starts = start[None]
+        elif keypoints := first_keypoints(seen):
+            starts = first_poses(self.skeleton, keypoints, self.sigma_px)
+        else:
+            starts = self._first_pose(seen, times_s, None)[None]
+        poses, covariances, found = fit_smooth(
+            self.skeleton, residuals, times_s, self.loss, starts, self.smoothness, self.max_iterations
+        )
+        timing_s = {"least_squares": perf_counter() - clock}
+        decoder = PoseDecoder(self.skeleton)
+        return _fit(decoder, residuals, self.loss, poses, covariances, found.iterations, found.costs, timing_s)
+
     def _residuals(self, seen: Sequence[Observed]) -> list[Residual]:
         """Of every frame. Where keypoints are all there is, a person is upright in the frames between them too."""
-        residuals = [one.residual(self.skeleton, self.surface, self.kind, self.sigma, self.sigma_px) for one in seen]
+        upright = LEANING_SIGMA_RAD if self.style == "smooth" else UPRIGHT_SIGMA_RAD
+        own = (self.skeleton, self.surface, self.kind, self.sigma, self.sigma_px, upright)
+        residuals = [one.residual(*own) for one in seen]
         if kinds_seen(seen) != ("keypoints",):
             return residuals
-        upright = upright_residual(self.skeleton, UPRIGHT_SIGMA_RAD)
-        return [upright if one.keypoints is None else own for one, own in zip(seen, residuals, strict=True)]
+        alone = upright_residual(self.skeleton, upright)
+        return [residual if one.keypoints else alone for one, residual in zip(seen, residuals, strict=True)]
 
     def _coarse(self, seen: Sequence[Observed]) -> tuple[list[Residual], Loss]:
         """What the start looks at, and with which loss: some of the points, and keypoints where there are enough."""
@@ -347,19 +374,19 @@ class LeastSquares:
     def _first_roots(self, decoder: MotionDecoder, seen: Sequence[Observed], times_s: FloatArray) -> FloatArray:
         """Where the person may be, (n, 6), in the first frame that shows enough: by its keypoints, else by points."""
         keypoints = first_keypoints(seen)
-        if keypoints is None:
+        if not keypoints:
             return roots_from_points(self.skeleton, [one.points for one in seen], times_s)
-        return likely_roots(decoder, keypoints, keypoints.residual(self.skeleton, self.sigma_px))
+        return likely_roots(decoder, keypoints, views_residual(self.skeleton, keypoints, self.sigma_px))
 
     def _first_pose(self, seen: Sequence[Observed], times_s: FloatArray, prior: Gaussian | None) -> FloatArray:
         """The same without a motion: a pose (P,)."""
         keypoints = first_keypoints(seen)
-        if keypoints is None:
+        if not keypoints:
             roots = roots_from_points(self.skeleton, [one.points for one in seen], times_s)
             if len(roots) > 1:
                 raise InputError("least squares: the person moves too little to tell where they face; give a start")
             return np.concatenate([roots[0], np.zeros(len(self.skeleton.dof_names) - N_ROOT)])
-        return likely_pose(self.skeleton, keypoints, keypoints.residual(self.skeleton, self.sigma_px), prior)
+        return likely_pose(self.skeleton, keypoints, views_residual(self.skeleton, keypoints, self.sigma_px), prior)
 
 
 def _fit(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -12,13 +13,17 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
 from workbench.errors import InputError
 from workbench.inference.bordered import Arrow
-from workbench.inference.decoding import MotionDecoder
+from workbench.inference.decoding import Decoder, MotionDecoder
 from workbench.inference.frame_fit import PACE_HZ, Smoothness
 from workbench.inference.levenberg_marquardt import Minimum, Quadratic, minimise
 from workbench.inference.residuals import Loss, Residual
 
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
+
+
+Row: TypeAlias = tuple[IntArray, FloatArray]
+"""Columns and values of one row of R."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +35,7 @@ class FitProblem:
     the cells `frame_cells` (T, D, D) of the frames' blocks and `penalty_cells`, `penalty_entries` those of RᵀR.
     """
 
-    decoder: MotionDecoder
+    decoder: Decoder
     residuals: Sequence[Residual]
     loss: Loss
     columns: IntArray
@@ -39,6 +44,31 @@ class FitProblem:
     frame_cells: IntArray
     penalty_cells: IntArray
     penalty_entries: FloatArray
+
+    @staticmethod
+    def of(
+        decoder: Decoder,
+        residuals: Sequence[Residual],
+        loss: Loss,
+        columns: IntArray,
+        rows: Sequence[Row],
+        n_border: int,
+    ) -> "FitProblem":
+        """With the penalty of `rows`; the last n_border unknowns belong to all frames."""
+        n = int(columns.max()) + 1
+        places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
+        at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
+        penalty = csr_array((values, (places, at)), shape=(len(rows), n))
+        square = (penalty.T @ penalty).tocoo()
+        i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
+        every = np.concatenate([i.ravel(), square.row]), np.concatenate([j.ravel(), square.col])
+        banded = (every[0] < n - n_border) & (every[1] < n - n_border)
+        pattern = Arrow(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
+        return FitProblem(
+            decoder, residuals, loss, columns, penalty, pattern,
+            frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
+            penalty_entries=square.data,
+        )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
         """x (n,) of states (T, D); a style that frames share is the mean of theirs."""
@@ -89,24 +119,11 @@ def fit_problem(
         raise InputError("least squares: expected the times of the frames to increase")
     styles = np.arange(len(residuals)) // frames_per_style
     columns, n_border = _columns(styles, decoder.n_style)
-    n = int(columns.max()) + 1
     rows = [
         *_style_rows(styles, columns[:, : decoder.n_style], PACE_HZ * times_s, smoothness.style),
-        *_second_differences(columns[:, decoder.n_style :], PACE_HZ * times_s, smoothness.second_differences),
+        *second_differences(columns[:, decoder.n_style :], PACE_HZ * times_s, smoothness.second_differences),
     ]
-    places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
-    at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
-    penalty = csr_array((values, (places, at)), shape=(len(rows), n))
-    square = (penalty.T @ penalty).tocoo()
-    i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-    every = np.concatenate([i.ravel(), square.row]), np.concatenate([j.ravel(), square.col])
-    banded = (every[0] < n - n_border) & (every[1] < n - n_border)
-    pattern = Arrow(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
-    return FitProblem(
-        decoder, residuals, loss, columns, penalty, pattern,
-        frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
-        penalty_entries=square.data,
-    )  # fmt: skip
+    return FitProblem.of(decoder, residuals, loss, columns, rows, n_border)
 
 
 def fit_motion(
@@ -149,11 +166,7 @@ def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
     return np.hstack([alpha[styles], local + n_style * (styles + 1)[:, None]]), 0
 
 
-_Row = tuple[IntArray, FloatArray]
-"""Columns and values of one row of R."""
-
-
-def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: float) -> list[_Row]:
+def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: float) -> list[Row]:
     """Rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
     first = np.searchsorted(styles, np.arange(styles[-1] + 1))
     rows = [(columns[0, k : k + 1], np.ones(1)) for k in range(columns.shape[1])]
@@ -165,7 +178,7 @@ def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: flo
     return rows
 
 
-def _second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[_Row]:
+def second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[Row]:
     """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
 
     Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle.

@@ -1,4 +1,4 @@
-"""What frames show of a person that a fit can use: points of the surface, and 2-D joints in the first view."""
+"""What frames show of a person that a fit can use: points of the surface, and 2-D joints in every view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.body.surface import Kind, Surface
 from workbench.datasets.frame import Frame
-from workbench.errors import InputError
 from workbench.inference.residuals import Residual, keypoint_residual, stacked, surface_residual, upright_residual
 
 UPRIGHT_SIGMA_RAD = 0.15
+"""Of people who walk or run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,24 +25,36 @@ class Keypoints:
     marks: FloatArray
     camera: Camera
 
-    def residual(self, skeleton: Skeleton, sigma_px: float) -> Residual:
-        """With a deviation of sigma_px over the root of the weight, and of an upright root, see `upright_residual`."""
-        seen = keypoint_residual(skeleton, self.camera, self.joints, self.marks, sigma_px)
-        return stacked([seen, upright_residual(skeleton, UPRIGHT_SIGMA_RAD)])
-
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What one frame shows. points: (K, 3), m."""
+    """What one frame shows. points: (K, 3), m. keypoints: one for every view that shows some."""
 
     points: FloatArray
-    keypoints: Keypoints | None
+    keypoints: tuple[Keypoints, ...] = ()
 
-    def residual(self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float) -> Residual:
-        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px."""
+    def residual(
+        self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float,
+        upright: float = UPRIGHT_SIGMA_RAD,
+    ) -> Residual:  # fmt: skip
+        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px; upright: as below."""
         parts = [] if not len(self.points) else [surface_residual(skeleton, surface, self.points, kind, sigma)]
-        parts += [] if self.keypoints is None else [self.keypoints.residual(skeleton, sigma_px)]
+        parts += [views_residual(skeleton, self.keypoints, sigma_px, upright)] if self.keypoints else []
         return stacked(parts)
+
+
+def person_px(seen: Sequence[Keypoints]) -> float:
+    """The person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
+    return float(np.median([np.ptp(one.marks[:, 1]) for one in seen]))
+
+
+def views_residual(
+    skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float, upright: float = UPRIGHT_SIGMA_RAD
+) -> Residual:
+    """Of one frame's keypoints in all views, with a deviation of sigma_px over the root of the weight, and of a root
+    that leans by `upright`, rad, see `upright_residual`."""
+    views = [keypoint_residual(skeleton, one.camera, one.joints, one.marks, sigma_px) for one in seen]
+    return stacked([*views, upright_residual(skeleton, upright)])
 
 
 def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
@@ -57,7 +69,7 @@ def observe(
 ) -> tuple[list[Observed], list[tuple[str, ...]]]:
     """What each frame shows, and what there is to say about it: points left out or thinned, and nothing to be seen.
 
-    most_points: a frame's points beyond are thinned at random. Raises InputError for keypoints without a view.
+    most_points: a frame's points beyond are thinned at random.
     """
     seen, warnings = [], []
     for frame in frames:
@@ -71,7 +83,7 @@ def observe(
 
 def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
     """Of "points" and "keypoints" those that some frame shows."""
-    points, keypoints = any(len(one.points) for one in seen), any(one.keypoints is not None for one in seen)
+    points, keypoints = any(len(one.points) for one in seen), any(one.keypoints for one in seen)
     return ("points",) * points + ("keypoints",) * keypoints
 
 
@@ -87,18 +99,16 @@ def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArr
     return points, said
 
 
-def _keypoints(frame: Frame, skeleton: Skeleton) -> Keypoints | None:
-    if frame.keypoints is None:
-        return None
-    if not frame.views:
-        raise InputError(f"frame {frame.index}: expected a view with the camera that saw the keypoints, found none")
-    return usable_keypoints(skeleton, frame.keypoints, frame.views[0].camera)
+def _keypoints(frame: Frame, skeleton: Skeleton) -> tuple[Keypoints, ...]:
+    looked = [(view.keypoints, view.camera) for view in frame.views if view.keypoints is not None]
+    found = [usable_keypoints(skeleton, given, camera) for given, camera in looked]
+    return tuple(one for one in found if one is not None)
 
 
 def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, str]]:
     """Where every run of frames that show nothing begins, and a sentence about it."""
     expected, gaps = " or ".join(kinds_seen(seen)), []
-    for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and seen[t].keypoints is None):
+    for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and not seen[t].keypoints):
         first, *others = run
         if empty and others:
             place = f"frames {frames[first].index} to {frames[others[-1]].index}"

@@ -61,7 +61,8 @@ def filtered(
     rng_streams: Mapping[str, np.random.Generator],
     first: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Step]:
-    """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
+    """One step per frame; the first frame gives the start distribution, unweighted, around the pose `start` (P,), or
+    in even parts around each of the poses (n, P).
 
     A likelihood that remembers is told of every frame what was expected in it.
 
@@ -73,10 +74,10 @@ def filtered(
     for frame in frames:
         clock = Stopwatch()
         if previous is None:
-            state = prior.start(start, n_particles, rng_streams["start"])
+            state = started_at(prior, np.atleast_2d(start), n_particles, rng_streams["start"])
             even = np.full(n_particles, -np.log(n_particles))
-            started = Particles(state, prior.pose(state), even, np.arange(n_particles))
-            advanced = Advanced(started, 0.0, 0.0, diagnostics=first)
+            at_first = Particles(state, prior.pose(state), even, np.arange(n_particles))
+            advanced = Advanced(at_first, 0.0, 0.0, diagnostics=first)
             clock.lap("prior")
         else:
             advanced = advance(advanced.particles, previous, frame, rng_streams, clock)
@@ -86,6 +87,12 @@ def filtered(
         clock.lap("likelihood")
         yield replace(step, diagnostics={**diagnostics(likelihood), **step.diagnostics}, timing_s=clock.laps)
         previous = frame
+
+
+def started_at(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
+    """States (N, D), as evenly as possible around the poses (n, P)."""
+    shares = np.bincount(np.arange(n_particles) % len(poses), minlength=len(poses))
+    return np.concatenate([prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
 
 
 class ParticleFilter:
@@ -127,7 +134,8 @@ class ParticleFilter:
     def run(
         self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
+        """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted, or
+        the even mixture of those around several, (n, P).
 
         rng_streams: generators named "start", "resampling" and "prior". Raises DegenerateWeights as configured.
         """

@@ -101,6 +101,30 @@ def upright_residual(skeleton: Skeleton, sigma_rad: float) -> Residual:
     return residual
 
 
+def limit_residual(skeleton: Skeleton, sigma_rad: float) -> Residual:
+    """Of angles beyond the skeleton's limits, by how much; zero within."""
+    low, high = skeleton.limits.T
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        beyond = pose - np.clip(pose, low, high)
+        return beyond / sigma_rad, np.diag(beyond != 0.0) / sigma_rad
+
+    return residual
+
+
+def robust(residual: Residual, loss: Loss) -> Residual:
+    """With half its square as the loss, so that others beside it keep theirs: √(2 ρ), and its derivative."""
+
+    def robustified(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = residual(pose)
+        rho, weights = loss(misses)
+        size = np.sqrt(2.0 * rho)
+        factor = np.divide(weights * np.abs(misses), size, out=np.ones_like(size), where=size > 0.0)
+        return np.sign(misses) * size, factor[:, None] * slopes
+
+    return robustified
+
+
 def stacked(residuals: Sequence[Residual]) -> Residual:
     """All of them together."""
     if len(residuals) < 2:

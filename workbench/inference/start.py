@@ -14,7 +14,7 @@ from workbench.errors import InputError
 from workbench.inference.decoding import MotionDecoder, PoseDecoder
 from workbench.inference.frame_fit import Gaussian, Smoothness, fit_frame
 from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.observed import Keypoints, Observed, usable_keypoints
+from workbench.inference.observed import Keypoints, Observed, usable_keypoints, views_residual
 from workbench.inference.phase_grid import N_HEADINGS, N_PHASES, find_phase
 from workbench.inference.residuals import Loss, Residual
 from workbench.learning.activities import ActivityModel
@@ -24,10 +24,11 @@ from workbench.priors.cyclic import Cyclic
 
 MARK_SIGMA_PX = 4.0
 LEAST_KEYPOINTS = 4
-"""In a frame to start from, which has six numbers of a root and a phase to tell."""
+"""In one view of a frame to start from, which has six numbers of a root and a phase to tell."""
 KEYPOINT_LOSS = Loss("huber", 3.0)
 """With which a start is found in keypoints: it sees any distance, since which joint is which is known."""
 N_KEPT = 2
+APART_M = 0.1
 _APART_RAD = np.pi / 4.0  # between headings that are worth keeping both
 
 
@@ -55,9 +56,9 @@ def start_from_marks(prior: Cyclic, skeleton: Skeleton, camera: Camera, marks: M
     if len(seen) < len(given):
         fewest = min(0 if one is None else len(one.joints) for one in given)
         raise InputError(f"start marks: expected at least {LEAST_KEYPOINTS} marked joints in a frame, found {fewest}")
-    residuals = [one.residual(skeleton, MARK_SIGMA_PX) for one in seen]
+    residuals = [views_residual(skeleton, [one], MARK_SIGMA_PX) for one in seen]
     decoder = MotionDecoder(skeleton, motion_model(prior.model), np.zeros(len(skeleton.dof_names)))
-    roots = likely_roots(decoder, seen[0], residuals[0])
+    roots = likely_roots(decoder, seen[:1], residuals[0])
     states = find_phase(decoder, residuals, marks.times_s, KEYPOINT_LOSS, Smoothness(), roots)
     problem = fit_problem(decoder, residuals, marks.times_s, KEYPOINT_LOSS, Smoothness(), len(seen))
     states, _, _ = fit_motion(problem, states, tolerance=1e-6)
@@ -66,13 +67,13 @@ def start_from_marks(prior: Cyclic, skeleton: Skeleton, camera: Camera, marks: M
     return StartFit(poses[0], _error_px(skeleton, seen, poses), float(phases[0] % 1.0), float(poses[0, 3]), rate_hz)
 
 
-def enough_keypoints(seen: Observed) -> Keypoints | None:
-    """The frame's keypoints, where they are enough to start from."""
-    return None if seen.keypoints is None or len(seen.keypoints.joints) < LEAST_KEYPOINTS else seen.keypoints
+def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
+    """The frame's keypoints, where some view shows enough to start from."""
+    return seen.keypoints if any(len(one.joints) >= LEAST_KEYPOINTS for one in seen.keypoints) else ()
 
 
-def first_keypoints(seen: Sequence[Observed]) -> Keypoints | None:
-    """Those of the first frame that shows enough to start from; None where points are what it shows.
+def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
+    """Those of the first frame that shows enough to start from; none where points are what it shows.
 
     Raises InputError when no frame does.
     """
@@ -92,7 +93,7 @@ def motion_model(model: WalkingModel) -> ActivityModel:
     )  # fmt: skip
 
 
-def likely_roots(decoder: MotionDecoder, seen: Keypoints, residual: Residual) -> FloatArray:
+def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Residual) -> FloatArray:
     """The likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits best.
 
     From N_HEADINGS headings; no two of those kept are within 45°.
@@ -112,26 +113,44 @@ def likely_roots(decoder: MotionDecoder, seen: Keypoints, residual: Residual) ->
     return np.array(kept)
 
 
-def likely_pose(skeleton: Skeleton, seen: Keypoints, residual: Residual, prior: Gaussian | None) -> FloatArray:
+def likely_pose(
+    skeleton: Skeleton, seen: Sequence[Keypoints], residual: Residual, prior: Gaussian | None
+) -> FloatArray:
     """The pose (P,) that fits one frame of keypoints best, without a motion; prior: over poses, else of no lean only.
 
     Where no prior holds the angles, the damping of the search does.
     """
+    pose: FloatArray = likely_poses(skeleton, seen, residual, prior, 1)[0]
+    return pose
+
+
+def likely_poses(
+    skeleton: Skeleton, seen: Sequence[Keypoints], residual: Residual, prior: Gaussian | None, most: int
+) -> FloatArray:
+    """The poses (n ≤ most, P) that fit one frame of keypoints best, the best first: minima found from N_HEADINGS
+    headings whose joints are APART_M or more from each other in the mean."""
     upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
     upright[:N_ROOT] = 0.0
     found = [
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
         for root in upright_roots(skeleton, seen, upright)
     ]
-    return min(found, key=lambda fit: fit.costs[-1]).x
+    kept: list[FloatArray] = []
+    for fit in sorted(found, key=lambda fit: fit.costs[-1]):
+        places = joints(skeleton, np.stack([fit.x, *kept]))
+        if len(kept) < most and (np.linalg.norm(places[1:] - places[0], axis=2).mean(axis=1) > APART_M).all():
+            kept.append(fit.x)
+    return np.array(kept)
 
 
-def upright_roots(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
-    """Roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the image."""
+def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
+    """Roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the image of
+    the view that shows most of them."""
+    fullest = max(seen, key=lambda one: len(one.joints))
     roots = np.zeros((N_HEADINGS, N_ROOT))
     roots[:, 3] = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS
     for root in roots:
-        root[:3] = _place(skeleton, seen, np.concatenate([root, pose[N_ROOT:]]))
+        root[:3] = _place(skeleton, fullest, np.concatenate([root, pose[N_ROOT:]]))
     return roots
 
 

@@ -11,6 +11,9 @@ from workbench.recording import fit, looks
 from workbench.recording.images import OVERLAYS, Picture
 from workbench.recording.scene import ESTIMATE
 
+MOST_BESIDE = 4
+"""Cameras whose images are shown beside each other; of more, one at a time."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shown:
@@ -59,7 +62,7 @@ def _page(shown: Shown, right: rrb.Vertical) -> rrb.Blueprint:
         rrb.Spatial2DView(origin=f"{picture.path}/image", name=f"image ({picture.camera.name}): {_key(shown)}")
         for picture in shown.cameras
     ]
-    left = [rrb.Tabs(*images)] if images else []
+    left = [rrb.Horizontal(*images) if len(images) <= MOST_BESIDE else rrb.Tabs(*images)] if images else []
     shares = [*[1.0] * len(left), 1.5 if shown.flexions else 1.0]  # points are seen in the world only
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(*left, _world(shown), row_shares=shares), right),

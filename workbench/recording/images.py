@@ -108,7 +108,7 @@ def truth_marks(shown: Picture, known: Truth | None, names: tuple[str, ...]) -> 
 
 
 def keypoints(shown: Picture, given: FloatArray | None, names: tuple[str, ...]) -> Entities:
-    """The frame's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
+    """A view's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
     found = np.full((len(names), 3), np.nan) if given is None else given
     there: BoolArray = np.all(np.isfinite(found), axis=1)
     points = rr.Points2D(

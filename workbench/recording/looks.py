@@ -53,7 +53,7 @@ def title(name: str, unit: str = "") -> str:
 
 def errors_mm(metrics: Sequence[str]) -> list[str]:
     """Those of the metrics that are errors in the world."""
-    return [name for name in metrics if name.startswith("error") and "px" not in name.split("_")]
+    return [name for name in metrics if name.startswith("error") and name.removesuffix("_map").endswith("_mm")]
 
 
 def errors_px(metrics: Sequence[str]) -> list[str]:

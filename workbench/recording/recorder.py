@@ -78,7 +78,8 @@ class Recorder:
         self._n_particles_shown, self._flush_every, self._jpeg_quality = n_particles_shown, flush_every, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
-        self._marks = self._keypoints = False
+        self._marks = False
+        self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
         self._file = RecordingFile(
             path,
@@ -173,19 +174,19 @@ class Recorder:
             self._file.send(images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every]))
             self._file.send(images.overlay(shown, "estimate", expected, figure.chains))
             self._file.send(images.overlay(shown, "truth", true, figure.chains))
+            if view.keypoints is not None:
+                self._with_keypoints.add(view.camera.name)
+            if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
+                self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
         if step.frame.points is not None:
             self._file.send(scene.points(step.frame.points, step.attachment))
         if not step.frame.views and step.frame.points is None:
             self._trails.add(expected[0])
         if step.frame.views:
             first = self._picture(step.frame.views[0].camera)
-            # marks and keypoints: from the first on in every frame, which clears those before
             self._marks |= truth is not None and truth.marks is not None
-            if self._marks:
+            if self._marks:  # from the first on in every frame, which clears those before
                 self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
-            self._keypoints |= step.frame.keypoints is not None
-            if self._keypoints:
-                self._file.send(images.keypoints(first, step.frame.keypoints, JOINT_NAMES))
 
     def _picture(self, camera: Camera) -> images.Picture:
         if camera.name not in self._pictures:

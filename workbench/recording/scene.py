@@ -149,7 +149,9 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
 
 
 def _bones(drawn: Figure, path: str, positions: FloatArray) -> Entities:
-    yield f"{path}/skeleton", rr.LineStrips3D.from_fields(strips=_strips(drawn, positions))
+    strips = _strips(drawn, positions)
+    known = np.isfinite(strips).all(axis=(1, 2))  # of the truth, not every joint is always
+    yield f"{path}/skeleton", rr.LineStrips3D.from_fields(strips=strips[known])
     yield f"{path}/joints", rr.Points3D.from_fields(positions=positions.reshape(-1, 3))
 
 

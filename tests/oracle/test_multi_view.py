@@ -1,0 +1,123 @@
+"""The dataset of several cameras: views in order, keypoints by camera, the truth at the right time."""
+
+import cv2
+import numpy as np
+import pytest
+from openpose_scenes import points, standing, write
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.multi_view import MultiView
+from workbench.errors import InputError
+from workbench.mocap.trc import trc_text
+
+CAMERAS = """
+[left]
+size = [400, 300]
+matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+rotation = [1.57, 0.0, 0.0]
+translation = [0.0, 1.0, 4.0]
+
+[right]
+size = [400, 300]
+matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+rotation = [1.2, 1.2, -1.2]
+translation = [0.0, 1.0, 4.0]
+"""
+LENGTHS = {"left": 6, "right": 5}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Images as grey as their number times ten, keypoints that move a pixel a frame, and a truth that moves a metre."""
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "cameras.toml").write_text(CAMERAS)
+    for shift, (name, n) in enumerate(LENGTHS.items()):
+        (folder / name).mkdir()
+        for t in range(n):
+            cv2.imwrite(str(folder / name / f"{t}.png"), np.full((300, 400, 3), 10 * t + shift, np.uint8))
+        found = {t: [points("COCO_17", standing(100.0 + 50.0 * shift + t, 40.0))] for t in range(n)}
+        write(folder / f"{name}_json", found)
+    heights = np.array([{"neck": 1.5, "left_ankle": 0.1}.get(name, np.nan) for name in JOINT_NAMES])
+    places = np.stack([np.column_stack([np.full(15, t), np.zeros(15), heights]) for t in range(4)])
+    places[np.isnan(places).any(axis=2)] = np.nan
+    (folder / "truth.trc").write_text(trc_text("truth.trc", JOINT_NAMES, places, 10.0))
+    return folder
+
+
+def dataset(scene, **given):
+    usual = {
+        "sources": {name: str(scene / name) for name in LENGTHS}, "camera": str(scene / "cameras.toml"),
+        "keypoints": {name: str(scene / f"{name}_json") for name in LENGTHS}, "rate_hz": 10.0,
+    }  # fmt: skip
+    return MultiView(**{**usual, **given})
+
+
+def test_every_frame_has_a_view_of_every_camera_and_the_shortest_ends_it(scene):
+    found = dataset(scene, first_frame=1)
+    assert (len(found), found.name) == (4, "left, right")
+    frames = list(found.frames())
+    assert [frame.index for frame in frames] == [1, 2, 3, 4]
+    head = JOINT_NAMES.index("left_shoulder")
+    for frame in frames:
+        assert [view.camera.name for view in frame.views] == ["left", "right"]
+        assert [int(view.image[0, 0, 0]) for view in frame.views] == [10 * frame.index, 10 * frame.index + 1]
+        seen = [view.keypoints[head, 0] for view in frame.views]
+        assert seen == pytest.approx([112.0 + frame.index, 162.0 + frame.index])
+
+
+def test_cameras_are_chosen_and_ordered_by_name(scene):
+    frames = list(dataset(scene, which=["right"], scale=0.5).frames())
+    assert [view.camera.name for view in frames[0].views] == ["right"]
+    assert frames[0].views[0].image.shape == (150, 200, 3)
+    assert frames[2].views[0].keypoints[JOINT_NAMES.index("left_shoulder"), 0] == pytest.approx(0.5 * 164.5 - 0.5)
+    swapped = next(dataset(scene, which=["right", "left"], keypoints={}).frames())
+    assert [view.camera.name for view in swapped.views] == ["right", "left"]
+    assert all(view.keypoints is None for view in swapped.views)
+
+
+@pytest.mark.parametrize(("first", "metres"), [(0, [1, 2, 3, np.nan]), (2, [np.nan, 0, 1, 2])])
+def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
+    neck = JOINT_NAMES.index("neck")
+    found = [
+        frame.truth.joints[neck, 0]
+        for frame in dataset(scene, truth=str(scene / "truth.trc"), truth_first=first, first_frame=1).frames()
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, metres, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"which": ["middle"]}, "no source for camera 'middle', expected one of left, right"),
+        ({"keypoints": {"middle": "x"}}, "no source for camera 'middle'"),
+        ({"which": []}, "expected one camera or more, each once, found none"),
+        ({"which": ["left", "left"]}, "expected one camera or more, each once, found left, left"),
+        ({"truth": "nowhere.trc"}, "no such file"),
+        ({"last_frame": 5}, "no frame 5"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(scene, given, said):
+    with pytest.raises(InputError, match=said):
+        dataset(scene, **given)
+
+
+def test_a_truth_of_another_time_is_refused(scene):
+    with pytest.raises(InputError, match="expected markers in some of the 5 frames used, found none"):
+        dataset(scene, truth=str(scene / "truth.trc"), truth_first=50)
+
+
+def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(scene, tmp_path):
+    for width, refused in ((397, False), (380, True)):
+        folder = tmp_path / str(width)
+        folder.mkdir()
+        for t in range(2):
+            cv2.imwrite(str(folder / f"{t}.png"), np.zeros((300, width, 3), np.uint8))
+        if refused:
+            with pytest.raises(InputError, match="images are 380×300, expected the 400×300"):
+                dataset(scene, sources={"left": str(folder)}, keypoints={})
+        else:
+            with pytest.warns(UserWarning, match="397×300 are stretched to the camera's 400×300"):
+                stretched = dataset(scene, sources={"left": str(folder)}, keypoints={}, scale=0.5)
+            assert next(stretched.frames()).views[0].image.shape == (150, 200, 3)

@@ -1,0 +1,108 @@
+"""Coverage, ranks and scores of particles against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from test_evaluation import BODY, SKELETON, standing, step_of
+
+from workbench.body.kinematics import joints
+from workbench.datasets.frame import Truth
+from workbench.evaluation.calibration import covered, crps, log_score, rank_histogram, ranks
+from workbench.evaluation.errors import step_errors
+
+N = 20_001
+EVEN = np.full(N, 1.0 / N)
+NORMAL = norm.ppf((np.arange(N) + 0.5) / N)[:, None] * [1.0, 3.0] + [0.0, 10.0]
+"""N(0, 1) and N(10, 3²) as evenly likely values: means over them are off by 1/N or so of the tails."""
+
+
+def test_crps_of_two_particles_by_hand():
+    # E|x − ½| = ½, and two draws differ, by one, with probability 2 · ¼ · ¾
+    assert crps(np.array([[1.0], [0.0]]), np.array([0.75, 0.25]), np.array([0.5])) == pytest.approx(0.5 - 0.25 * 0.75)
+    assert crps(np.full((3, 1), 2.0), np.full(3, 1 / 3), np.array([5.0])) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("z", [-2.0, 0.0, 0.7])
+def test_crps_and_log_score_of_normal_particles(z):
+    truth = np.array([z, 10.0 + 3.0 * z])
+    closed = z * (2.0 * norm.cdf(z) - 1.0) + 2.0 * norm.pdf(z) - 1.0 / np.sqrt(np.pi)  # Gneiting & Raftery, eq. 20
+    np.testing.assert_allclose(crps(NORMAL, EVEN, truth), closed * np.array([1.0, 3.0]), rtol=1e-3)
+    expected = -norm.logpdf(truth, loc=[0.0, 10.0], scale=[1.0, 3.0])
+    np.testing.assert_allclose(log_score(NORMAL, EVEN, truth), expected, atol=1e-3)
+
+
+def test_weights_count_as_repetitions():
+    rng = np.random.default_rng(0)
+    values, truth = rng.standard_normal((5, 3)), rng.standard_normal(3)
+    times = np.array([1, 4, 2, 0, 3])
+    repeated, even = np.repeat(values, times, axis=0), np.full(10, 0.1)
+    for score in (crps, ranks, log_score):
+        np.testing.assert_allclose(score(values, times / 10.0, truth), score(repeated, even, truth))
+
+
+def test_a_posterior_without_spread_is_infinitely_sure():
+    same = np.ones((4, 2))
+    assert log_score(same, np.full(4, 0.25), np.array([1.0, 2.0])).tolist() == [-np.inf, np.inf]
+
+
+def test_bands_cover_what_lies_between_their_quantiles():
+    inside = covered(NORMAL, EVEN, np.array([0.6, 10.0 - 3.0 * 0.7]), (0.5, 0.9))  # ±0.674 σ and ±1.645 σ
+    assert inside.tolist() == [[True, False], [True, True]]
+
+
+def test_ranks_count_the_weight_below():
+    values = np.array([[0.0], [1.0], [2.0], [1.0]])
+    weights = np.array([0.1, 0.2, 0.3, 0.4])
+    assert ranks(values, weights, np.array([1.0])) == pytest.approx(0.1 + 0.3)
+    assert ranks(values, weights, np.array([1.5])) == pytest.approx(0.7)
+
+
+def test_ranks_are_flat_for_the_true_posterior_and_shaped_for_others():
+    rng = np.random.default_rng(1)
+    truths = rng.standard_normal((2000, 1))
+    even = np.full(200, 1 / 200)
+    shares = {
+        scale: rank_histogram(np.concatenate([ranks(scale * rng.standard_normal((200, 1)), even, y) for y in truths]))
+        for scale in (1.0, 0.5, 2.0)
+    }
+    assert all(counts.sum() == 2000 for counts in shares.values())
+    # a bin's count is binomial, 200 ± 13; six deviations
+    assert np.abs(shares[1.0] - 200).max() < 6 * 13.4
+    assert min(shares[0.5][0], shares[0.5][-1]) > 400  # too sure: a U
+    assert max(shares[2.0][0], shares[2.0][-1]) < 60  # too unsure: a hump
+
+
+def test_the_true_posterior_has_the_best_scores():
+    rng = np.random.default_rng(2)
+    truths = rng.standard_normal(400)
+    for score in (crps, log_score):
+        means = [
+            np.mean([score(NORMAL[::40, :1] * scale, EVEN[::40] * N / len(EVEN[::40]), np.array([y])) for y in truths])
+            for scale in (0.5, 1.0, 2.0)
+        ]
+        assert means[1] == min(means)
+
+
+def test_a_step_reports_calibration_of_pose_or_joints():
+    rng = np.random.default_rng(0)
+    spread = 0.05 * rng.standard_normal((2000, 25))
+    spread[:, 5] = 0.0  # held fixed: not counted
+    pose = standing()
+    true = pose.copy()
+    true[:12] += 0.05 * 1.0  # one deviation: outside of the middle half, inside of the 90 % band
+    errors = step_errors(step_of(pose + spread, Truth(pose=true, joints=joints(SKELETON, true[None])[0])), BODY)
+    assert errors["coverage_50"] == pytest.approx(13 / 24)
+    assert errors["coverage_90"] == 1.0
+    off = 1.0 * (2.0 * norm.cdf(1.0) - 1.0) + 2.0 * norm.pdf(1.0) - 1.0 / np.sqrt(np.pi)
+    on = 2.0 * norm.pdf(0.0) - 1.0 / np.sqrt(np.pi)
+    # scores of 2000 draws are good to a few per cent
+    assert errors["crps_mm"] == pytest.approx(50.0 * off, rel=0.05)
+    assert errors["crps_deg"] == pytest.approx(np.degrees(0.05 * (8 * off + 13 * on) / 21), rel=0.05)
+    assert "coverage_90_joints" not in errors
+    shift = 0.05 * rng.standard_normal((2000, 1)) * np.eye(25)[0]
+    beside = joints(SKELETON, (pose + 0.05 * np.eye(25)[0])[None])[0]
+    beside[4] = np.nan
+    errors = step_errors(step_of(pose + shift, Truth(joints=beside)), BODY)
+    assert errors["crps_joints_mm"] == pytest.approx(50.0 * off / 3.0, rel=0.05)  # one coordinate of three moves
+    assert errors["coverage_50_joints"] == pytest.approx(2 / 3)  # the others are where the particles all are
+    assert errors["coverage_90_joints"] == 1.0

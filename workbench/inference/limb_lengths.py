@@ -1,0 +1,176 @@
+"""How long a person's limbs are, from 2-D joints in the first frames: least squares over lengths and poses together."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from workbench.arrays import FloatArray
+from workbench.body.kinematics import descendants, forward, joint_jacobian
+from workbench.body.limbs import Body, person
+from workbench.body.shape import Shape, from_height
+from workbench.body.skeleton import N_ROOT, Skeleton, person_skeleton
+from workbench.datasets.frame import Dataset
+from workbench.errors import InputError
+from workbench.inference.decoding import PoseDecoder
+from workbench.inference.frame_fit import Gaussian, fit_frame
+from workbench.inference.observed import Keypoints, Observed, person_px, usable_keypoints, views_residual
+from workbench.inference.residuals import projection_jacobian
+from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, likely_pose
+
+log = logging.getLogger(__name__)
+
+LENGTHS = ("torso", "shoulders", "hips", "head", "upper_arm", "forearm", "thigh", "calf")
+"""What may differ from the average person, beside the height."""
+AVERAGE_M, HEIGHT_SIGMA, GIVEN_SIGMA = 1.70, 0.06, 0.01
+"""Adults' height and the standard deviation of its logarithm; and that of a height that is given."""
+PROPORTION_SIGMA = 0.08
+"""Of the logarithm of a length over the height: people differ by some 4 %, and detectors' joints are not
+anatomists'."""
+ANGLE_SIGMA_RAD = 1.0
+"""Of every joint angle about zero, for those that nothing shows, such as the twist of a straight arm."""
+KEYPOINT_SIGMA = 0.03
+"""Of a joint, in heights of the person in the image: detectors are off by 1 to 2 %, but alike in frames that follow
+each other, so that eight say little more than one."""
+GAP_S = 1.0 / 14.0
+"""Between the frames looked at: nearer ones show nothing new."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """shape: the person's. poses: (T, P) in the frames looked at. error_px: root mean square distance to the marks."""
+
+    shape: Shape
+    poses: FloatArray
+    error_px: float
+
+
+def of_keypoints(dataset: Dataset, *, height_m: float | None = None, n_frames: int = 8) -> Body:
+    """The person whose limbs fit the keypoints of a dataset's first frames: `n_frames` of them, a 14th of a second
+    apart.
+
+    height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10
+    cm. Raises InputError where fewer than LEAST_KEYPOINTS joints are seen in every one of these frames, and heights as
+    `from_height` does.
+    """
+    skeleton = person_skeleton(from_height(AVERAGE_M if height_m is None else height_m))
+    seen: list[tuple[Keypoints, ...]] = []
+    last_s = -np.inf
+    for frame in dataset.frames():
+        if len(seen) == n_frames:
+            break
+        looked = [(view.keypoints, view.camera) for view in frame.views if view.keypoints is not None]
+        found = tuple(one for given, camera in looked if (one := usable_keypoints(skeleton, given, camera)))
+        if frame.time_s - last_s > 0.99 * GAP_S and enough_keypoints(Observed(np.empty((0, 3)), found)):
+            seen.append(found)
+            last_s = frame.time_s
+    if not seen:
+        raise InputError("body: expected keypoints in the dataset's frames to measure the person by, found none")
+    measured = measure(seen, height_m)
+    lengths = ", ".join(f"{name} {100.0 * getattr(measured.shape, name):.1f}" for name in LENGTHS[4:])
+    log.info("limbs measured in %d frames, %.1f px left: %s cm", len(seen), measured.error_px, lengths)
+    return person(measured.shape)
+
+
+def measure(
+    seen: Sequence[Sequence[Keypoints]], height_m: float | None = None, keypoint_sigma: float = KEYPOINT_SIGMA
+) -> Measured:
+    """Lengths and poses that fit the keypoints of T frames best, all views of a frame together.
+
+    The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
+    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's
+    loss.
+    """
+    sigma_px = keypoint_sigma * person_px(seen[0])
+    start = np.zeros(1 + len(LENGTHS))
+    start[0] = 0.0 if height_m is None else np.log(height_m / AVERAGE_M)
+    spread = np.full(len(start), PROPORTION_SIGMA)
+    spread[0] = HEIGHT_SIGMA if height_m is None else GIVEN_SIGMA
+    poses = _first_poses(person_skeleton(shape_of(start)), seen, sigma_px)
+    held = np.concatenate([start, poses.ravel()]), np.concatenate([spread, np.tile(_pose_sigma(poses), len(poses))])
+    held[0][len(start) :].reshape(poses.shape)[:, N_ROOT:] = 0.0
+    tied = np.isfinite(held[1])
+
+    def misses(x: FloatArray) -> FloatArray:
+        seen_off = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[0]
+        return np.concatenate([seen_off, ((x - held[0]) / held[1])[tied]])
+
+    def slopes(x: FloatArray) -> FloatArray:
+        by_seen = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[1]
+        return np.vstack([by_seen, np.diag(1.0 / held[1])[tied]])
+
+    found = least_squares(
+        misses, np.concatenate([start, poses.ravel()]), jac=slopes, loss="huber", f_scale=KEYPOINT_LOSS.scale,
+        x_scale="jac", max_nfev=50,
+    )  # fmt: skip
+    lengths, poses = found.x[: len(start)], found.x[len(start) :].reshape(poses.shape)
+    n_marks = sum(len(one.joints) for views in seen for one in views)
+    left = _project(lengths, poses, seen, sigma_px)[0]
+    return Measured(shape_of(lengths), poses, sigma_px * float(np.sqrt((left**2).sum() / n_marks)))
+
+
+def shape_of(lengths: FloatArray) -> Shape:
+    """The person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average person's."""
+    average = from_height(AVERAGE_M * float(np.exp(lengths[0])))
+    factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
+    (x, y, z), (ahead, aside, up), (_, half, _) = average.head, average.shoulder, average.hip
+    return replace(
+        average,
+        neck=(0.0, 0.0, factor["torso"] * average.neck[2]),
+        shoulder=(ahead, factor["shoulders"] * aside, factor["torso"] * up),
+        hip=(0.0, factor["hips"] * half, 0.0),
+        head=(factor["head"] * x, factor["head"] * y, factor["head"] * z),
+        **{name: factor[name] * getattr(average, name) for name in LENGTHS[4:]},
+    )
+
+
+def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
+    """Derivative (T, J, 3, G) of the joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G)."""
+    frames = forward(skeleton, poses)
+    own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
+    at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
+    jacobian: FloatArray = np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
+    return jacobian
+
+
+def _project(
+    lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and poses."""
+    skeleton = person_skeleton(shape_of(lengths))
+    steps = 1e-6 * np.eye(len(lengths))
+    offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
+    by_length = np.stack([(up - down) / 2e-6 for up, down in zip(offsets[::2], offsets[1::2], strict=True)], axis=-1)
+    by_pose, by_lengths = joint_jacobian(skeleton, poses), length_jacobian(skeleton, by_length, poses)
+    places, misses, slopes = forward(skeleton, poses).positions, [], []
+    for t, views in enumerate(seen):
+        for one in views:
+            white = np.sqrt(one.marks[:, 2:]) / sigma_px
+            apart = np.nan_to_num((one.camera.project(places[t, one.joints]) - one.marks[:, :2]) * white, nan=1e3)
+            lens = projection_jacobian(one.camera, places[t, one.joints]) * white[..., None]
+            slope = np.zeros((apart.size, len(lengths) + poses.size))
+            slope[:, : len(lengths)] = (lens @ by_lengths[t, one.joints]).reshape(apart.size, -1)
+            first = len(lengths) + t * poses.shape[1]
+            slope[:, first : first + poses.shape[1]] = (lens @ by_pose[t, one.joints]).reshape(apart.size, -1)
+            misses.append(apart.ravel())
+            slopes.append(slope)
+    return np.concatenate(misses), np.vstack(slopes)
+
+
+def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
+    """Poses (T, P) of the average person: the first from nothing, the others each from the one before."""
+    prior = Gaussian.independent(np.zeros(len(skeleton.dof_names)), _pose_sigma(np.zeros((1, len(skeleton.dof_names)))))
+    residuals = [views_residual(skeleton, views, sigma_px) for views in seen]
+    poses = [likely_pose(skeleton, seen[0], residuals[0], prior)]
+    for residual in residuals[1:]:
+        poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)
+    return np.array(poses)
+
+
+def _pose_sigma(poses: FloatArray) -> FloatArray:
+    """(P,): of the joint angles; the root is free."""
+    sigma = np.full(poses.shape[1], ANGLE_SIGMA_RAD)
+    sigma[:N_ROOT] = np.inf
+    return sigma
