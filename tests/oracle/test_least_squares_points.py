@@ -133,7 +133,7 @@ def test_frames_it_cannot_use_are_bridged_and_named():
 
 def test_what_is_out_of_range_is_an_error():
     for given, sentence in [
-        ({"style": "swing"}, "style must be one of steady, frame, none"),
+        ({"style": "swing"}, "style must be one of steady, frame, smooth, none"),
         ({"kind": "depth"}, "kind must be one of"),
         ({"loss": "cauchy"}, "loss must be one of"),
         ({"sigma_px": 0.0}, "sigma_px must be above zero"),

@@ -25,6 +25,8 @@ from workbench.inference.step import Step
 
 LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
+OF_HEAVIEST = ("error_abs_mm", "error_rel_mm")
+"""Errors in space that are told of the heaviest particle too."""
 N_POSITION = 3
 """Numbers of a pose that are lengths, which come first."""
 
@@ -32,7 +34,7 @@ N_POSITION = 3
 def step_errors(
     step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
 ) -> dict[str, float]:
-    """The errors of one step that its truth allows, of the expected pose and (`_map`) of the heaviest particle.
+    """The errors of one step that its truth allows, of the expected pose, and three (`_map`) of the heaviest particle.
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
@@ -56,14 +58,15 @@ def step_errors(
     errors: dict[str, float] = {}
     for suffix, estimate in zip(("", "_map"), estimates, strict=True):
         if truth.joints is not None:
-            errors |= {name + suffix: value for name, value in joint_errors(measured, estimate, truth.joints).items()}
+            found = joint_errors(measured, estimate, truth.joints)
+            errors |= {name + suffix: found[name] for name in found if not suffix or name in OF_HEAVIEST}
         pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
-        if truth.joints is not None and len(measured) == len(estimate) - 1 and step.frame.views:
-            seen = [(view.camera.project(estimate), view.camera.project(truth.joints)) for view in step.frame.views]
-            error = float(np.mean([mean_distance(found, true) for found, true in seen])) / image_scale
-            errors |= {f"humaneva_px{suffix}": error} if np.isfinite(error) else {}
+    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and step.frame.views:
+        seen = [(view.camera.project(estimates[0]), view.camera.project(truth.joints)) for view in step.frame.views]
+        error = float(np.mean([mean_distance(found, true) for found, true in seen])) / image_scale
+        errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and step.frame.views and "error_px" in errors:
         errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
     if truth.pose is not None:
