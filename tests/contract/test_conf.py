@@ -61,7 +61,9 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     config = compose("config", overrides=["likelihood=product", "likelihood.terms.background.k=0.7"])
     body, dataset = person(from_height(1.7)), object()
     product = build(config.likelihood, body=body, dataset=dataset)
-    assert list(product.terms) == list(product.weights) == ["image_motion", "background", "appearance", "edges"]
+    assert list(product.terms) == list(product.weights) == [
+        "image_motion", "background", "appearance", "edges", "silhouette",
+    ]  # fmt: skip
     assert all(term.body is body for term in product.terms.values())
     assert product.terms["background"].dataset is dataset
     assert product.terms["background"].k == 0.7

@@ -16,6 +16,7 @@ from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.likelihood import Likelihood, remember
 from workbench.likelihoods.product import Product
+from workbench.likelihoods.silhouette import Silhouette
 from workbench.likelihoods.uniform import Uniform
 
 BODY = person(from_height(1.75))
@@ -50,6 +51,7 @@ LIKELIHOODS: tuple[Likelihood, ...] = (
     Background(BODY, Empty()),
     Appearance(BODY),
     edges(),
+    Silhouette(BODY, Empty()),
     Product({"motion": ImageMotion(BODY), "background": Background(BODY, Empty())}, {"motion": 0.5, "background": 1.0}),
 )
 

@@ -55,6 +55,7 @@ def switching(**options):
 
 MADE = {
     "walking": lambda folder: from_motions.walking(motions="builtin", cache=folder, n_components=4),
+    "gait": lambda folder: from_motions.gait(motions="builtin", cache=folder, n_components=4),
     "cyclic": lambda folder: from_motions.cyclic(motions="builtin", cache=folder, q=4),
     "smooth": lambda folder: Smooth(),
     "smooth arm": lambda folder: Smooth(parameters=ARM, start_uniform=["left_shoulder_twist"]),

@@ -18,14 +18,14 @@ from workbench.priors.cyclic import TABLE_PHASES, Cyclic, decode, decode_referen
 T, D = 32, 3
 
 
-def model(seed=0):
-    """Smooth random curves: a few harmonics over a plausible mean walk."""
+def model(seed=0, channels=20):
+    """Smooth random curves: a few harmonics over a plausible mean walk; 25 channels: with the root's sway."""
     rng = np.random.default_rng(seed)
     phase = 2 * np.pi * np.arange(T) / T
     waves = np.stack([np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)])
-    mean = 0.3 * np.einsum("ht,hc->tc", waves, rng.normal(size=(4, 20))) + 0.2
+    mean = 0.3 * np.einsum("ht,hc->tc", waves, rng.normal(size=(4, channels))) + 0.2
     mean[:, 0] += 1.1
-    components = np.einsum("ht,dhc->dtc", waves, rng.normal(size=(D, 4, 20)))
+    components = np.einsum("ht,dhc->dtc", waves, rng.normal(size=(D, 4, channels)))
     components /= np.linalg.norm(components, axis=(1, 2), keepdims=True)
     return WalkingModel(mean, components, np.array([1.5, 1.0, 0.5]), (0.95, 0.08), 0.9, 20)
 
@@ -53,8 +53,9 @@ def test_decoding_is_the_model_at_its_own_phases():
     assert prior.pose(state)[:, N_ROOT:] == pytest.approx(expected[:, 1:], abs=1e-9)
 
 
-def test_the_pose_jacobian_agrees_with_differences():
-    prior = Cyclic(model())
+@pytest.mark.parametrize("channels", [20, 25])
+def test_the_pose_jacobian_agrees_with_differences(channels):
+    prior = Cyclic(model(channels=channels))
     state = states(prior, 6)
     analytic = prior.pose_jacobian(state)
     for d in range(len(prior.space)):
@@ -78,6 +79,20 @@ def test_start_is_near_the_pose():
     assert np.abs(poses[:, N_ROOT:].mean(axis=0) - pose[N_ROOT:]).max() < 0.1
     speed = start[:, prior.space.slices["phase_speed"]]
     assert (speed.mean(), speed.std()) == (pytest.approx(0.95, abs=0.01), pytest.approx(0.08, rel=0.1))
+
+
+def test_the_sway_is_aside_of_the_even_heading_and_taken_off_a_starting_pose():
+    prior = Cyclic(model(channels=25), start_coefficients=0.0, start_phase=0.0, start_position=0.0, start_rotation=0.0)
+    state = states(prior, 1)
+    state[0, prior.space.slices["coefficients"]] = 0.0
+    state[0, prior.space.slices["phase"]] = 0.25
+    aside, up, *turns = prior.model.mean[T // 4, 20:]
+    pose, root = prior.pose(state)[0], state[0, -6:]
+    across = np.array([-np.sin(root[3]), np.cos(root[3])])
+    expected = np.concatenate([root[:2] + aside * across, [root[2] + up], root[3:] + turns])
+    assert pose[:N_ROOT] == pytest.approx(expected, abs=1e-12)
+    # the nearest state may have another phase and coefficients; its pose has the same root all the same
+    assert prior.pose(prior.nearest(pose)[None])[0, :N_ROOT] == pytest.approx(pose[:N_ROOT], abs=1e-12)
 
 
 def test_fixed_rotation_stays_fixed():

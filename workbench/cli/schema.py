@@ -36,11 +36,12 @@ from workbench.likelihoods.background import Background
 from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.product import Product
+from workbench.likelihoods.silhouette import Silhouette
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
 from workbench.priors.flipping import Flipping
-from workbench.priors.from_motions import activity, cyclic, implicit, walking
+from workbench.priors.from_motions import activity, cyclic, gait, implicit, walking
 from workbench.priors.jitter import Jitter
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.partwise import Partwise
@@ -66,6 +67,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
     },
     "prior": {
         "walking": walking,
+        "gait": gait,
         "cyclic": cyclic,
         "smooth": Smooth,
         "implicit": implicit,
@@ -81,6 +83,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "background": Background,
         "appearance": Appearance,
         "edges": Edges,
+        "silhouette": Silhouette,
         "product": Product,
         "surface_points": SurfacePoints,
         "uniform": Uniform,

@@ -18,7 +18,7 @@ from workbench.inference.observed import Keypoints, Observed, usable_keypoints, 
 from workbench.inference.phase_grid import N_HEADINGS, N_PHASES, find_phase
 from workbench.inference.residuals import Loss, Residual
 from workbench.learning.activities import ActivityModel
-from workbench.learning.cycles import CHANNEL_NAMES
+from workbench.learning.cycles import ANGLES, CHANNEL_NAMES
 from workbench.learning.walking import WalkingModel
 from workbench.priors.cyclic import Cyclic
 
@@ -87,9 +87,10 @@ def motion_model(model: WalkingModel) -> ActivityModel:
     """A cyclic model as a motion model of one activity, with cycles two deviations slower and faster as examples."""
     mean_hz, deviation_hz = model.cycle_rate_hz
     return ActivityModel(
-        angles=CHANNEL_NAMES[1:], mean=model.mean[:, 1:], components=model.components[:, :, 1:], scales=model.scales,
-        explained=np.array([model.explained]), scores=np.zeros((3, len(model.scales))), activities=("cycle",) * 3,
-        sources=("",) * 3, cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]),
+        angles=CHANNEL_NAMES[ANGLES], mean=model.mean[:, ANGLES], components=model.components[:, :, ANGLES],
+        scales=model.scales, explained=np.array([model.explained]), scores=np.zeros((3, len(model.scales))),
+        activities=("cycle",) * 3, sources=("",) * 3,
+        cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]),
     )  # fmt: skip
 
 

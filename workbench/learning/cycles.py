@@ -14,6 +14,10 @@ from workbench.mocap.motion import Motion
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
 """What one cycle holds (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
+ANGLES = slice(1, len(CHANNEL_NAMES))
+"""Which channels are the joint angles."""
+ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
+"""What it may hold besides: how the root sways about its even way, m, and turns about its even direction, rad."""
 
 GAIT_CUTOFF_HZ = 3.0
 SHORTEST_S, LONGEST_S = 0.6, 2.0
@@ -24,7 +28,8 @@ LEAST_SWING_RAD = 0.3
 class Cycles:
     """m cycles of C channels at T phases 0, 1/T, … (one cycle is 1).
 
-    curves: (m, T, C), channels named CHANNEL_NAMES. durations_s: (m,). sources: the motion each one was cut from.
+    curves: (m, T, C), channels named CHANNEL_NAMES, and ROOT_CHANNELS where the root's were asked for. durations_s:
+    (m,). sources: the motion each one was cut from.
     """
 
     curves: FloatArray
@@ -32,12 +37,12 @@ class Cycles:
     sources: tuple[str, ...]
 
 
-def walking_cycles(motions: Sequence[Motion], n_phases: int = 64) -> Cycles:
+def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = False) -> Cycles:
     """Every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
 
     Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
     gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
-    say). Motions without a whole cycle add nothing. The result may be empty.
+    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS, see `root_sway`.
     """
     curves: list[FloatArray] = []
     durations: list[float] = []
@@ -50,10 +55,11 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64) -> Cycles:
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if SHORTEST_S <= duration <= LONGEST_S:
-                curves.append(_one_cycle(channels, first, last, n_phases))
+                curve = _one_cycle(channels, first, last, n_phases)
+                curves.append(np.hstack([curve, root_sway(motion, first, last, n_phases)]) if root else curve)
                 durations.append(duration)
                 sources.append(motion.name)
-    shape = (len(curves), n_phases, len(CHANNEL_NAMES))
+    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * root)
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
@@ -84,6 +90,26 @@ def motion_channels(motion: Motion) -> FloatArray:
     heading = motion.poses[:, POSE_NAMES.index("root_heading")]
     speed = ground[:, 0] * np.cos(heading) + ground[:, 1] * np.sin(heading)
     return np.column_stack([speed, motion.poses[:, N_ROOT:]])
+
+
+def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> FloatArray:
+    """How the root moves about its even way in one cycle, ROOT_CHANNELS (T, 5), each with mean zero over the cycle.
+
+    The even way turns and rises evenly, from what the root does in the mean over the cycle; aside is the integral of
+    the velocity across it. What the root does ahead of it is in the torso's speed.
+    """
+    frames = first + (last - first) * np.arange(n_phases + 1) / n_phases
+    root = CubicSpline(np.arange(len(motion)), motion.poses[:, :N_ROOT])(frames)
+    ground = CubicSpline(np.arange(len(motion)), motion.velocities[:, :2])(frames)
+    even = np.linspace(-0.5, 0.5, n_phases + 1)[:, None] * (root[-1] - root[0])
+    swayed = root - even
+    swayed -= swayed[:-1].mean(axis=0)
+    heading = root[:, 3] - swayed[:, 3]
+    across = -ground[:, 0] * np.sin(heading) + ground[:, 1] * np.cos(heading)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (across[1:] + across[:-1]))]) * (frames[1] - frames[0])
+    way = way / motion.rate_hz - np.linspace(0.0, 1.0, n_phases + 1) * way[-1] / motion.rate_hz
+    aside = way - way[:-1].mean()
+    return np.column_stack([aside, swayed[:, 2:]])[:-1]
 
 
 def _one_cycle(channels: CubicSpline, first: float, last: float, n_phases: int) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.learning.cycles import CHANNEL_NAMES
+from workbench.learning.cycles import CHANNEL_NAMES, ROOT_CHANNELS
 from workbench.learning.walking import WalkingModel
 
 FORMAT = "workbench walking model 1"
@@ -48,7 +48,7 @@ def write_model(path: Path, model: WalkingModel, provenance: Provenance) -> None
         file.attrs["format"] = FORMAT
         file.attrs["workbench"] = __version__
         file.attrs["provenance"] = provenance.as_json()
-        file.attrs["channels"] = json.dumps(CHANNEL_NAMES)
+        file.attrs["channels"] = json.dumps((CHANNEL_NAMES + ROOT_CHANNELS)[: model.mean.shape[1]])
         for name in ("mean", "components", "scales"):
             file[name] = getattr(model, name)
         for name in ("cycle_rate_hz", "explained", "n_cycles"):
@@ -76,6 +76,7 @@ def read_model(path: Path) -> WalkingModel:
     except (OSError, KeyError) as error:
         raise InputError(f"{path}: expected a walking model in HDF5: {error}") from None
     d, n_phases, n_channels = model.components.shape
-    if model.mean.shape != (n_phases, n_channels) or model.scales.shape != (d,) or n_channels != len(CHANNEL_NAMES):
+    known = n_channels in (len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS))
+    if model.mean.shape != (n_phases, n_channels) or model.scales.shape != (d,) or not known:
         raise InputError(f"{path}: expected a mean and components of one shape, found {model.mean.shape} and more")
     return model

@@ -59,14 +59,39 @@ def walking_model(
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
+    return _walking(motions, data, cache, subjects, variance, n_components, scaling, root=False)
+
+
+def gait_model(
+    *,
+    motions: str = "builtin",
+    data: str | None = None,
+    cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = ("02", "05", "06", "07", "08", "16", "32", "39"),
+    n_components: int = 8,
+) -> WalkingModel:
+    """The walking model with how the root sways, channels scaled by their effect on the joints; see `walking_model`."""
+    return _walking(motions, data, cache, subjects, 0.95, n_components, "joints", root=True)
+
+
+def _walking(
+    motions: str,
+    data: str | None,
+    cache: str,
+    subjects: Sequence[str],
+    variance: float,
+    n_components: int | None,
+    scaling: str,
+    root: bool,
+) -> WalkingModel:
     training = training_motions(motions, data=data, cache=cache, subjects=subjects)
     provenance = _provenance(
-        training, code_digest(cycles, walking), variance=variance, n_components=n_components, scaling=scaling
+        training, code_digest(cycles, walking), variance=variance, n_components=n_components, scaling=scaling, root=root
     )
     return _cached(
         Path(cache).expanduser() / "models" / f"walking-{provenance.key[:16]}.h5",
         read_model,
-        lambda: learn_walking(training, variance=variance, n_components=n_components, scaling=scaling),
+        lambda: learn_walking(training, variance=variance, n_components=n_components, scaling=scaling, root=root),
         lambda path, model: write_model(path, model, provenance),
     )
 

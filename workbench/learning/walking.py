@@ -9,7 +9,7 @@ from workbench.arrays import FloatArray
 from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, person_skeleton
 from workbench.errors import InputError
-from workbench.learning.cycles import CHANNEL_NAMES, Cycles, walking_cycles
+from workbench.learning.cycles import ANGLES, CHANNEL_NAMES, ROOT_CHANNELS, Cycles, walking_cycles
 from workbench.mocap.motion import Motion
 
 SPEED_LEVER_S = 0.1
@@ -24,9 +24,9 @@ class WalkingModel:
     """A* = Â + B̃ c (paper A, section 6.2), with d components over T phases of C channels.
 
     mean: (T, C). components: (d, T, C). scales: (d,), λ, the standard deviations of the coefficients over the
-    training cycles. Channels are CHANNEL_NAMES, in m/s and rad. cycle_rate_hz: mean and standard deviation of the
-    cycles per second. explained: fraction of the (scaled) variance the d components explain. n_cycles: how many
-    cycles it was learned from.
+    training cycles. Channels are CHANNEL_NAMES, and ROOT_CHANNELS if learned, in m/s, rad and m. cycle_rate_hz: mean
+    and standard deviation of the cycles per second. explained: fraction of the (scaled) variance the d components
+    explain. n_cycles: how many cycles it was learned from.
     """
 
     mean: FloatArray
@@ -43,22 +43,24 @@ def learn_walking(
     n_components: int | None = None,
     scaling: str = "none",
     n_phases: int = 64,
+    root: bool = False,
 ) -> WalkingModel:
     """Learn the model from the walking cycles in the motions.
 
     n_components: the number d; None takes the fewest that explain more than the fraction `variance` of the variance.
     scaling: "none" as in the paper (speed in metres per frame at 30 Hz beside radians), or "joints", which weighs
-    every channel by how far it moves the joints, so that twists that move nothing do not claim components.
+    every channel by how far it moves the joints, so that twists that move nothing do not claim components. root: learn
+    how the root sways, too, which the paper leaves to noise.
     Raises InputError when there are fewer than two cycles, or more components are asked for than there are.
     """
     if scaling not in ("none", "joints"):
         raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
     if not 0.0 < variance < 1.0:
         raise InputError(f"prior: variance must lie between 0 and 1, found {variance}")
-    cycles = walking_cycles(motions, n_phases)
+    cycles = walking_cycles(motions, n_phases, root)
     if len(cycles.curves) < 2:
         raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
-    weights = _joint_effects(cycles, motions) if scaling == "joints" else _paper_weights()
+    weights = _joint_effects(cycles, motions) if scaling == "joints" else _paper_weights(cycles.curves.shape[2])
     return _mpca(cycles, weights, variance, n_components)
 
 
@@ -83,18 +85,19 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
     )
 
 
-def _paper_weights() -> FloatArray:
-    weights = np.ones(len(CHANNEL_NAMES))
+def _paper_weights(n_channels: int) -> FloatArray:
+    weights = np.ones(n_channels)
     weights[0] = 1.0 / 30.0
     return weights
 
 
 def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
-    """Root mean square way (C,), m, that one radian of each angle moves the 14 joints, over the mean cycle."""
+    """Root mean square way (C,), m, that one radian or metre of each moves the 14 joints, over the mean cycle."""
     skeleton = person_skeleton(motions[0].shape)
     poses = np.zeros((cycles.curves.shape[1], len(skeleton.dof_names)))
-    poses[:, N_ROOT:] = cycles.curves.mean(axis=0)[:, 1:]
+    poses[:, N_ROOT:] = cycles.curves.mean(axis=0)[:, ANGLES]
     measured = [skeleton.joint(name) for name in ERROR_JOINTS]
-    moved = joint_jacobian(skeleton, poses)[:, measured, :, N_ROOT:]
-    effects = np.sqrt((moved**2).sum(axis=2).mean(axis=(0, 1)))
-    return np.concatenate([[SPEED_LEVER_S], np.maximum(effects, LEAST_EFFECT_M)])
+    moved = joint_jacobian(skeleton, poses)[:, measured]
+    effects = np.maximum(np.sqrt((moved**2).sum(axis=2).mean(axis=(0, 1))), LEAST_EFFECT_M)
+    n_root = cycles.curves.shape[2] - len(CHANNEL_NAMES)
+    return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])

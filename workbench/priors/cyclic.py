@@ -12,6 +12,7 @@ from scipy.signal import resample
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
+from workbench.learning.cycles import ANGLES, CHANNEL_NAMES
 from workbench.learning.walking import WalkingModel
 from workbench.priors.density import apart, log_normal
 from workbench.priors.state import StateSpace
@@ -34,7 +35,8 @@ class Cyclic:
     Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
     leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
-    torso's own axis (A eq. 16), so that a torso that leans does not sink.
+    torso's own axis (A eq. 16), so that a torso that leans does not sink. Where the model has learned how the root
+    sways and turns in a cycle (`cycles.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class Cyclic:
             if len(given) != 3:
                 raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")
         self.model = model
+        self.sways = model.mean.shape[1] > len(CHANNEL_NAMES)
         self.parameters = POSE_NAMES
         self.sigma_coefficients = sigma_coefficients
         self.sigma_phase = sigma_phase
@@ -124,19 +127,28 @@ class Cyclic:
         """The poses (N, P) of states (N, D)."""
         slices = self.space.slices
         channels = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
-        return np.concatenate(
-            [state[:, slices["root_position"]], state[:, slices["root_rotation"]], channels[:, 1:]], 1
-        )
+        root = state[:, slices["root_position"].start : slices["root_rotation"].stop]
+        if self.sways:
+            root = root + turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
+        return np.concatenate([root, channels[:, ANGLES]], 1)
 
     def pose_jacobian(self, state: FloatArray) -> FloatArray:
         """Derivative of the poses with respect to the states, (N, P, D)."""
         slices = self.space.slices
         coefficients, phase = state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0]
-        jacobian = np.zeros((len(state), N_ROOT + self._table.shape[2] - 1, len(self.space)))
+        jacobian = np.zeros((len(state), len(self.parameters), len(self.space)))
         curves = interpolate_reference(self._table, phase)
-        jacobian[:, N_ROOT:, slices["coefficients"]] = curves[:, 1:, 1:].transpose(0, 2, 1)
-        jacobian[:, N_ROOT:, slices["phase"].start] = decode(self._slope, coefficients, phase)[:, 1:]
+        slopes = decode(self._slope, coefficients, phase)
+        jacobian[:, N_ROOT:, slices["coefficients"]] = curves[:, 1:, ANGLES].transpose(0, 2, 1)
+        jacobian[:, N_ROOT:, slices["phase"].start] = slopes[:, ANGLES]
         jacobian[:, range(N_ROOT), range(slices["root_position"].start, slices["root_rotation"].stop)] = 1.0
+        if self.sways:
+            root, heading = slice(len(CHANNEL_NAMES), None), state[:, slices["root_rotation"]][:, 0]
+            for k in range(slices["coefficients"].stop):
+                jacobian[:, :N_ROOT, k] = turned(curves[:, 1 + k, root], heading)
+            jacobian[:, :N_ROOT, slices["phase"].start] = turned(slopes[:, root], heading)
+            sway = turned(decode(self._table, coefficients, phase)[:, root], heading + np.pi / 2.0)
+            jacobian[:, :2, slices["root_rotation"].start] = sway[:, :2]
         return jacobian
 
     def nearest(self, pose: FloatArray) -> FloatArray:
@@ -145,7 +157,7 @@ class Cyclic:
         For every phase of the table the best coefficients are those of a ridge regression with the learned N(0, 1)
         prior and an angle's standard deviation of 0.1 rad; the phase with the smallest cost wins.
         """
-        angles = self._table[:, :, 1:]
+        angles = self._table[:, :, ANGLES]
         missing = (pose[N_ROOT:] - angles[:, 0]) / 0.1
         basis = angles[:, 1:] / 0.1
         normal = basis @ basis.transpose(0, 2, 1) + np.eye(basis.shape[1])
@@ -156,8 +168,12 @@ class Cyclic:
         state[self.space.slices["coefficients"]] = coefficients[best]
         state[self.space.slices["phase"]] = best / TABLE_PHASES
         state[self.space.slices["phase_speed"]] = self.model.cycle_rate_hz[0]
-        state[self.space.slices["root_position"]] = pose[:3]
-        state[self.space.slices["root_rotation"]] = pose[3:N_ROOT]
+        root = pose[:N_ROOT].copy()
+        if self.sways:
+            sway = decode(self._table, coefficients[best : best + 1], np.array([best / TABLE_PHASES]))
+            sway = sway[:, len(CHANNEL_NAMES) :]
+            root -= turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
+        state[self.space.slices["root_position"].start : self.space.slices["root_rotation"].stop] = root
         return state
 
     def _deviations(self) -> FloatArray:
@@ -169,6 +185,12 @@ class Cyclic:
                 self.sigma_rotation,
             ]
         )
+
+
+def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
+    """What ROOT_CHANNELS (N, 5) of walkers with headings (N,) add to the root's six numbers (N, 6) in the world."""
+    aside, others = sway[:, :1], sway[:, 1:]
+    return np.hstack([-np.sin(heading)[:, None] * aside, np.cos(heading)[:, None] * aside, others])
 
 
 def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
