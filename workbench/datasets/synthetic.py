@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -23,6 +24,7 @@ from workbench.datasets.frame import Frame, Truth, View
 from workbench.datasets.gait import PATHS
 from workbench.datasets.image_cache import read_images, write_images
 from workbench.datasets.motions import find_motion
+from workbench.datasets.splice import splice
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.motion import Motion
@@ -35,7 +37,7 @@ KEYPOINTS_MISSED = 0.1
 class Synthetic:
     """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
 
-    motion: see `motions.find_motion`. data: the folder that holds cmu/ and bandai/. cache: a folder for rendered
+    motion: see `motions.find_motion`, or a list of such names that take even turns (`splice.splice`). data: the folder that holds cmu/ and bandai/. cache: a folder for rendered
     images; without one every process renders them anew. path: "straight" or "circle", for the builtin walker only.
     moving: names of the pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in
     the first frame used; None: everything moves. n_frames frames at rate_hz are used, from first_frame on, counted at
@@ -51,7 +53,7 @@ class Synthetic:
     never sees the person.
     """
 
-    motion: str = "builtin"
+    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
     data: str | None = None
     cache: str | None = None
     path: str = "straight"
@@ -173,8 +175,14 @@ class Synthetic:
     @cached_property
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
-        motion = find_motion(self.motion, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
         end = self.first_frame + self.n_frames
+        names = [self.motion] if isinstance(self.motion, str | int) else list(self.motion)
+        if not names:
+            raise InputError("synthetic: motion must name at least one motion, found none")
+        motions = [
+            find_motion(name, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed) for name in names
+        ]
+        motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
             raise InputError(
                 f"synthetic: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
