@@ -171,16 +171,29 @@ def test_the_leaves_and_boxes_hold_their_entries(n):
 
 def test_nothing_depends_on_the_number_of_threads():
     coefficients, rng = database(3000, 7), np.random.default_rng(6)
-    tree, probes, counts, uniforms = kd_tree(coefficients), rng.normal(size=(70, 7)), np.full(70, 3), rng.random(210)
+    probes, counts, uniforms = rng.normal(size=(70, 7)), np.full(70, 9), rng.random((630, 8))
+    tree, paper = kd_tree(coefficients), sign_tree(coefficients)
     before, results = numba.get_num_threads(), []
     try:
         for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
             numba.set_num_threads(threads)
-            results.append(search(tree, probes, counts, 0.1, uniforms))
+            found = search(tree, probes, counts, 0.1, uniforms[:, 0])
+            drawn = draw(paper, np.repeat(probes, 9, axis=0), 0.1, uniforms)
+            results.append((found.entries, found.visited, found.log_mass, drawn))
     finally:
         numba.set_num_threads(before)
-    for name in ("entries", "visited", "log_mass"):
-        assert (getattr(results[0], name) == getattr(results[1], name)).all()
+    for one, two in zip(*results, strict=True):
+        assert (one == two).all()
+
+
+def test_the_table_of_phi_decides_as_phi_does():
+    """Uniforms just beside Φ, nearer than the table is exact, and beyond its ends."""
+    rng = np.random.default_rng(9)
+    probes = rng.uniform(-8.0, 8.0, size=(4000, 1))
+    beside = (norm.cdf(probes[:, 0]) + rng.choice([-1e-3, -1e-5, -1e-9, 1e-9, 1e-5, 1e-3], 4000)).clip(0.0, 1.0 - 1e-16)
+    two = sign_tree(np.array([[-1.0], [1.0]], dtype=np.float32))
+    right = draw(two, probes, 1.0, np.stack([beside, beside], axis=1), "uniform")
+    assert (right == (beside < norm.cdf(probes[:, 0]))).all()
 
 
 @pytest.mark.parametrize("beta", [0.05, 1.0])

@@ -316,7 +316,7 @@ def _bin(square: Any, low: Any, per_square: Any) -> int:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _take(
-    squares: Any, leaf: int, beta: float, farthest: Any, base: float, mass: float, n_found: int, weights: Any,
+    squares: Any, leaf: Any, beta: float, farthest: Any, base: float, mass: float, n_found: int, weights: Any,
     found: Any,
 ) -> Any:  # fmt: skip
     """Add a leaf's entries nearer than `farthest` (squared) to what was found; return (base, mass, number found)."""
@@ -337,7 +337,7 @@ def _take(
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _squares(coefficients: Any, leaf: int, probe: Any, squares: Any) -> None:
+def _squares(coefficients: Any, leaf: Any, probe: Any, squares: Any) -> None:
     """|c_i − c_t|² of the leaf's entries; four coefficients a pass, as one would spend its time on loads and stores."""
     for lane in range(LANES):
         squares[lane] = np.float32(0.0)
@@ -350,7 +350,7 @@ def _squares(coefficients: Any, leaf: int, probe: Any, squares: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _box_squares(boxes: Any, group: int, probe: Any, squares: Any) -> None:
+def _box_squares(boxes: Any, group: Any, probe: Any, squares: Any) -> None:
     """The squared distances from the probe to the LANES boxes of a group, 0 inside."""
     for lane in range(LANES):
         squares[lane] = np.float32(0.0)
