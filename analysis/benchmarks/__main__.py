@@ -13,11 +13,16 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from analysis.benchmarks import draws
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
 
-BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {}
+BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
+    "tree_draw_us": draws.tree_figures,
+    "exact_draw_us": draws.exact_figures,
+    "tree_vs_ckdtree": draws.tree_figures,
+}
 """What measures each figure."""
 
 

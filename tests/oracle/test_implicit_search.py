@@ -157,13 +157,13 @@ def test_the_leaves_and_boxes_hold_their_entries(n):
     assert sorted(tree.order) == list(range(n))
     leaves = np.split(tree.order, range(LANES, n, LANES))
     for leaf, inside in enumerate(leaves):
-        assert (tree.coefficients[leaf, :5, : len(inside)].T == coefficients[inside]).all()
+        assert (coefficients[inside] == tree.coefficients[leaf, :5, : len(inside)].T).all()
         box = tree.leaf_boxes[leaf // LANES, :5, :, leaf % LANES]
-        assert (box.T == [coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)]).all()
+        assert ([coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)] == box.T).all()
     for group, first in enumerate(range(0, len(leaves), LANES)):
         inside = np.concatenate(leaves[first : first + LANES])
         box = tree.group_boxes[group // LANES, :5, :, group % LANES]
-        assert (box.T == [coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)]).all()
+        assert ([coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)] == box.T).all()
     places = np.arange(tree.leaf_boxes.shape[0] * LANES)
     empty = tree.leaf_boxes[places // LANES, :, :, places % LANES][len(leaves) :]
     assert np.isinf(empty).all()
@@ -268,6 +268,8 @@ def test_bad_input_is_refused():
         search(tree, np.full((1, 8), np.nan), one, 1.0, np.zeros(1))
     with pytest.raises(ValueError, match="probes"):
         search(tree, np.full((1, 8), 1e16), one, 1.0, np.zeros(1))
+    with pytest.raises(ValueError, match="probes"):
+        draw(sign_tree(coefficients), np.full((1, 8), np.nan), 1.0, np.zeros((1, 9)))
     with pytest.raises(ValueError, match="counts"):
         search(tree, probe, np.array([2]), 1.0, np.zeros(1))
     with pytest.raises(InputError, match="leaf"):

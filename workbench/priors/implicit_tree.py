@@ -17,8 +17,6 @@ from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.errors import InputError
 
 LEAVES = ("gaussian", "uniform")
-CHUNK = 256
-"""Draws that a thread takes at a time."""
 TABLE_END = 6.0
 TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))
 """Φ, to be interpolated linearly."""
@@ -155,19 +153,19 @@ def _checked(coefficients: Float32Array) -> Float32Array:
 
 
 def _check_search(tree: Tree, probes: FloatArray, beta: float, leaf: str) -> None:
-    if probes.shape[1:] != (tree.depth,):
-        raise ValueError(f"probes must be (N, {tree.depth}), found {probes.shape}")
+    if probes.shape[1:] != (tree.depth,) or not np.isfinite(probes).all():
+        raise ValueError(f"probes must be finite (N, {tree.depth}), found {probes.shape}")
     if not beta > 0.0:
         raise InputError(f"prior: the temperature beta must be positive, found {beta}")
     if leaf not in LEAVES:
         raise InputError(f"prior: leaf must be one of {', '.join(LEAVES)}, found {leaf!r}")
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, leaves: Any) -> None:
     n_levels = probes.shape[1]
     deviation = math.sqrt(beta)
-    for i in numba.prange(probes.shape[0]):
+    for i in range(probes.shape[0]):
         node, low, high = 0, 0, 1 << n_levels
         for level in range(n_levels):
             middle = (low + high) // 2
@@ -193,18 +191,15 @@ def _is_below(uniform: float, x: float) -> Any:
     return uniform < 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pick(rows: Any, probes: Any, firsts: Any, sizes: Any, turns: Any, beta: float, uniforms: Any, places: Any) -> None:
     """The place in its leaf of every draw, by p(c_i | c_t) among the leaf's entries; in the order of `turns`."""
-    n, largest = turns.shape[0], sizes.max()
-    for chunk in numba.prange((n + CHUNK - 1) // CHUNK):
-        odds, before = np.empty(largest), -1
-        for turn in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n)):
-            i = turns[turn]
-            if before < 0 or firsts[i] != firsts[before] or not _equal(probes[i], probes[before]):
-                _leaf_odds(rows, firsts[i], sizes[i], probes[i], beta, odds)
-            last, before = sizes[i] - 1, i
-            places[i] = np.searchsorted(odds[:last], uniforms[i] * odds[last], side="right")
+    odds, before = np.empty(sizes.max()), -1
+    for i in turns:
+        if before < 0 or firsts[i] != firsts[before] or not _equal(probes[i], probes[before]):
+            _leaf_odds(rows, firsts[i], sizes[i], probes[i], beta, odds)
+        last, before = sizes[i] - 1, i
+        places[i] = np.searchsorted(odds[:last], uniforms[i] * odds[last], side="right")
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
