@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import draws
+from analysis.benchmarks import draws, filters
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -22,6 +22,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "tree_draw_us": draws.tree_figures,
     "exact_draw_us": draws.exact_figures,
     "tree_vs_ckdtree": draws.tree_figures,
+    "filter_overhead_vs_peers": filters.figures,
 }
 """What measures each figure."""
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from scipy.special import logsumexp
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
+from workbench.inference.weights import logsumexp
 from workbench.likelihoods.likelihood import Likelihood
 from workbench.priors.state import Prior, propose
 
@@ -104,10 +104,10 @@ class ParticleFilter:
             log_weights = np.full(self.n_particles, -np.log(self.n_particles))
         clock.lap("resampling")
         dt_s = frame.time_s - previous.time_s
-        state, correction = propose(self.prior, parents.state[ancestors], dt_s, rng_streams["prior"])
+        state, correction = propose(self.prior, parents.state.take(ancestors, axis=0), dt_s, rng_streams["prior"])
         poses = self.prior.pose(state)
         clock.lap("prior")
-        log_prob = self.likelihood.log_prob(previous, frame, parents.poses[ancestors], poses)
+        log_prob = self.likelihood.log_prob(previous, frame, parents.poses.take(ancestors, axis=0), poses)
         clock.lap("likelihood")
         log_weights, gained, warnings = self._weigh(frame, log_weights, correction, log_prob)
         return Particles(state, poses, log_weights, ancestors), gained, warnings + self.likelihood.warnings()
@@ -148,8 +148,8 @@ def _step(
     clock: "_Stopwatch",
 ) -> Step:
     weights = np.exp(particles.log_weights)
-    # a plain sum over axis 0, not a BLAS product, whose order of addition depends on the number of threads
-    expected = (weights[:, None] * particles.poses).sum(axis=0)
+    # not a BLAS product, whose order of addition depends on the number of threads
+    expected = np.einsum("n,np->p", weights, particles.poses)
     clock.lap("summary")
     return Step(
         frame=frame,
