@@ -15,7 +15,7 @@ What makes it fast, at n = 10⁵ and β = 0.05 (2.8 µs a draw on one thread, 20
 
 - The coefficients of a leaf's entries, and the boxes of a group's leaves, stand side by side, so that LANES distances
   are computed at once, in vectors. Of rows one after the other, each distance by itself takes four times as long.
-- Two layers of boxes instead of a binary tree's sixteen: fewer boxes to look at, and no stack.
+- Two layers of boxes instead of a binary tree's fourteen: fewer boxes to look at, and no stack.
 - Nodes are halved across the component of largest variance, not of largest range, which a few outliers decide: 30 %
   fewer entries are looked at.
 - Leaves are sorted into bins by distance, which is cheaper than a sort and as good.
