@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,7 @@ from analysis.benchmarks import __main__ as benchmarks
 from analysis.benchmarks.figure import Figure, differences, not_measured, read_figures, table, write_figures
 from workbench.errors import InputError
 
+REFERENCE = Path(benchmarks.__file__).with_name("reference.json")
 FAST = Figure("draw_us", 0.9, "µs a draw", 1.2, "lower", "the issue's bar")
 MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 UNKNOWN = not_measured("with_peer", "×", 0.1, "lower", "peer is not installed")
@@ -105,3 +107,9 @@ def test_figures_measured_together_are_measured_once(monkeypatch):
     monkeypatch.setattr(benchmarks, "BENCHMARKS", {"draw_us": both, "against_peer": both})
     assert benchmarks.main([]) == 0
     assert len(asked) == 1
+
+
+def test_the_kept_reference_has_every_figure():
+    kept = {figure.name: figure for figure in read_figures(REFERENCE)}
+    assert set(benchmarks.BENCHMARKS) <= set(kept)
+    assert not [name for name, figure in kept.items() if not figure.value > 0.0]
