@@ -3,8 +3,9 @@
 What counts is what a step takes beyond the prior and the likelihood: resampling before every frame, moving particles
 (state and pose) to where their ancestors were, normalising the weights, the effective sample size and the expected
 pose. What the prior and the likelihood take, and what it takes to plug them in, is measured inside each run and left
-out. `particles` has a class to derive from, Stone Soup a predictor, an updater and a resampler; filterpy a resampler
-only, around which its documentation writes the loop.
+out. All in seconds of the processor: the time is short, and what other programs do would show. `particles` has a class
+to derive from, Stone Soup a predictor, an updater and a resampler; filterpy a resampler only, around which its
+documentation writes the loop.
 """
 
 import time
@@ -16,6 +17,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from analysis.benchmarks.figure import Figure, not_measured
 from workbench.arrays import FloatArray
@@ -123,7 +125,7 @@ def _missing(name: str) -> str:
 def _fastest_overheads(loops: Sequence[Callable[[Plugged], None]], plugged: Plugged) -> list[float]:
     """Seconds a step of each loop beyond what is plugged in: the fastest of REPEATS runs, which take turns."""
     overheads = np.empty((REPEATS + 1, len(loops)))
-    for repeat in overheads:
+    for repeat in tqdm(overheads, disable=None, leave=False):
         for column, loop in enumerate(loops):
             plugged.clock.seconds = 0.0
             start = time.thread_time()
