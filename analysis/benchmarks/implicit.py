@@ -4,7 +4,7 @@
 
 DATA holds cmu/ and bandai/. The library is every Bandai clip but each tenth, and the CMU clips of all subjects but
 35, 38 and 39; windows to search for come from what is left out. Larger libraries repeat the clips with noise.
-Times are the minimum of the repeats, everything in one process and in turns. One thread.
+Times are the minimum of the repeats, everything in one process and in turns, ours on numba's threads.
 
 The searches. "sign tree" is the paper's, with leaves drawn uniformly or by p(c_i | c_t); "kd-tree (ours)" is what the
 prior uses. The neighbours of cKDTree stand for a search that returns the k nearest and draws among them by p.
@@ -63,13 +63,14 @@ def main() -> None:
     options.add_argument("--cache", default="~/.cache/workbench", help="folder for the imported motions")
     options.add_argument("--sizes", type=int, nargs="*", default=[10_000, 100_000, 1_000_000])
     arguments = options.parse_args()
-    library, left_out = _motions(arguments.data, arguments.cache)
+    library, left_out = recorded(arguments.data, arguments.cache)
     _prediction_table(library, left_out)
     for size in arguments.sizes:
         _search_table(size, library, [motion for clips in left_out.values() for motion in clips])
 
 
-def _motions(data: Path, cache: str) -> tuple[list[Motion], dict[str, list[Motion]]]:
+def recorded(data: Path, cache: str) -> tuple[list[Motion], dict[str, list[Motion]]]:
+    """The library's clips, and those left out by why they are."""
     motions = [motion.resampled(RATE_HZ) for motion in database_motions("recorded", data=str(data), cache=cache)]
     bandai = [motion for motion in motions if motion.subject.startswith("bandai")]
     cmu = _of_cmu(motions)
@@ -85,7 +86,7 @@ def _of_cmu(motions: Sequence[Motion]) -> list[Motion]:
 def _search_table(size: int, library: Sequence[Motion], left_out: Sequence[Motion]) -> None:
     rng = np.random.default_rng(0)
     start = time.perf_counter()
-    windows = learn_windows(_enlarged(library, size, rng))
+    windows = learn_windows(enlarged(library, size, rng))
     took = time.perf_counter() - start
     others = learn_windows(left_out)
     probes = windows.project(others.window_rows(rng.choice(len(others), N_PARENTS, replace=False)))
@@ -95,9 +96,12 @@ def _search_table(size: int, library: Sequence[Motion], left_out: Sequence[Motio
     print(f"{took:.1f} s, {_megabytes(*held)}; {N_PARENTS} distinct parents, {N_PARENTS * N_CHILDREN} draws")
     (sign, signed), (median, halved), (kd, split) = (_timed(partial(f, c)) for f in (sign_tree, median_tree, kd_tree))
     neighbours, indexed = _timed(partial(cKDTree, c))
-    print(f"built besides: sign tree {signed:.2f} s, {_megabytes(sign.order, sign.starts, sign.splits)};", end=" ")
-    print(f"median tree {halved:.2f} s, {_megabytes(median.order, median.starts, median.splits)};")
-    print(f"kd-tree {split:.2f} s, {_megabytes(kd.coefficients, kd.order, kd.starts, kd.boxes)};", end=" ")
+    print(
+        f"built besides: sign tree {signed:.2f} s, {_megabytes(sign.rows, sign.order, sign.starts, sign.splits)};",
+        end=" ",
+    )
+    print(f"median tree {halved:.2f} s, {_megabytes(median.rows, median.order, median.starts, median.splits)};")
+    print(f"kd-tree {split:.2f} s, {_megabytes(kd.coefficients, kd.order, kd.leaf_boxes, kd.group_boxes)};", end=" ")
     print(f"cKDTree {indexed:.2f} s, {_megabytes(neighbours.data, neighbours.indices)} and its nodes")
     print(f"most memory this process has held: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
     print("β     search            µs a draw   TV to exact   |c_i − c_t|²   visited %")
@@ -162,7 +166,7 @@ def _neighbours_variation(neighbours: cKDTree, c: Float32Array, probes: FloatArr
     return float(np.mean(variations))
 
 
-def _enlarged(library: Sequence[Motion], size: int, rng: np.random.Generator) -> list[Motion]:
+def enlarged(library: Sequence[Motion], size: int, rng: np.random.Generator) -> list[Motion]:
     """Clips for about `size` windows: some of them, or all of them repeatedly with noise.
 
     A repeated clip is held differently by 3° in every angle, and every frame is off by another 0.1°.

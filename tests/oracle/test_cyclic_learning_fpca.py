@@ -41,9 +41,10 @@ def test_the_fourier_functions_are_orthonormal():
         assert basis.T @ basis == pytest.approx(np.eye(N_FOURIER), abs=1e-12)
 
 
+@pytest.mark.parametrize("n", [40, 200])  # fewer and more slices than Fourier coefficients
 @pytest.mark.parametrize("method", [fpca_paper, fpca_shrunk])
-def test_without_gaps_it_is_the_pca_of_the_slices(method):
-    truth, slices = planted_slices(rank=3)
+def test_without_gaps_it_is_the_pca_of_the_slices(method, n):
+    truth, slices = planted_slices(n, rank=3)
     pca = method(slices, 3)
     _, singular, rows = np.linalg.svd((truth - truth.mean(axis=0)).reshape(len(truth), -1), full_matrices=False)
     assert pca.mean == pytest.approx(truth.mean(axis=0), abs=1e-9)
@@ -51,6 +52,7 @@ def test_without_gaps_it_is_the_pca_of_the_slices(method):
     assert np.abs(pca.components.reshape(3, -1) @ rows[:3].T) == pytest.approx(np.eye(3), abs=1e-6)
     assert pca.explained == pytest.approx(1.0, abs=1e-9)
     assert (pca.completed == truth).all()
+    assert len(pca.errors) == 1  # nothing is missing, so nothing changes
 
 
 def test_missing_entries_of_a_low_rank_are_recovered():

@@ -1,5 +1,6 @@
 """The searches of the implicit prior against enumeration: what is drawn, and how often."""
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +10,7 @@ from scipy.stats import chisquare, norm
 from workbench.errors import InputError
 from workbench.priors.implicit_fidelity import fidelity, log_importance, total_variation
 from workbench.priors.implicit_search import (
+    LANES,
     exact_log_prob,
     found_distribution,
     found_distribution_reference,
@@ -110,7 +112,7 @@ def test_the_tree_kernel_agrees_with_numpy(n, b, seed, beta, leaf, kind):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    n=st.integers(1, 400),
+    n=st.integers(1, 1500),
     b=st.integers(1, 17),
     seed=st.integers(0, 10**6),
     beta=st.floats(1e-3, 10.0),
@@ -132,7 +134,7 @@ def test_the_search_misses_at_most_epsilon(n, b, seed, beta, epsilon, spread):
 
 
 def test_the_search_kernel_agrees_with_numpy():
-    coefficients, rng = database(700, 11), np.random.default_rng(5)
+    coefficients, rng = database(2700, 11), np.random.default_rng(5)
     tree = kd_tree(coefficients)
     for probe in rng.normal(size=(10, 11)):
         found, visited = found_distribution(tree, probe, 0.1)
@@ -148,18 +150,50 @@ def test_a_clustered_database_is_mostly_not_visited():
     assert result.total_variation < 0.01
 
 
-def test_the_leaves_and_boxes_hold_their_entries():
-    coefficients = database(333, 5)
+@pytest.mark.parametrize("n", [1, LANES, 333, 2 * LANES**2 + 5])
+def test_the_leaves_and_boxes_hold_their_entries(n):
+    coefficients = database(n, 5)
     tree = kd_tree(coefficients)
-    assert sorted(tree.order) == list(range(333))
-    n_leaves = len(tree.starts) - 1
-    for node in range(2 * n_leaves - 1):
-        level = (node + 1).bit_length() - 1
-        width = n_leaves >> level
-        first = (node + 1 - (1 << level)) * width
-        inside = tree.coefficients[tree.starts[first] : tree.starts[first + width]]
-        assert (tree.boxes[node, 0] == inside.min(axis=0)).all()
-        assert (tree.boxes[node, 1] == inside.max(axis=0)).all()
+    assert sorted(tree.order) == list(range(n))
+    leaves = np.split(tree.order, range(LANES, n, LANES))
+    for leaf, inside in enumerate(leaves):
+        assert (coefficients[inside] == tree.coefficients[leaf, :5, : len(inside)].T).all()
+        box = tree.leaf_boxes[leaf // LANES, :5, :, leaf % LANES]
+        assert ([coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)] == box.T).all()
+    for group, first in enumerate(range(0, len(leaves), LANES)):
+        inside = np.concatenate(leaves[first : first + LANES])
+        box = tree.group_boxes[group // LANES, :5, :, group % LANES]
+        assert ([coefficients[inside].min(axis=0), coefficients[inside].max(axis=0)] == box.T).all()
+    places = np.arange(tree.leaf_boxes.shape[0] * LANES)
+    empty = tree.leaf_boxes[places // LANES, :, :, places % LANES][len(leaves) :]
+    assert np.isinf(empty).all()
+
+
+def test_nothing_depends_on_the_number_of_threads():
+    coefficients, rng = database(3000, 7), np.random.default_rng(6)
+    probes, counts, uniforms = rng.normal(size=(70, 7)), np.full(70, 9), rng.random((630, 8))
+    tree, paper = kd_tree(coefficients), sign_tree(coefficients)
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+            numba.set_num_threads(threads)
+            found = search(tree, probes, counts, 0.1, uniforms[:, 0])
+            drawn = draw(paper, np.repeat(probes, 9, axis=0), 0.1, uniforms)
+            results.append((found.entries, found.visited, found.log_mass, drawn))
+    finally:
+        numba.set_num_threads(before)
+    for one, two in zip(*results, strict=True):
+        assert (one == two).all()
+
+
+def test_the_table_of_phi_decides_as_phi_does():
+    """Uniforms just beside Φ, nearer than the table is exact, and beyond its ends."""
+    rng = np.random.default_rng(9)
+    probes = rng.uniform(-8.0, 8.0, size=(4000, 1))
+    beside = (norm.cdf(probes[:, 0]) + rng.choice([-1e-3, -1e-5, -1e-9, 1e-9, 1e-5, 1e-3], 4000)).clip(0.0, 1.0 - 1e-16)
+    two = sign_tree(np.array([[-1.0], [1.0]], dtype=np.float32))
+    right = draw(two, probes, 1.0, np.stack([beside, beside], axis=1), "uniform")
+    assert (right == (beside < norm.cdf(probes[:, 0]))).all()
 
 
 @pytest.mark.parametrize("beta", [0.05, 1.0])
@@ -187,6 +221,16 @@ def test_far_probes_do_not_underflow():
     found = search(kd_tree(coefficients), np.full((1, 8), 60.0), np.array([5]), 1e-3, np.linspace(0, 0.99, 5))
     nearest = ((coefficients - 60.0) ** 2).sum(axis=1).argmin()
     assert (found.entries == nearest).all()
+
+
+@pytest.mark.parametrize("beta", [1e-9, 1e-30])
+def test_far_probes_at_no_temperature_find_one_of_the_nearest(beta):
+    """Where float32 cannot tell the reach from the nearest distance: an entry as near as it can tell."""
+    coefficients, rng = database(4000), np.random.default_rng(8)
+    probes = 1000.0 * rng.normal(size=(50, 8))
+    found = search(kd_tree(coefficients), probes, np.ones(50, dtype=np.int64), beta, rng.random(50))
+    squares = ((coefficients[None] - probes[:, None]) ** 2).sum(axis=2)
+    assert squares[np.arange(50), found.entries] == pytest.approx(squares.min(axis=1), rel=1e-5)
 
 
 def test_importance_weights_turn_the_trees_draws_into_exact_ones():
@@ -222,6 +266,10 @@ def test_bad_input_is_refused():
         search(tree, probe, one, 1.0, np.zeros(1), epsilon=0.0)
     with pytest.raises(ValueError, match="probes"):
         search(tree, np.full((1, 8), np.nan), one, 1.0, np.zeros(1))
+    with pytest.raises(ValueError, match="probes"):
+        search(tree, np.full((1, 8), 1e16), one, 1.0, np.zeros(1))
+    with pytest.raises(ValueError, match="probes"):
+        draw(sign_tree(coefficients), np.full((1, 8), np.nan), 1.0, np.zeros((1, 9)))
     with pytest.raises(ValueError, match="counts"):
         search(tree, probe, np.array([2]), 1.0, np.zeros(1))
     with pytest.raises(InputError, match="leaf"):

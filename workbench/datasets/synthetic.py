@@ -180,7 +180,8 @@ class Synthetic:
         if not names:
             raise InputError("synthetic: motion must name at least one motion, found none")
         motions = [
-            find_motion(name, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed) for name in names
+            find_motion(str(name), data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
+            for name in names
         ]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):

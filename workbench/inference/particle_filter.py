@@ -6,13 +6,13 @@ from time import perf_counter
 from types import MappingProxyType
 
 import numpy as np
-from scipy.special import logsumexp
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.resampling import RESAMPLING
 from workbench.inference.step import Step
+from workbench.inference.weights import logsumexp
 from workbench.likelihoods.likelihood import Likelihood, diagnostics, remember
 from workbench.priors.state import Prior, StateSpace, propose
 
@@ -156,10 +156,10 @@ class ParticleFilter:
             log_weights = np.full(self.n_particles, -np.log(self.n_particles))
         clock.lap("resampling")
         dt_s = frame.time_s - previous.time_s
-        state, correction = propose(self.prior, parents.state[ancestors], dt_s, rng_streams["prior"])
+        state, correction = propose(self.prior, parents.state.take(ancestors, axis=0), dt_s, rng_streams["prior"])
         poses = self.prior.pose(state)
         clock.lap("prior")
-        log_prob = self.likelihood.log_prob(previous, frame, parents.poses[ancestors], poses)
+        log_prob = self.likelihood.log_prob(previous, frame, parents.poses.take(ancestors, axis=0), poses)
         clock.lap("likelihood")
         stop = self.on_degenerate == "stop"
         log_weights, gained, warnings = weigh(frame, log_weights, log_prob, correction, stop=stop)
@@ -208,8 +208,8 @@ def particle_step(frame: Frame, space: StateSpace, advanced: Advanced, log_evide
     """The step of one frame's particles, with the expected pose and that of the best particle."""
     particles = advanced.particles
     weights = np.exp(particles.log_weights)
-    # a plain sum over axis 0, not a BLAS product, whose order of addition depends on the number of threads
-    expected = (weights[:, None] * particles.poses).sum(axis=0)
+    # not a BLAS product, whose order of addition depends on the number of threads
+    expected = np.einsum("n,np->p", weights, particles.poses)
     best = int(np.argmax(particles.log_weights)) if advanced.best is None else advanced.best
     clock.lap("summary")
     return Step(

@@ -1,7 +1,9 @@
 """Resampling: from weights to ancestors (Doucet, de Freitas & Gordon 2001; Douc, Cappé & Moulines 2005)."""
 
 from collections.abc import Callable
+from typing import Any
 
+import numba
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
@@ -40,8 +42,22 @@ def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
 def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     edges = np.cumsum(weights)
     last = int(np.flatnonzero(weights)[-1])  # rounding may leave the last edge short of one
-    ancestors: IntArray = np.minimum(np.searchsorted(edges, positions * edges[-1], side="right"), last)
+    positions = positions * edges[-1]
+    rising = bool((positions[1:] >= positions[:-1]).all())  # as systematic ones are
+    found = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
+    ancestors: IntArray = np.minimum(found, last)
     return ancestors
+
+
+@numba.njit(cache=True, nogil=True)
+def _walk(edges: Any, positions: Any) -> Any:
+    """`searchsorted` from the right for rising positions, in one walk."""
+    found, j = np.empty(positions.shape[0], dtype=np.int64), 0
+    for i in range(positions.shape[0]):
+        while j < edges.shape[0] and edges[j] <= positions[i]:
+            j += 1
+        found[i] = j
+    return found
 
 
 RESAMPLING: dict[str, Resample] = {"systematic": systematic, "multinomial": multinomial, "residual": residual}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.linalg import eigh
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
@@ -86,13 +87,15 @@ def _fpca(
     """Steps 2–9; `reconstruct` is steps 5–6: the spectra (N, 20, m) of X − 1μᵀ in, a low rank and its penalty out."""
     n_phases = slices.values.shape[1]
     basis = fourier_basis(np.arange(n_phases) / n_phases, n_phases)
-    x = slices.values
+    x, complete = slices.values, bool(slices.observed.all())
     errors: list[float] = []
     for _ in tqdm(range(MOST_PASSES), desc="functional PCA", unit="pass", leave=False, disable=None):
         mean = x.mean(axis=0)
         curves, penalty = reconstruct(_spectra(x - mean))
         fitted = basis @ curves + mean
         errors.append(float(np.sqrt(np.sum((x - fitted) ** 2) + penalty)))
+        if complete:
+            break
         x = np.where(slices.observed, x, fitted)
         if len(errors) > 1 and abs(errors[-2] - errors[-1]) <= tolerance * errors[-2]:
             break
@@ -100,12 +103,12 @@ def _fpca(
         log.warning("functional PCA: not converged to %g after %d passes", tolerance, MOST_PASSES)
     mean_curve = _spectra(mean)
     spectra = _spectra(x - x.mean(axis=0))
-    rows, singular = _principal(spectra.reshape(len(x), -1))
+    rows, singular = _principal(spectra.reshape(len(x), -1), q)
     return FunctionalPca(
         mean=basis @ mean_curve,
-        components=basis @ rows[:q].reshape(q, N_FOURIER, -1),
-        scales=singular[:q] / np.sqrt(len(x) - 1),
-        explained=float(np.sum(singular[:q] ** 2) / np.sum(singular**2)),
+        components=basis @ rows.reshape(q, N_FOURIER, -1),
+        scales=singular / np.sqrt(len(x) - 1),
+        explained=float(np.sum(singular**2) / np.sum(spectra**2)),
         curves=curves + mean_curve,
         completed=x,
         errors=np.array(errors),
@@ -126,13 +129,13 @@ def _spectra(curves: FloatArray) -> FloatArray:
 
 
 def _keep_largest(q: int, spectra: FloatArray) -> tuple[FloatArray, float]:
-    kept, _ = _low_rank(spectra, lambda singular: np.where(np.arange(len(singular)) < q, singular, 0.0))
-    return kept, 0.0
+    smaller = min(len(spectra), spectra[0].size)
+    return _low_rank(spectra, 0.0, by_index=(max(smaller - q, 0), smaller - 1))[0], 0.0
 
 
 def _soften(threshold: float, slices: Slices, spectra: FloatArray) -> tuple[FloatArray, float]:
     centres = _centres(spectra, slices)
-    softened, nuclear_norm = _low_rank(spectra - centres, lambda singular: np.maximum(singular - threshold, 0.0))
+    softened, nuclear_norm = _low_rank(spectra - centres, threshold, by_value=(threshold**2, np.inf))
     return centres + softened, 2.0 * threshold * nuclear_norm
 
 
@@ -146,25 +149,37 @@ def _centres(spectra: FloatArray, slices: Slices) -> FloatArray:
     return centres
 
 
-def _low_rank(spectra: FloatArray, shrink: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, float]:
-    """Spectra (N, 20, m) as N rows with shrunk singular values (largest first), and the sum of those.
+def _low_rank(
+    spectra: FloatArray,
+    lower: float,
+    *,
+    by_index: tuple[int, int] | None = None,
+    by_value: tuple[float, float] | None = None,
+) -> tuple[FloatArray, float]:
+    """Spectra (N, 20, m) as N rows with some singular values only, lowered, and the sum of those.
 
-    From the eigenvectors of the smaller of XᵀX and XXᵀ: several times faster than an SVD, and what is lost, singular
-    values below 1e-8 of the largest, is shrunk away anyhow.
+    by_index, by_value: the squares of those to keep, by their rank in rising order or themselves. From the
+    eigenvectors of the smaller of XᵀX and XXᵀ, and only those needed: many times faster than an SVD, and what is lost,
+    singular values below 1e-8 of the largest, is passed over anyhow.
     """
     x = spectra.reshape(len(spectra), -1)
     tall = x.shape[0] > x.shape[1]
-    values, vectors = np.linalg.eigh(x.T @ x if tall else x @ x.T)
-    singular = np.sqrt(np.maximum(values[::-1], 0.0))
-    shrunk = shrink(singular)
-    used = shrunk > 0.0
-    fraction, basis = shrunk[used] / singular[used], vectors[:, ::-1][:, used]
+    values, vectors = eigh(x.T @ x if tall else x @ x.T, subset_by_index=by_index, subset_by_value=by_value)
+    singular = np.sqrt(np.maximum(values, 0.0))
+    used = singular > lower
+    shrunk, basis = singular[used] - lower, vectors[:, used]
+    fraction = shrunk / singular[used]
     low_rank = (x @ basis * fraction) @ basis.T if tall else (basis * fraction) @ (basis.T @ x)
     return low_rank.reshape(spectra.shape), float(shrunk.sum())
 
 
-def _principal(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Right singular vectors (rows) and singular values of x; each vector's largest entry is made positive."""
-    _, singular, rows = np.linalg.svd(x, full_matrices=False)
+def _principal(x: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
+    """The first q right singular vectors (rows) and singular values of x; each vector's largest entry is positive."""
+    n, size = x.shape
+    if n > size:
+        values, vectors = eigh(x.T @ x, subset_by_index=(size - q, size - 1))
+        rows, singular = vectors.T[::-1], np.sqrt(np.maximum(values[::-1], 0.0))
+    else:
+        rows, singular = (part[:q] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])
     largest = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]
     return rows * np.where(largest < 0.0, -1.0, 1.0)[:, None], singular

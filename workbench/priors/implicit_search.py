@@ -1,14 +1,24 @@
 """Draws from the exact p(c_i | c_t) of paper C (eq. 6) without looking at most of the database.
 
-A kd-tree with tight bounding boxes is descended nearest child first. With exp(−distance² / 2β) the weight of an entry,
-and the distance to its box a bound for it, something is passed over for one of two reasons:
+The entries are cut into leaves of LANES neighbours, the leaves into groups of LANES, as by a kd-tree, and each has a
+tight bounding box. With exp(−distance² / 2β) the weight of an entry, and the distance to its box a bound for it, a
+search starts from the nearest leaf, and something is passed over for one of two reasons:
 
 - each of its entries weighs at most ε/2n of the mass found so far, so that all n of them miss at most ε/2 of it;
-- all its entries together may use up PORTION of what is left of another ε/2, which is kept account of.
+- it is one of the leaves that are left, nearest first, when all these together weigh at most ε/2 of it.
 
 So the draws miss at most the part ε of the mass, and the total variation between their distribution and p is at most ε
 (far less in practice: most entries are farther than their box). One search serves any number of draws from its probe.
 All coefficients are whitened, c_i,l / σ_l.
+
+What makes it fast, at n = 10⁵ and β = 0.05 (2.8 µs a draw on one thread, 20 draws a search):
+
+- The coefficients of a leaf's entries, and the boxes of a group's leaves, stand side by side, so that LANES distances
+  are computed at once, in vectors. Of rows one after the other, each distance by itself takes four times as long.
+- Two layers of boxes instead of a binary tree's fourteen: fewer boxes to look at, and no stack.
+- Nodes are halved across the component of largest variance, not of largest range, which a few outliers decide: 30 %
+  fewer entries are looked at.
+- Leaves are sorted into bins by distance, which is cheaper than a sort and as good.
 """
 
 import math
@@ -21,29 +31,33 @@ from scipy.special import logsumexp
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.errors import InputError
-from workbench.priors.implicit_tree import balanced_order
 
-LEAF_SIZE = 8
-PORTION = 0.01
-"""How much of what is left of ε/2 one box may use up: small enough to last, large enough to spare visits (measured)."""
-LANES = 8
-"""Coefficients are padded with zeros to a multiple of this, so that distances are computed in whole vectors."""
+LANES = 32
+"""Entries of a leaf and leaves of a group: enough to fill the vectors, few enough to pass most of them over whole."""
+BINS = 64
+PROBES = 16
+"""Probes that a thread takes at a time."""
+STRIDE = 4
+"""Coefficients are padded with zeros to a multiple of this, as many as are added up in one pass over the lanes."""
+LARGEST = 1e15
+"""Of a probe's coefficients, so that no squared distance overflows."""
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @dataclass(frozen=True, eq=False)
 class KdTree:
-    """n entries in 2^h leaves of at most LEAF_SIZE.
+    """n entries in L leaves of LANES, and the leaves in G groups of LANES; the last of each may be partly empty.
 
-    coefficients: (n, b) float32, sorted by leaf, b padded to whole LANES. order: (n,) which entry each row is.
-    starts: (2^h + 1,) the rows where the leaves begin. boxes: (2^(h+1) − 1, 2, b) float32, lowest and highest
-    coefficients of every node, in heap order. n_components: b without padding.
+    coefficients: (L, b, LANES) float32, where empty inf; b padded to whole STRIDEs. order: (n,) which entry each place
+    is, leaf after leaf. leaf_boxes: (G, b, 2, LANES) float32, lowest and highest coefficients of the leaves of every
+    group; where empty inf. group_boxes: (⌈G / LANES⌉, b, 2, LANES), the same of the groups. n_components: b without
+    padding.
     """
 
     coefficients: Float32Array
     order: IntArray
-    starts: IntArray
-    boxes: Float32Array
+    leaf_boxes: Float32Array
+    group_boxes: Float32Array
     n_components: int
 
 
@@ -61,18 +75,48 @@ class Found:
 
 
 def kd_tree(coefficients: Float32Array) -> KdTree:
-    """A balanced kd-tree over whitened coefficients (n, b); every node is halved across its widest side."""
+    """The leaves, groups and boxes of whitened coefficients (n, b)."""
     if coefficients.ndim != 2 or 0 in coefficients.shape:
         raise InputError(f"kd-tree: expected coefficients (n, b), found {coefficients.shape}")
     n_components, coefficients = coefficients.shape[1], _padded(coefficients)
-    depth = max(0, math.ceil(math.log2(len(coefficients) / LEAF_SIZE)))
-    order, starts = balanced_order(coefficients, depth)
-    coefficients = coefficients[order]
-    boxes = [np.stack([edge.reduceat(coefficients, starts[:-1], axis=0) for edge in (np.minimum, np.maximum)], axis=1)]
-    while len(boxes[0]) > 1:
-        left, right = boxes[0][0::2], boxes[0][1::2]
-        boxes.insert(0, np.stack([np.minimum(left[:, 0], right[:, 0]), np.maximum(left[:, 1], right[:, 1])], axis=1))
-    return KdTree(coefficients, order, starts, np.concatenate(boxes), n_components)
+    order = _leaf_order(coefficients)
+    leaves = _blocks(coefficients[order], np.inf)
+    lowest, highest = leaves.min(axis=2), _blocks(coefficients[order], -np.inf).max(axis=2)
+    groups = [_blocks(edge, np.inf) for edge in (lowest, highest)]
+    far = [_blocks(edge, empty) for edge, empty in ((lowest, np.inf), (highest, -np.inf))]
+    group_edges = [far[0].min(axis=2), far[1].max(axis=2)]
+    return KdTree(
+        leaves,
+        order,
+        np.stack(groups, axis=2),
+        np.stack([_blocks(edge, np.inf) for edge in group_edges], axis=2),
+        n_components,
+    )
+
+
+def _leaf_order(coefficients: Float32Array) -> IntArray:
+    """The entries (n,) leaf after leaf: halved across their widest component until a leaf is left, at whole groups."""
+    order = np.arange(len(coefficients))
+    ranges = [(0, -(-len(order) // LANES))]  # of leaves
+    while ranges:
+        first, last = ranges.pop()
+        if last - first < 2:
+            continue
+        unit = LANES if last - first > LANES else 1
+        middle = first + unit * max(1, round((last - first) / (2 * unit)))
+        inside = order[first * LANES : last * LANES]
+        near = coefficients[inside]
+        component = int(near.var(axis=0).argmax())
+        halved = np.argpartition(near[:, component], (middle - first) * LANES)
+        order[first * LANES : last * LANES] = inside[halved]
+        ranges += [(first, middle), (middle, last)]
+    return order
+
+
+def _blocks(rows: Float32Array, empty: float) -> Float32Array:
+    """Rows (n, b) as (⌈n / LANES⌉, b, LANES), the last block filled up."""
+    filled = np.pad(rows, ((0, -len(rows) % LANES), (0, 0)), constant_values=empty)
+    return np.ascontiguousarray(filled.reshape(-1, LANES, rows.shape[1]).transpose(0, 2, 1))
 
 
 def search(
@@ -81,7 +125,8 @@ def search(
     """Draw counts[k] entries for every probe k (K, b) from p(c_i | c_t) ∝ exp(−|c_i − c_t|² / 2β) (C, eq. 6).
 
     β = 1 is eq. 6 itself; the temperature scales its variances as in eq. 7. uniforms: (Σ counts,) in [0, 1), probe
-    after probe, as are the entries that come back. epsilon: the part of the mass that may be missed.
+    after probe, as are the entries that come back. epsilon: the part of the mass that may be missed. Probes are shared
+    out to numba's threads, on whose number nothing depends.
     """
     _check(tree, probes, beta, epsilon)
     if counts.shape != (len(probes),) or counts.sum() != len(uniforms):
@@ -89,7 +134,7 @@ def search(
     entries, ends = np.empty(len(uniforms), dtype=np.int64), np.cumsum(counts)
     visited, log_mass = np.empty(len(probes), dtype=np.int64), np.empty(len(probes))
     _search(
-        tree.coefficients, tree.order, tree.starts, tree.boxes, _padded(probes), ends, beta, epsilon,
+        tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, _padded(probes), ends, beta, epsilon,
         uniforms, entries, visited, log_mass,
     )  # fmt: skip
     return Found(entries, visited, log_mass)
@@ -100,11 +145,9 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
     _check(tree, probe[None], beta, epsilon)
     n = len(tree.order)
     weights, found = np.empty(n), np.empty(n, dtype=np.int64)
-    stack, squares = np.empty(128, dtype=np.int64), np.empty(128, dtype=np.float32)
     n_found, visited, _, _ = _open(
-        tree.coefficients, tree.starts, tree.boxes, _padded(probe[None])[0], beta, epsilon,
-        weights, found, stack, squares,
-    )  # fmt: skip
+        tree.coefficients, tree.leaf_boxes, tree.group_boxes, _padded(probe[None])[0], n, beta, epsilon, weights, found
+    )
     distribution = np.zeros(n)
     distribution[tree.order[found[:n_found]]] = weights[:n_found] / weights[:n_found].sum()
     return distribution, int(visited)
@@ -113,41 +156,44 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
 def found_distribution_reference(
     tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01
 ) -> tuple[FloatArray, int]:
-    """The same as `found_distribution` in plain NumPy, by recursion."""
-    n_inner, n = len(tree.starts) - 2, len(tree.order)
-    probe = _padded(probe[None])[0]
-    exponents = np.full(n, np.inf)  # of the rows found, in the tree's order
-    visited, log_spent = 0, -np.inf  # the bound of the mass passed over for the second reason
+    """The same as `found_distribution` in plain NumPy."""
+    probe, n = _padded(probe[None])[0], len(tree.order)
+    exponents = np.full(n, np.inf)  # of the places found
+    scanned: list[int] = []
 
-    def box_exponent(node: int) -> float:
-        gap = np.maximum(np.maximum(tree.boxes[node, 0] - probe, probe - tree.boxes[node, 1]), 0.0)
-        return float(gap @ gap) / (2.0 * beta)
+    def scan(leaf: int) -> None:
+        places = slice(leaf * LANES, min((leaf + 1) * LANES, n))
+        inside = tree.coefficients[leaf].T[: places.stop - places.start]
+        found = ((inside - probe) ** 2).sum(axis=1) / (2.0 * beta)
+        exponents[places] = np.where(found < farthest, found, np.inf)
+        scanned.append(leaf)
 
-    def log_share() -> float:
-        return float(np.log(epsilon / 2.0) + logsumexp(-exponents)) if np.isfinite(exponents).any() else -np.inf
+    def log_mass() -> float:
+        return float(logsumexp(-exponents))
 
-    def descend(node: int) -> None:
-        nonlocal visited, log_spent
-        if -box_exponent(node) < log_share() - np.log(n):
-            return
-        log_cost = np.log(_count(tree.starts, node)) - box_exponent(node)
-        if np.exp(log_cost - log_share()) <= PORTION * (1.0 - np.exp(log_spent - log_share())):
-            log_spent = np.logaddexp(log_spent, log_cost)
-            return
-        if node < n_inner:
-            for child in sorted((2 * node + 1, 2 * node + 2), key=box_exponent):
-                descend(child)
-            return
-        rows = slice(*tree.starts[node - n_inner : node - n_inner + 2])
-        visited += rows.stop - rows.start
-        found = ((tree.coefficients[rows] - probe) ** 2).sum(axis=1) / (2.0 * beta)
-        exponents[rows] = np.where(-found >= log_share() - np.log(n), found, np.inf)
-
-    with np.errstate(invalid="ignore"):  # −∞ − (−∞) before anything is found: nan, which is never passed over
-        descend(0)
+    groups, leaves = (
+        (np.maximum(np.maximum(boxes[:, :, 0] - p, p - boxes[:, :, 1]), 0.0) ** 2).sum(axis=1).ravel() / (2.0 * beta)
+        for p in [probe[:, None]]
+        for boxes in (tree.group_boxes, tree.leaf_boxes)
+    )
+    farthest, nearest = np.inf, int(groups.argmin()) * LANES
+    scan(nearest + int(leaves[nearest : nearest + LANES].argmin()))
+    reach = np.log(2.0 * n / epsilon) - log_mass()
+    low = groups.min()
+    near = np.flatnonzero((leaves <= reach) & (np.repeat(groups, LANES)[: len(leaves)] <= reach))
+    scale = (BINS - 1) / (reach - low)
+    bins = ((leaves[near] - low) * scale).astype(np.int64)
+    left = np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
+    for i in np.unique(bins):
+        if logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
+            break
+        farthest = np.log(2.0 * n / epsilon) - log_mass()
+        for leaf in near[bins == i]:
+            if leaf != scanned[0]:
+                scan(leaf)
     distribution = np.empty(n)
     distribution[tree.order] = np.exp(-exponents - logsumexp(-exponents))
-    return distribution, visited
+    return distribution, sum(min(LANES, n - leaf * LANES) for leaf in scanned)
 
 
 def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -> FloatArray:
@@ -158,120 +204,166 @@ def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -
 
 
 def _padded(rows: FloatArray | Float32Array) -> Float32Array:
-    missing = -rows.shape[1] % LANES
+    missing = -rows.shape[1] % STRIDE
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, missing))), dtype=np.float32)
 
 
 def _check(tree: KdTree, probes: FloatArray, beta: float, epsilon: float) -> None:
-    if probes.ndim != 2 or probes.shape[1] != tree.n_components or not np.isfinite(probes).all():
-        raise ValueError(f"probes must be finite (K, {tree.n_components}), found {probes.shape}")
+    if probes.ndim != 2 or probes.shape[1] != tree.n_components or not (np.abs(probes) <= LARGEST).all():
+        raise ValueError(f"probes must be (K, {tree.n_components}) and within ±{LARGEST:g}, found {probes.shape}")
     if not beta > 0.0:
         raise InputError(f"prior: the temperature beta must be positive, found {beta}")
     if not 0.0 < epsilon < 1.0:
         raise InputError(f"prior: epsilon must lie between 0 and 1, found {epsilon}")
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _search(
-    coefficients: Any, order: Any, starts: Any, boxes: Any, probes: Any, ends: Any, beta: float, epsilon: float,
-    uniforms: Any, entries: Any, visited: Any, log_mass: Any,
+    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
+    epsilon: float, uniforms: Any, entries: Any, visited: Any, log_mass: Any,
 ) -> None:  # fmt: skip
-    weights, found = np.empty(order.shape[0]), np.empty(order.shape[0], dtype=np.int64)
-    stack, squares = np.empty(128, dtype=np.int64), np.empty(128, dtype=np.float32)
-    first = 0
-    for k in range(probes.shape[0]):
-        n_found, visited[k], mass, base = _open(
-            coefficients, starts, boxes, probes[k], beta, epsilon, weights, found, stack, squares
-        )
-        log_mass[k] = math.log(mass) - base
-        total = 0.0
-        for j in range(n_found):
-            total += weights[j]
-            weights[j] = total
-        for i in range(first, ends[k]):
-            place = np.searchsorted(weights[:n_found], uniforms[i] * total, side="right")
-            entries[i] = order[found[min(place, n_found - 1)]]
-        first = ends[k]
+    n, n_probes = order.shape[0], probes.shape[0]
+    for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
+        weights, found = np.empty(n), np.empty(n, dtype=np.int64)
+        for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
+            n_found, visited[k], mass, base = _open(
+                coefficients, leaf_boxes, group_boxes, probes[k], n, beta, epsilon, weights, found
+            )
+            log_mass[k] = math.log(mass) - base
+            total = 0.0
+            for j in range(n_found):
+                total += weights[j]
+                weights[j] = total
+            for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
+                place = np.searchsorted(weights[:n_found], uniforms[i] * total, side="right")
+                entries[i] = order[found[min(place, n_found - 1)]]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _open(
-    coefficients: Any, starts: Any, boxes: Any, probe: Any, beta: float, epsilon: float,
-    weights: Any, found: Any, stack: Any, squares: Any,
+    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
+    weights: Any, found: Any,
 ) -> Any:  # fmt: skip
-    """Fill `weights` and `found` with the rows near the probe; return (number found, visited, mass, base).
+    """Fill `weights` and `found` with the places near the probe; return (number found, visited, mass, base).
 
     Weights are exp(base − exponent), base being the smallest exponent so far: they are re-based when a nearer entry
-    appears, so that nothing underflows at low temperatures. `stack` and `squares` are room for two nodes a level.
+    appears, so that nothing underflows at low temperatures.
     """
-    n_inner, per_square = starts.shape[0] - 2, 1.0 / (2.0 * beta)
-    log_rarity, log_portion = math.log(2.0 * coefficients.shape[0] / epsilon), math.log(2.0 / (PORTION * epsilon))
-    mass, base, spent, reach, edge = 0.0, 0.0, 0.0, np.inf, np.inf
-    n_found, n_visited, top = 0, 0, 1
-    stack[0], squares[0] = 0, np.float32(0.0)
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        bound = squares[top] * per_square
-        if bound > reach:
+    squares, log_rarity = np.empty(LANES, dtype=np.float32), math.log(2.0 * n / epsilon)
+    groups = np.empty((group_boxes.shape[0], LANES), dtype=np.float32)
+    for i in range(group_boxes.shape[0]):
+        _box_squares(group_boxes, i, probe, groups[i])
+    nearest = groups.argmin()
+    low = groups.ravel()[nearest]
+    _box_squares(leaf_boxes, nearest, probe, squares)
+    first = nearest * LANES + squares.argmin()
+    _squares(coefficients, first, probe, squares)
+    base, mass, n_found = _take(squares, first, beta, np.float32(np.inf), np.inf, 0.0, 0, weights, found)
+    n_visited, near_base = min(LANES, n - first * LANES), base
+    reach = np.float32(2.0 * beta * (base + log_rarity - math.log(mass)))
+    leaves, ends, left = _near_leaves(leaf_boxes, groups.ravel(), probe, low, reach, beta, base)
+    j = 0
+    for i in range(BINS):
+        if ends[i] == j:
             continue
-        if bound > edge:  # below it the cost is too high even for a single entry
-            cost = _count(starts, node) * math.exp(base - bound)
-            if cost <= PORTION * (0.5 * epsilon * mass - spent):
-                spent += cost
-                continue
-        if node < n_inner:
-            left, right = _box_square(boxes, 2 * node + 1, probe), _box_square(boxes, 2 * node + 2, probe)
-            near = 0 if right < left else 1  # the nearer child goes on top
-            stack[top + near], squares[top + near] = 2 * node + 1, left
-            stack[top + 1 - near], squares[top + 1 - near] = 2 * node + 2, right
-            top += 2
-            continue
-        first, last = starts[node - n_inner], starts[node - n_inner + 1]
-        n_visited += last - first
-        farthest, n_before = reach, n_found
-        for row in range(first, last):
-            exponent = _square(coefficients, row, probe) * per_square
-            if exponent > farthest:
-                continue
-            if n_found == 0:
-                base = exponent
-            elif exponent < base:
-                factor = math.exp(exponent - base)
-                base, mass, spent = exponent, mass * factor, spent * factor
-                for j in range(n_found):
-                    weights[j] *= factor
-            weights[n_found], found[n_found] = math.exp(base - exponent), row
-            mass += weights[n_found]
-            n_found += 1
-        if n_found > n_before:
-            reach = base + log_rarity - math.log(mass)
-            edge = base + log_portion - math.log(mass)
+        if left[i] * math.exp(base - near_base) <= 0.5 * epsilon * mass:
+            break
+        farthest = np.float32(2.0 * beta * (base + log_rarity - math.log(mass)))
+        while j < ends[i]:
+            if leaves[j] != first:
+                _squares(coefficients, leaves[j], probe, squares)
+                base, mass, n_found = _take(squares, leaves[j], beta, farthest, base, mass, n_found, weights, found)
+                n_visited += min(LANES, n - leaves[j] * LANES)
+            j += 1
     return n_found, n_visited, mass, base
 
 
-@numba.njit(cache=True, nogil=True)
-def _count(starts: Any, node: int) -> Any:
-    """The entries below a node in heap order."""
-    n_leaves, first, width = starts.shape[0] - 1, node + 1, 1
-    while first < n_leaves:
-        first, width = 2 * first, 2 * width
-    return starts[first - n_leaves + width] - starts[first - n_leaves]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _near_leaves(leaf_boxes: Any, groups: Any, probe: Any, low: Any, reach: Any, beta: float, base: float) -> Any:
+    """The leaves whose boxes are within `reach` of the probe (squared), sorted into BINS between `low` and `reach`.
+
+    Also where each bin ends, and what its leaves and those of all later bins weigh at most, relative to `base`.
+    """
+    n_groups = leaf_boxes.shape[0]
+    near, squares = np.empty(n_groups * LANES, dtype=np.int64), np.empty(n_groups * LANES, dtype=np.float32)
+    inside, n_near = np.empty(LANES, dtype=np.float32), 0
+    for group in range(n_groups):
+        if groups[group] <= reach:
+            _box_squares(leaf_boxes, group, probe, inside)
+            for lane in range(LANES):  # without a branch, which would be foreseen wrongly as often as not
+                near[n_near], squares[n_near] = group * LANES + lane, inside[lane]
+                n_near += inside[lane] <= reach
+    per_square = np.float32(BINS - 1) / max(reach - low, np.float32(1e-30))
+    ends, left = np.zeros(BINS + 1, dtype=np.int64), np.zeros(BINS + 1)
+    for j in range(n_near):
+        ends[_bin(squares[j], low, per_square) + 1] += 1
+    for i in range(BINS - 1, -1, -1):
+        left[i] = left[i + 1] + ends[i + 1] * LANES * math.exp(base - (low + i / per_square) / (2.0 * beta))
+    for i in range(BINS):
+        ends[i + 1] += ends[i]
+    leaves = np.empty(n_near, dtype=np.int64)
+    for j in range(n_near):
+        i = _bin(squares[j], low, per_square)
+        leaves[ends[i]] = near[j]
+        ends[i] += 1  # from where the bin begins to where it ends
+    return leaves, ends, left
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _square(coefficients: Any, row: int, probe: Any) -> Any:
-    square = np.float32(0.0)
-    for k in range(probe.shape[0]):
-        away = coefficients[row, k] - probe[k]
-        square += away * away
-    return square
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _bin(square: Any, low: Any, per_square: Any) -> int:
+    return int(max((square - low) * per_square, np.float32(0.0)))  # rounding may put a leaf before its group
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _box_square(boxes: Any, node: int, probe: Any) -> Any:
-    square = np.float32(0.0)
-    for k in range(probe.shape[0]):
-        gap = max(max(boxes[node, 0, k] - probe[k], probe[k] - boxes[node, 1, k]), np.float32(0.0))
-        square += gap * gap
-    return square
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _take(
+    squares: Any, leaf: Any, beta: float, farthest: Any, base: float, mass: float, n_found: int, weights: Any,
+    found: Any,
+) -> Any:  # fmt: skip
+    """Add a leaf's entries nearer than `farthest` (squared) to what was found; return (base, mass, number found)."""
+    for lane in range(LANES):
+        if squares[lane] < farthest:
+            exponent = squares[lane] / (2.0 * beta)
+            if exponent < base:
+                if n_found > 0:
+                    factor = math.exp(exponent - base)
+                    mass *= factor
+                    for j in range(n_found):
+                        weights[j] *= factor
+                base = exponent
+            weights[n_found], found[n_found] = math.exp(base - exponent), leaf * LANES + lane
+            mass += weights[n_found]
+            n_found += 1
+    return base, mass, n_found
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _squares(coefficients: Any, leaf: Any, probe: Any, squares: Any) -> None:
+    """|c_i − c_t|² of the leaf's entries; four coefficients a pass, as one would spend its time on loads and stores."""
+    for lane in range(LANES):
+        squares[lane] = np.float32(0.0)
+    for k in range(0, probe.shape[0], STRIDE):
+        p0, p1, p2, p3 = probe[k], probe[k + 1], probe[k + 2], probe[k + 3]
+        for lane in range(LANES):
+            a0, a1 = coefficients[leaf, k, lane] - p0, coefficients[leaf, k + 1, lane] - p1
+            a2, a3 = coefficients[leaf, k + 2, lane] - p2, coefficients[leaf, k + 3, lane] - p3
+            squares[lane] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _box_squares(boxes: Any, group: Any, probe: Any, squares: Any) -> None:
+    """The squared distances from the probe to the LANES boxes of a group, 0 inside."""
+    for lane in range(LANES):
+        squares[lane] = np.float32(0.0)
+    for k in range(0, probe.shape[0], STRIDE):
+        p0, p1, p2, p3 = probe[k], probe[k + 1], probe[k + 2], probe[k + 3]
+        for lane in range(LANES):
+            a0 = _gap(boxes[group, k, 0, lane], p0, boxes[group, k, 1, lane])
+            a1 = _gap(boxes[group, k + 1, 0, lane], p1, boxes[group, k + 1, 1, lane])
+            a2 = _gap(boxes[group, k + 2, 0, lane], p2, boxes[group, k + 2, 1, lane])
+            a3 = _gap(boxes[group, k + 3, 0, lane], p3, boxes[group, k + 3, 1, lane])
+            squares[lane] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", inline="always")
+def _gap(low: Any, value: Any, high: Any) -> Any:
+    return max(max(low - value, value - high), np.float32(0.0))

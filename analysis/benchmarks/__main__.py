@@ -1,0 +1,77 @@
+"""How fast the workbench is, in one table: each figure beside its bar and its peer.
+
+    python -m analysis.benchmarks [NAME…] [--json FILE] [--compare FILE] [--worse SHARE]
+
+Without a NAME everything is measured; figures measured together come together. --compare fails when a figure is worse
+than that of FILE, such as analysis/benchmarks/reference.json, by more than SHARE, or was not measured. Peers come
+with the extra `bench`. Figures of a database of motions use the recordings in the folder $WORKBENCH_DATA where it is
+set, else generated ones. Times are minima over repeats that take turns; close other programs.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from analysis.benchmarks import cyclic, draws, filters
+from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
+from analysis.benchmarks.machine import cores, processor, versions
+from workbench.errors import InputError
+
+BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
+    "tree_draw_us": draws.tree_figures,
+    "exact_draw_us": draws.exact_figures,
+    "tree_vs_ckdtree": draws.tree_figures,
+    "filter_overhead_vs_peers": filters.figures,
+    "cyclic_vs_scikit_fda": cyclic.figures,
+}
+"""What measures each figure."""
+
+
+def chosen(names: Sequence[str]) -> list[Callable[[], list[Figure]]]:
+    """What measures the figures of these names, each function once, or all; raises InputError for an unknown name."""
+    if unknown := [name for name in names if name not in BENCHMARKS]:
+        raise InputError(f"{unknown[0]}: expected a figure's name, of {', '.join(BENCHMARKS)}")
+    return list(dict.fromkeys(BENCHMARKS[name] for name in names or BENCHMARKS))
+
+
+def measure(functions: Sequence[Callable[[], list[Figure]]]) -> list[Figure]:
+    """All their figures, printed as they come."""
+    figures: list[Figure] = []
+    for function in functions:
+        print(f"measuring: {function.__module__.rpartition('.')[2]}, {function.__name__}", file=sys.stderr, flush=True)
+        figures += function()
+    return figures
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit code 0, 1 when a figure is worse than the one it is compared with, 2 for bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m analysis.benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="figures to measure; none: all")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    parser.add_argument("--compare", type=Path, metavar="FILE", help="figures written earlier")
+    parser.add_argument("--worse", type=float, default=0.25, metavar="SHARE", help="how much worse is too much (0.25)")
+    given = parser.parse_args(arguments)
+    try:
+        functions = chosen(given.names)
+        kept = read_figures(given.compare) if given.compare else []
+        print(f"{processor()}, {cores()} cores; {versions()}\n")
+        figures = measure(functions)
+        print(table(figures))
+        if given.json:
+            write_figures(given.json, figures)
+    except InputError as error:
+        print(f"benchmarks: {error}", file=sys.stderr)
+        return 2
+    if not given.compare:
+        return 0
+    asked = {*given.names, *(figure.name for figure in figures)}
+    worse = differences(figures, [figure for figure in kept if not given.names or figure.name in asked], given.worse)
+    print("\n".join(["", *(worse or [f"no figure is worse than in {given.compare} by over {given.worse:.0%}"])]))
+    return 1 if worse else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

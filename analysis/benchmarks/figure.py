@@ -1,0 +1,99 @@
+"""A measured figure beside its bar, as text and as JSON."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from workbench.errors import InputError
+from workbench.files import whole_file
+
+BETTER = ("lower", "higher")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the table of benchmarks.
+
+    value: in `unit`, above 0; nan where it was not measured. bar: what it must reach, in the same unit. better:
+    "lower" or "higher". reference: the peer or bound it was measured against, with that one's own figure; or why it
+    was not measured.
+    """
+
+    name: str
+    value: float
+    unit: str
+    bar: float
+    better: str
+    reference: str
+
+    def __post_init__(self) -> None:
+        if self.better not in BETTER:
+            raise ValueError(f"{self.name}: better must be one of {', '.join(BETTER)}, found {self.better!r}")
+
+    @property
+    def reached(self) -> bool:
+        """Whether the figure is at its bar or better; False where it was not measured."""
+        return self.value <= self.bar if self.better == "lower" else self.value >= self.bar
+
+
+def not_measured(name: str, unit: str, bar: float, better: str, why: str) -> Figure:
+    """The figure's line where something it needs is not there."""
+    return Figure(name, math.nan, unit, bar, better, f"not measured: {why}")
+
+
+def table(figures: Sequence[Figure]) -> str:
+    """One line a figure."""
+    width = max([len("name"), *(len(figure.name) for figure in figures)])
+    lines = [f"{'name':<{width}}{'figure':>10}{'bar':>11}  {'unit':<14}{'reached':<9}reference or peer"]
+    for figure in figures:
+        value = "-" if math.isnan(figure.value) else f"{figure.value:.3g}"
+        bar = f"{'≤' if figure.better == 'lower' else '≥'} {figure.bar:.3g}"
+        reached = "yes" if figure.reached else "no"
+        lines.append(f"{figure.name:<{width}}{value:>10}{bar:>11}  {figure.unit:<14}{reached:<9}{figure.reference}")
+    return "\n".join(lines)
+
+
+def write_figures(path: Path, figures: Sequence[Figure]) -> None:
+    """A JSON list of {name, value, unit, bar, better, reference}; a value that was not measured is null.
+
+    Raises InputError when the file cannot be written.
+    """
+    rows = [asdict(figure) | {"value": _number_or_null(figure.value)} for figure in figures]
+    with whole_file(path) as part:
+        part.write_text(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_figures(path: Path) -> list[Figure]:
+    """What `write_figures` wrote; raises InputError when the file is missing or something else."""
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        return [Figure(**row | {"value": math.nan if row["value"] is None else float(row["value"])}) for row in rows]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{path}: expected a list of benchmark figures in JSON: {error}") from None
+
+
+def differences(found: Sequence[Figure], kept: Sequence[Figure], share: float) -> list[str]:
+    """A sentence for each figure that is more than (1 + share) times worse than the kept one.
+
+    A figure that was not measured, now or then, or that only one side has, gets a sentence too: it may be any worse.
+    """
+    ours, theirs = ({figure.name: figure for figure in figures} for figures in (found, kept))
+    sentences = []
+    for name in sorted(ours.keys() | theirs.keys()):
+        if name not in ours or name not in theirs:
+            sentences.append(f"{name}: missing from {'this run' if name not in ours else 'the reference'}")
+            continue
+        now, then = ours[name], theirs[name]
+        if (now.unit, now.better) != (then.unit, then.better):
+            sentences.append(f"{name}: {now.unit}, {now.better} is better; was {then.unit}, {then.better}")
+        elif not (0.0 < now.value < math.inf and 0.0 < then.value < math.inf):
+            sentences.append(f"{name}: {now.value:g}, was {then.value:g} {now.unit}: nothing to compare")
+        elif (now.value / then.value if now.better == "lower" else then.value / now.value) > 1.0 + share:
+            sentences.append(f"{name}: {now.value:.3g}, was {then.value:.3g} {now.unit}; {now.better} is better")
+    return sentences
+
+
+def _number_or_null(value: float) -> float | None:
+    return value if math.isfinite(value) else None

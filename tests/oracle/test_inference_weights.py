@@ -1,0 +1,40 @@
+"""Arithmetic of log weights and the walk of systematic resampling, against SciPy and NumPy."""
+
+import numpy as np
+import pytest
+import scipy.special
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from workbench.inference.resampling import _pick
+from workbench.inference.weights import logsumexp
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_logsumexp_is_scipys(scale):
+    log_weights = scale * np.random.default_rng(0).standard_normal(1000)
+    assert logsumexp(log_weights) == pytest.approx(scipy.special.logsumexp(log_weights), rel=1e-13)
+    assert logsumexp(np.append(log_weights, -np.inf)) == pytest.approx(logsumexp(log_weights), rel=1e-13)
+
+
+def test_logsumexp_of_nothing_is_minus_infinity_and_of_the_undefined_undefined():
+    assert logsumexp(np.full(3, -np.inf)) == -np.inf
+    assert np.isnan(logsumexp(np.array([0.0, np.nan])))
+    assert logsumexp(np.array([0.0, np.inf])) == np.inf
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    weights=arrays(np.float64, st.integers(1, 30), elements=st.sampled_from([0.0, 0.1, 0.5, 1.0])).filter(np.any),
+    n=st.integers(1, 40),
+    seed=st.integers(0, 10**6),
+    rising=st.booleans(),
+)
+def test_picking_finds_the_same_in_one_walk_as_by_bisection(weights, n, seed, rising):
+    weights = weights / weights.sum()
+    positions = np.random.default_rng(seed).random(n)
+    positions = np.sort(positions) if rising else positions
+    edges = np.cumsum(weights)
+    found = np.searchsorted(edges, positions * edges[-1], side="right")
+    assert (_pick(weights, positions) == np.minimum(found, np.flatnonzero(weights)[-1])).all()
