@@ -37,7 +37,8 @@ KEYPOINTS_MISSED = 0.1
 class Synthetic:
     """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
 
-    motion: see `motions.find_motion`, or a list of such names that take even turns (`splice.splice`). data: the folder that holds cmu/ and bandai/. cache: a folder for rendered
+    motion: see `motions.find_motion`, or a list of such names that take even turns (`splice.splice`). data: the folder
+    that holds cmu/ and bandai/. cache: a folder for rendered
     images; without one every process renders them anew. path: "straight" or "circle", for the builtin walker only.
     moving: names of the pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in
     the first frame used; None: everything moves. n_frames frames at rate_hz are used, from first_frame on, counted at
