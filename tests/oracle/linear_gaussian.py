@@ -57,12 +57,17 @@ def streams(seed):
 
 
 def simulate(n, seed, sigma=R, h=0.0):
+    return simulate_states(n, seed, sigma, h)[0]
+
+
+def simulate_states(n, seed, sigma=R, h=0.0):
+    """Measurements (n,), the first of which is none, and the states (n, 2) they are of."""
     rng = np.random.default_rng(seed)
-    x, measured = MEAN0 + STD0 * rng.standard_normal(2), [np.nan]
+    states, measured = [MEAN0 + STD0 * rng.standard_normal(2)], [np.nan]
     for _ in range(n - 1):
-        before, x = x, A @ x + Q * rng.standard_normal(2)
-        measured.append(x[0] + h * before[0] + sigma * rng.standard_normal())
-    return np.array(measured)
+        states.append(A @ states[-1] + Q * rng.standard_normal(2))
+        measured.append(states[-1][0] + h * states[-2][0] + sigma * rng.standard_normal())
+    return np.array(measured), np.array(states)
 
 
 def exact(measured, sigma=R, h=0.0):
