@@ -33,15 +33,17 @@ class LinearPrior:
 
 
 class Position:
-    """y_t = x_t + h x_t−1 + N(0, R²); the frame's index picks the measurement."""
+    """y_t = x_t + g v_t + h x_t−1 + N(0, R²); the frame's index picks the measurement."""
 
-    def __init__(self, measured, sigma=R, h=0.0):
-        self.measured, self.sigma, self.h, self.evaluated = measured, sigma, h, 0
+    def __init__(self, measured, sigma=R, h=0.0, g=0.0):
+        self.measured, self.sigma, self.h, self.g, self.evaluated = measured, sigma, h, g, 0
 
     def log_prob(self, previous, frame, previous_pose, pose):
         self.evaluated += len(pose)
-        apart = (self.measured[frame.index] - pose[:, 0] - self.h * previous_pose[:, 0]) / self.sigma
-        return -0.5 * apart**2 - np.log(self.sigma * np.sqrt(2 * np.pi))
+        expected = pose[:, 0] + self.g * pose[:, 1] + self.h * previous_pose[:, 0]
+        return -0.5 * ((self.measured[frame.index] - expected) / self.sigma) ** 2 - np.log(
+            self.sigma * np.sqrt(2 * np.pi)
+        )
 
     def warnings(self):
         return ()
@@ -70,7 +72,7 @@ def simulate_states(n, seed, sigma=R, h=0.0):
     return np.array(measured), np.array(states)
 
 
-def exact(measured, sigma=R, h=0.0):
+def exact(measured, sigma=R, h=0.0, g=0.0):
     """Of the joint Gaussian of all states: means (T, 2) and variances (T, 2) given all measurements, and their log
     evidence. By brute force, with no recursion that could be wrong in the same way as what is tested."""
     n = len(measured)
@@ -85,7 +87,7 @@ def exact(measured, sigma=R, h=0.0):
     flat_mean, flat_cov = mean.ravel(), cov.reshape(2 * n, 2 * n)
     look = np.zeros((n - 1, n, 2))
     for t in range(1, n):
-        look[t - 1, t, 0], look[t - 1, t - 1, 0] = 1.0, h
+        look[t - 1, t], look[t - 1, t - 1, 0] = (1.0, g), h
     look = look.reshape(n - 1, 2 * n)
     spread = look @ flat_cov @ look.T + sigma**2 * np.eye(n - 1)
     missing = measured[1:] - look @ flat_mean

@@ -27,6 +27,7 @@ from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.limb_lengths import of_keypoints
 from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.partitioned import Partitioned
 from workbench.inference.restarting import Restarting
 from workbench.inference.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.synthesis import Synthesis
@@ -95,6 +96,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "tempered_smc": TemperedSMC,
         "annealed": Annealed,
         "auxiliary": Auxiliary,
+        "partitioned": Partitioned,
         "restarting": Restarting,
     },
     "recorder": {"rerun": Recorder},

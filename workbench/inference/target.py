@@ -111,3 +111,14 @@ class Target:
         state[:, noisy] += change
         state[:, circular(self.prior.space)] %= 1.0
         return self.at(state, pool.parents)
+
+
+def promise(log_prob: FloatArray, flatten: float) -> FloatArray:
+    """Log likelihoods (N,) of states on their way, to the power `flatten`, to choose particles by.
+
+    One that is impossible may lead to possible ones: it keeps the least of the finite values.
+    """
+    possible = np.isfinite(log_prob)
+    floor = log_prob[possible].min() if possible.any() else 0.0
+    promised: FloatArray = flatten * np.where(possible, log_prob, floor)
+    return promised
