@@ -23,6 +23,7 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
 from workbench.inference.annealed import Annealed
 from workbench.inference.auxiliary import Auxiliary
+from workbench.inference.gauss_newton import GaussNewton
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.limb_lengths import of_keypoints
@@ -97,6 +98,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "annealed": Annealed,
         "auxiliary": Auxiliary,
         "partitioned": Partitioned,
+        "gauss_newton": GaussNewton,
         "restarting": Restarting,
     },
     "recorder": {"rerun": Recorder},
