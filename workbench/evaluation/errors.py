@@ -43,9 +43,10 @@ def step_errors(
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
     where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
-    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and log_score,
-    nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers, where the true pose is not known, they
-    are called coverage_50_joints, coverage_90_joints and crps_joints_mm. error_angle_deg: the mean turn between joints'
+    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and
+    log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
+    where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
+    error_angle_deg: the mean turn between joints'
     frames and the true ones, relative to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1
     where the activity told is the true one. Nothing is returned without truth.
     """
