@@ -46,9 +46,9 @@ def step_errors(
     posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and
     log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
     where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
-    error_angle_deg: the mean turn between joints'
-    frames and the true ones, relative to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1
-    where the activity told is the true one. Nothing is returned without truth.
+    error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
+    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned
+    without truth.
     """
     truth = step.frame.truth
     if truth is None:
