@@ -102,3 +102,26 @@ def moments(step):
     weights = np.exp(step.log_weights)
     mean = weights @ step.particles
     return mean, weights @ (step.particles - mean) ** 2
+
+
+def last_moments(make, likelihood, n_frames, seeds):
+    """(n_seeds, 5): mean, variance and log evidence in the last frame of each seed's run of make(prior, likelihood)."""
+    found = []
+    for seed in seeds:
+        step = list(make(LinearPrior(), likelihood).run(frames(n_frames), MEAN0, streams(seed)))[-1]
+        found.append([*np.concatenate(moments(step)), step.log_evidence])
+    return np.array(found)
+
+
+def assert_agree(found, expected):
+    """That the mean over seeds of means, variances and perhaps log evidences, found (n_seeds, 4 or 5), is what is
+    expected but for 5 standard errors, and biases which the deviations s over seeds tell.
+
+    Particles' variance is taken about their own mean and so too small by s² of that; the logarithm of an unbiased
+    estimate is too small by half of its s². Twice that is allowed, as both hold to first order in 1/N.
+    """
+    deviation = found.std(axis=0)
+    assert (deviation[4:] < 1.0).all(), deviation  # beyond, the first order says nothing
+    bias = np.concatenate([[0.0, 0.0], 2.0 * deviation[:2] ** 2, deviation[4:] ** 2])
+    error = np.abs(found.mean(axis=0) - expected)
+    assert (error < 5.0 * deviation / np.sqrt(len(found)) + bias).all(), (error, deviation, bias)
