@@ -25,7 +25,7 @@ from workbench.inference.tempered_smc import TemperedSMC, next_temperature
 from workbench.priors.mixture import Mixture
 from workbench.priors.smooth import Smooth
 
-T, SEEDS, N = 8, 25, 300
+T, SEEDS, N = 6, 25, 300
 EXACT = {
     "tempered": lambda p, y, n: TemperedSMC(p, y, n_particles=n),
     "tempered, slowly": lambda p, y, n: TemperedSMC(p, y, n_particles=n, ess_threshold=0.8, moves=1),
