@@ -36,8 +36,9 @@ class GaussNewton:
     p(frame_t | s_t) over the density of this mixture, so that the posterior is exact and the evidence unbiased whatever
     x, g and H are; the prior's part bounds the weights.
 
-    x is found by Newton steps on the log posterior from the prediction's mean, g and H are central differences over
-    one deviation of the prediction, H without its negative eigenvalues. All but the last step take H to be diagonal.
+    x is found by Newton steps on the log posterior from the prediction's mean. g and the diagonal of H are central
+    differences over one deviation of the prediction, the rest of H forward ones; its negative eigenvalues are set to
+    zero. All but the last step take H to be diagonal.
     Columns that no pose depends on, such as velocities, have no curvature and cost nothing; d others cost 2 d + 1
     evaluations in a step and d (d − 1) / 2 more in the last, beside one for each particle.
 
@@ -179,8 +180,8 @@ def climbed(target: Target, prediction: Prediction, steps: int) -> Parabola:
 
 
 def touching(target: Target, prediction: Prediction, x: FloatArray, pairs: bool) -> Parabola:
-    """The parabola at x (D,), by central differences over one deviation of the prediction; pairs: not just the diagonal
-    of H. What is impossible counts as the least of what is not."""
+    """The parabola at x (D,), by differences over one deviation of the prediction; pairs: not just the diagonal of H.
+    What is impossible counts as the least of what is not."""
     widths = np.sqrt(np.diag(prediction.covariance))
     ahead = prediction.moved(np.repeat(x[None], len(widths), axis=0), np.diag(widths))
     seen: BoolArray = np.abs(target.prior.pose(ahead) - target.prior.pose(x[None])).max(axis=1) > STILL

@@ -45,5 +45,5 @@ class Ranks:
 
 def view() -> rrb.BarChartView:
     """Its place in the layout."""
-    name = "where the truth ranks among the particles: even is right (white), U too sure, hump too unsure"
+    name = "ranks of the truth (even: right, U: too sure)"
     return rrb.BarChartView(origin=f"/{PATH}", name=name, plot_legend=rrb.PlotLegend(visible=False))
