@@ -1,5 +1,7 @@
 """Coverage, ranks and scores of particles against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -98,6 +100,8 @@ def test_a_step_reports_calibration_of_pose_or_joints():
     # scores of 2000 draws are good to a few per cent
     assert errors["crps_mm"] == pytest.approx(50.0 * off, rel=0.05)
     assert errors["crps_deg"] == pytest.approx(np.degrees(0.05 * (8 * off + 13 * on) / 21), rel=0.05)
+    # of N(0, 0.05²): 11 numbers are off by one deviation, 13 by none
+    assert errors["log_score"] == pytest.approx(np.log(0.05 * np.sqrt(2.0 * np.pi)) + 0.5 * 11 / 24, abs=0.02)
     assert "coverage_90_joints" not in errors
     shift = 0.05 * rng.standard_normal((2000, 1)) * np.eye(25)[0]
     beside = joints(SKELETON, (pose + 0.05 * np.eye(25)[0])[None])[0]
@@ -106,3 +110,11 @@ def test_a_step_reports_calibration_of_pose_or_joints():
     assert errors["crps_joints_mm"] == pytest.approx(50.0 * off / 3.0, rel=0.05)  # one coordinate of three moves
     assert errors["coverage_50_joints"] == pytest.approx(2 / 3)  # the others are where the particles all are
     assert errors["coverage_90_joints"] == 1.0
+
+
+def test_where_one_particle_has_all_the_weight_there_is_no_log_score():
+    pose = standing()
+    step = step_of(pose + 0.05 * np.random.default_rng(0).standard_normal((3, 25)), Truth(pose=pose))
+    alone = replace(step, log_weights=np.array([0.0, -np.inf, -np.inf]))
+    assert "log_score" in step_errors(step, BODY)
+    assert "log_score" not in step_errors(alone, BODY)

@@ -15,7 +15,7 @@ from workbench.priors.mixture import Mixture
 from workbench.priors.smooth import Smooth
 
 DT = 1 / 25
-N = 50_000
+N = 20_000
 ARM = ["left_arm"]
 
 

@@ -23,10 +23,12 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
 from workbench.inference.annealed import Annealed
 from workbench.inference.auxiliary import Auxiliary
+from workbench.inference.gauss_newton import GaussNewton
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.limb_lengths import of_keypoints
 from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.partitioned import Partitioned
 from workbench.inference.restarting import Restarting
 from workbench.inference.smoothing import BackwardSimulation, FixedLag
 from workbench.inference.synthesis import Synthesis
@@ -98,6 +100,8 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "tempered_smc": TemperedSMC,
         "annealed": Annealed,
         "auxiliary": Auxiliary,
+        "partitioned": Partitioned,
+        "gauss_newton": GaussNewton,
         "restarting": Restarting,
     },
     "recorder": {"rerun": Recorder},

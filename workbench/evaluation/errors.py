@@ -5,14 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import BoolArray, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.datasets.frame import Truth
-from workbench.evaluation.calibration import covered, crps
+from workbench.evaluation.calibration import covered, crps, log_score, ranks
 from workbench.evaluation.joint_errors import (
     PCK_M,
     acceleration_error,
@@ -43,11 +43,12 @@ def step_errors(
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
     where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
-    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, see
-    `calibration`; with coordinates of the joints in place of the pose's numbers, where the true pose is not known, they
-    are called coverage_50_joints, coverage_90_joints and crps_joints_mm. error_angle_deg: the mean turn between joints'
-    frames and the true ones, relative to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1
-    where the activity told is the true one. Nothing is returned without truth.
+    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and
+    log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
+    where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
+    error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
+    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned
+    without truth.
     """
     truth = step.frame.truth
     if truth is None:
@@ -168,16 +169,31 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
 
 
 def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
-    """coverage_50, coverage_90, crps_mm and crps_deg over the true pose's (P,) numbers, but those that the prior holds
-    fixed: no spread among the particles."""
-    spread = np.ptp(step.poses, axis=0) > 0.0
+    """coverage_50, coverage_90, crps_mm, crps_deg and log_score over the true pose's (P,) numbers, but those that the
+    prior holds fixed: no spread among the particles. log_score is left out where only one particle has a weight."""
+    spread = _spread(step)
     if not spread.any():
         return {"coverage_90": float("nan")}
     values, weights, true = step.poses[:, spread], np.exp(step.log_weights), pose[spread]
     scores, lengths = crps(values, weights, true), np.flatnonzero(spread) < N_POSITION
     errors = _coverages(values, weights, true, "")
     errors |= {"crps_mm": 1e3 * float(scores[lengths].mean())} if lengths.any() else {}
-    return errors | ({"crps_deg": float(np.degrees(scores[~lengths].mean()))} if not lengths.all() else {})
+    errors |= {"crps_deg": float(np.degrees(scores[~lengths].mean()))} if not lengths.all() else {}
+    surprise = float(log_score(values, weights, true).mean())
+    return errors | ({"log_score": surprise} if np.isfinite(surprise) else {})
+
+
+def pose_ranks(step: Step) -> FloatArray:
+    """The ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where the pose is unknown."""
+    truth, spread = step.frame.truth, _spread(step)
+    if truth is None or truth.pose is None:
+        return np.zeros(0)
+    return ranks(step.poses[:, spread], np.exp(step.log_weights), truth.pose[spread])
+
+
+def _spread(step: Step) -> BoolArray:
+    differ: BoolArray = np.ptp(step.poses, axis=0) > 0.0
+    return differ
 
 
 def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:

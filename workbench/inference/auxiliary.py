@@ -11,7 +11,7 @@ from workbench.errors import InputError
 from workbench.inference.particle_filter import Advanced, Particles, Stopwatch, filtered, weigh
 from workbench.inference.resampling import systematic
 from workbench.inference.step import Step
-from workbench.inference.target import Target
+from workbench.inference.target import Target, promise
 from workbench.likelihoods.likelihood import Likelihood
 from workbench.priors.jitter import with_density
 from workbench.priors.state import Prior, StateSpace
@@ -60,10 +60,7 @@ class Auxiliary:
         """Look ahead, choose the parents, propagate, weigh."""
         target = Target(self.prior, self.likelihood, parents, previous, frame, clock)
         ahead = target.at(target.density.mean(parents.state, target.dt_s), np.arange(self.n_particles))
-        # a parent whose mean is impossible may have possible children: it keeps the least of the finite bonuses
-        possible = np.isfinite(ahead.log_prob)
-        floor = ahead.log_prob[possible].min() if possible.any() else 0.0
-        bonus = self.flatten * np.where(possible, ahead.log_prob, floor)
+        bonus = promise(ahead.log_prob, self.flatten)
         first = parents.log_weights + bonus
         log_sum = float(logsumexp(first))
         chosen = systematic(np.exp(first - log_sum), rng_streams["resampling"])

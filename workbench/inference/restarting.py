@@ -7,10 +7,12 @@ from functools import partial
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.datasets.frame import Frame
 from workbench.errors import InputError
-from workbench.inference.particle_filter import Advanced, ParticleFilter, Particles, Stopwatch, filtered
+from workbench.inference.keypoint_start import start_from_keypoints
+from workbench.inference.particle_filter import Advanced, ParticleFilter, Particles, Stopwatch, filtered, started_at
 from workbench.inference.resampling import systematic
 from workbench.inference.step import Step
 from workbench.likelihoods.likelihood import Likelihood
@@ -26,15 +28,21 @@ class Restarting:
 
     Lost is who has been explained badly for `patience` frames: each one's log p(frame | frames before) lies more than
     `drop` robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them.
-    Then a share of the previous frame's particles is replaced by draws from the prior's start distribution, half of
-    them around the expected pose and half around its mirror image, since one camera easily takes left for right.
+    Then a share of the previous frame's particles is replaced by draws from the prior's start distribution: around the
+    poses that joints detected in that frame allow (`start_from_keypoints`), wherever they are, or without joints half
+    of them around the expected pose and half around its mirror image, since one camera easily takes left for right.
+
+    While they are explained no better, particles start anew every `patience` frames.
 
     It sees only what the likelihood can tell. Bare image motion cannot: a body that has come to rest on a still
     background predicts the next image better than the person did, and the evidence rises when the person is lost.
 
     As only the past decides, this is a filter for the prior (1 − share) p(s_t | s_t−1) + share p(s_t | start) in those
-    frames, whose posterior and evidence need no correction. The ancestor of a particle that started anew is one of
-    those it replaced, which it does not come from. Raises InputError for numbers out of range.
+    frames, whose posterior and evidence need no correction. (Detected joints are not part of the likelihood, and so no
+    evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it does not
+    come from.
+
+    body: whose joints are detected; None: they are not looked at. Raises InputError for numbers out of range.
     """
 
     def __init__(
@@ -42,6 +50,7 @@ class Restarting:
         prior: Prior,
         likelihood: Likelihood,
         *,
+        body: Body | None = None,
         n_particles: int = 5000,
         share: float = 0.2,
         drop: float = 4.0,
@@ -54,7 +63,7 @@ class Restarting:
                 f"found {share}, {drop} and {patience}"
             )
         self.filter = ParticleFilter(prior, likelihood, n_particles=n_particles, ess_threshold=ess_threshold)
-        self.prior = prior
+        self.prior, self.body = prior, body
         self.space: StateSpace = prior.space
         self.share, self.drop, self.patience = share, drop, patience
 
@@ -77,33 +86,45 @@ class Restarting:
         rng_streams: Mapping[str, np.random.Generator],
         clock: Stopwatch,
     ) -> Advanced:
-        """The filter's own step, after which its evidence joins the `gains`; they are forgotten when starting anew."""
-        if not (restarts := lost(gains, self.patience, self.drop)):
-            origins = np.arange(self.filter.n_particles)
-        else:
-            parents, origins = self._renewed(parents, rng_streams)
-            gains.clear()
+        """The filter's own step, after which its evidence joins the `gains`; those of a loss are forgotten."""
+        origins, said = np.arange(self.filter.n_particles), tuple[str, ...]()
+        if lost(gains, self.patience, self.drop):
+            starts, where = self._starts(parents, previous)
+            parents, origins = self._renewed(parents, starts, rng_streams)
+            del gains[-self.patience :]  # no measure for those who are found
+            clock.lap("start")
+            lament = f"frame {frame.index}: the person seems lost; {self.share:.0%} of the particles start anew"
+            said = (f"{lament} {where}",)
         advanced = self.filter.advance(parents, previous, frame, rng_streams, clock)
         gains.append(advanced.log_gain)
-        said = (f"frame {frame.index}: the person seems lost; {self.share:.0%} of the particles start anew",)
         return replace(
             advanced,
             particles=replace(advanced.particles, ancestors=origins[advanced.particles.ancestors]),
-            warnings=advanced.warnings + (said if restarts else ()),
-            diagnostics={**advanced.diagnostics, "restarted": float(restarts)},
+            warnings=advanced.warnings + said,
+            diagnostics={**advanced.diagnostics, "restarted": float(bool(said))},
         )
 
+    def _starts(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:
+        """The poses (n, P) to start anew from in the parents' frame, and in words where that is."""
+        if self.body is not None and any(view.keypoints is not None for view in frame.views):
+            try:
+                found = start_from_keypoints(self.body.skeleton, [frame])
+            except InputError:  # too few joints; the sentence of the restart tells where it was from instead
+                pass
+            else:
+                return found, "from the joints detected"
+        expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
+        return np.stack([expected, mirrored(expected)]), "about the last pose and its mirror image"
+
     def _renewed(
-        self, parents: Particles, rng_streams: Mapping[str, np.random.Generator]
+        self, parents: Particles, starts: FloatArray, rng_streams: Mapping[str, np.random.Generator]
     ) -> tuple[Particles, IntArray]:
-        """The parents, resampled, with a share of them from the start distribution; and which each of them was."""
+        """The parents, resampled, with a share of them around the poses (n, P); and which each of them was."""
         rng, n = rng_streams["start"], self.filter.n_particles
         origins = systematic(np.exp(parents.log_weights), rng_streams["resampling"])
         state = parents.state[origins]
         anew = rng.permutation(n)[: int(np.ceil(self.share * n))]
-        expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        for pose, which in ((expected, anew[::2]), (mirrored(expected), anew[1::2])):
-            state[which] = self.prior.start(pose, len(which), rng)
+        state[anew] = started_at(self.prior, starts, len(anew), rng)
         even = np.full(n, -np.log(n))
         return Particles(state, self.prior.pose(state), even, origins), origins
 

@@ -101,9 +101,14 @@ class Target:
         """Of the columns that have noise: how far the states are from where their parents lead without it, (N, D');
         where that is, relative to the first one, (N, D'); and which columns these are, (D,)."""
         mean = self.density.mean(self.parents.state[pool.parents], self.dt_s)
+        noisy = np.abs(apart(self.prior.space, mean, pool.state)).max(axis=0) > STILL
+        return *self.innovations_of(pool, noisy), noisy
+
+    def innovations_of(self, pool: Pool, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """The first two of `innovations`, of these columns (D,)."""
+        mean = self.density.mean(self.parents.state[pool.parents], self.dt_s)
         difference = apart(self.prior.space, mean, pool.state)
-        noisy = np.abs(difference).max(axis=0) > STILL
-        return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy], noisy
+        return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
 
     def nudged(self, pool: Pool, noisy: BoolArray, change: FloatArray) -> Pool:
         """The density at the pool's states after a change (N, D') of the columns that have noise."""
@@ -111,3 +116,14 @@ class Target:
         state[:, noisy] += change
         state[:, circular(self.prior.space)] %= 1.0
         return self.at(state, pool.parents)
+
+
+def promise(log_prob: FloatArray, flatten: float) -> FloatArray:
+    """Log likelihoods (N,) of states on their way, to the power `flatten`, to choose particles by.
+
+    One that is impossible may lead to possible ones: it keeps the least of the finite values.
+    """
+    possible = np.isfinite(log_prob)
+    floor = log_prob[possible].min() if possible.any() else 0.0
+    promised: FloatArray = flatten * np.where(possible, log_prob, floor)
+    return promised

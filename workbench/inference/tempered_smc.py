@@ -33,12 +33,14 @@ class TemperedSMC:
 
     Between the prior's prediction and the posterior lie the densities p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ. φ rises
     from 0 to 1 by steps so small that the effective sample size falls to ess_threshold · N at most; after each, the
-    particles are resampled and then moved by `moves` random-walk Metropolis steps that leave the density of this φ as
-    it is. So particles that share a parent come apart again, and a sharp likelihood needs no lucky particle.
+    particles are resampled and then moved by `moves` Metropolis steps that leave the density of this φ as it is. So
+    particles that share a parent come apart again, and a sharp likelihood needs no lucky particle. Steps are in turn
+    draws from the prior mixed with the state (`mixed`), whose length does not depend on how many columns there are, and
+    random walks with the particles' covariance (`walked`), which are better where the likelihood is sharp.
 
-    The posterior and the evidence are consistent as N grows. The temperatures and the random walk's covariance and
-    scale come from the particles themselves, so that the evidence is not strictly unbiased (Beskos, Jasra, Kantas &
-    Thiery 2016). Particles end with equal weights.
+    The posterior and the evidence are consistent as N grows. The temperatures, the random walk's covariance and the
+    scales of the steps come from the particles themselves, so that the evidence is not strictly unbiased (Beskos,
+    Jasra, Kantas & Thiery 2016). Particles end with equal weights.
 
     n_particles: N. Raises InputError for a prior without a density and numbers out of range.
     """
@@ -88,7 +90,9 @@ class TemperedSMC:
         if not np.isfinite(pool.log_prob).any():
             target.warnings += weigh(frame, even, pool.log_prob)[2]
             return pool.advanced(even, 0.0, target, temperatures=0.0, acceptance=1.0)
-        log_gain, phi, scale, rates, count = 0.0, 0.0, 1.0, list[float](), 0
+        log_gain, phi, rates, count = 0.0, 0.0, list[float](), 0
+        innovations, _, noisy = target.innovations(pool)
+        sigma, scale, share = np.sqrt((innovations**2).mean(axis=0)), 1.0, 1.0
         while phi < 1.0:
             count += 1
             if count == MOST_TEMPERATURES:
@@ -96,12 +100,16 @@ class TemperedSMC:
             following = next_temperature(pool.log_prob, phi, self.ess_threshold) if count < MOST_TEMPERATURES else 1.0
             log_weights, gained, _ = weigh(frame, even, (following - phi) * pool.log_prob)
             log_gain, phi = log_gain + gained, following
-            root, noisy = walk_root(target, pool, np.exp(log_weights))
+            root = walk_root(target, pool, noisy, np.exp(log_weights))
             pool = pool.picked(systematic(np.exp(log_weights), rng_streams["resampling"]))
             clock.lap("resampling")
-            for _ in range(self.moves):
-                pool, rate = moved(target, pool, phi, scale * root, noisy, rng_streams["prior"])
-                scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
+            for move in range(self.moves):
+                if move % 2 == 0:
+                    pool, rate = mixed(target, pool, phi, sigma, share, noisy, rng_streams["prior"])
+                    share = min(1.0, share * float(np.exp(rate - WANTED_ACCEPTANCE)))
+                else:
+                    pool, rate = walked(target, pool, phi, scale * root, noisy, rng_streams["prior"])
+                    scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
                 rates.append(rate)
         return pool.advanced(even, log_gain, target, temperatures=float(count), acceptance=float(np.mean(rates)))
 
@@ -124,23 +132,23 @@ def next_temperature(log_prob: FloatArray, phi: float, ess_threshold: float) -> 
     return high
 
 
-def walk_root(target: Target, pool: Pool, weights: FloatArray) -> tuple[FloatArray, BoolArray]:
+def walk_root(target: Target, pool: Pool, noisy: BoolArray, weights: FloatArray) -> FloatArray:
     """A matrix R (D', D'), R Rᵀ being 2.38² / D' times the covariance of weighted states given their parents, over the
-    columns that have noise, which are the second result (D,) (Roberts, Gelman & Gilks 1997).
+    columns that have noise, noisy (D,) (Roberts, Gelman & Gilks 1997).
 
     Given their parents: of what a linear regression of the innovations on the parents' means leaves. Without it, the
     walk would step as far as the parents are apart.
     """
-    innovations, means, noisy = target.innovations(pool)
+    innovations, means = target.innovations_of(pool, noisy)
     root_weights = np.sqrt(weights)[:, None]
     means, innovations = (root_weights * (x - (weights[:, None] * x).sum(axis=0)) for x in (means, innovations))
     left = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
     values, vectors = np.linalg.eigh(left.T @ left)
     root: FloatArray = vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
-    return root, noisy
+    return root
 
 
-def moved(
+def walked(
     target: Target, pool: Pool, phi: float, root: FloatArray, noisy: BoolArray, rng: np.random.Generator
 ) -> tuple[Pool, float]:
     """The pool (N) after one Metropolis step at temperature φ, and the share of proposals accepted.
@@ -148,7 +156,29 @@ def moved(
     Proposals walk from the states by N(0, R Rᵀ), R being the root (D', D'), in the columns that are noisy (D,).
     """
     walk = rng.standard_normal((len(pool.state), len(root))) @ root.T
-    proposed = target.nudged(pool, noisy, walk)
-    log_ratio = proposed.log_prior - pool.log_prior + phi * (proposed.log_prob - pool.log_prob)
+    return _accepted(pool, target.nudged(pool, noisy, walk), phi, 0.0, rng)
+
+
+def mixed(
+    target: Target, pool: Pool, phi: float, sigma: FloatArray, share: float, noisy: BoolArray, rng: np.random.Generator
+) -> tuple[Pool, float]:
+    """The same by a preconditioned Crank–Nicolson step (Cotter, Roberts, Stuart & White 2013) on what the states are
+    away from where their parents lead, δ' = √(1 − share²) δ + share N(0, σ²), σ (D',).
+
+    It leaves N(0, σ²) as it is, so that only the likelihood, and where the prior is not quite that, decides.
+    """
+    innovations, _ = target.innovations_of(pool, noisy)
+    kept = np.sqrt(1.0 - share**2)
+    drawn = kept * innovations + share * sigma * rng.standard_normal(innovations.shape)
+    proposed = target.nudged(pool, noisy, drawn - innovations)
+    correction = 0.5 * (((drawn / sigma) ** 2).sum(axis=1) - ((innovations / sigma) ** 2).sum(axis=1))
+    return _accepted(pool, proposed, phi, correction, rng)
+
+
+def _accepted(
+    pool: Pool, proposed: Pool, phi: float, correction: FloatArray | float, rng: np.random.Generator
+) -> tuple[Pool, float]:
+    """correction: (N,), log of how much likelier the way back is to be proposed."""
+    log_ratio = proposed.log_prior - pool.log_prior + phi * (proposed.log_prob - pool.log_prob) + correction
     accepted = np.log1p(-rng.random(len(log_ratio))) < log_ratio
     return pool.merged(proposed, accepted), float(accepted.mean())

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
-from workbench.recording import fit, looks
+from workbench.recording import fit, looks, ranks
 from workbench.recording.images import OVERLAYS, Picture
 from workbench.recording.scene import ESTIMATE
 
@@ -123,10 +123,11 @@ def _coverage(shown: Shown) -> list[rrb.View]:
 
 
 def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
-    """The posterior in three ways, other numbers, and where the run came from."""
+    """The posterior in four ways, other numbers, and where the run came from."""
     said = [rrb.TextLogView(origin="/log", name="warnings")] if shown.warned else []
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
-    return [_bands(shown), _marginals(shown), *_coefficients(shown), *_others(shown), *said, config]
+    ranked = [ranks.view()] if "log_score" in shown.metrics else []
+    return [_bands(shown), _marginals(shown), *_coefficients(shown), *ranked, *_others(shown), *said, config]
 
 
 def _bands(shown: Shown) -> rrb.Grid:

@@ -24,6 +24,7 @@ from workbench.recording import blueprint, fit, images, looks, scene
 from workbench.recording.file import RecordingFile
 from workbench.recording.marginals import systematic
 from workbench.recording.posterior import Posterior
+from workbench.recording.ranks import Ranks
 from workbench.recording.series import Series
 from workbench.recording.trails import Trails
 
@@ -69,7 +70,7 @@ class Recorder:
         self._figure = scene.figure(body)
         self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
         self._series, self._bands = Series(), Series()
-        self._trails = Trails(self._figure)
+        self._trails, self._ranks = Trails(self._figure), Ranks()
         self._pictures: dict[str, images.Picture] = {}
         _check("n_particles_shown", n_particles_shown, 1, 10_000)
         _check("marginal_bins", marginal_bins, 2, 1024)
@@ -129,6 +130,7 @@ class Recorder:
         if frame.points is not None:
             self._series.add(frame.index, time, fit.curves(self._body.skeleton, step))
         self._file.send(fit.activities(step))
+        self._ranks.add(step)
         self._diagnostics = tuple(step.diagnostics)
         if self._n_frames == 0:
             self._begin(step)
@@ -234,6 +236,7 @@ class Recorder:
             pictures, axes = self._posterior.pictures()
             self._file.send(pictures, static=True)  # so that every frame shows the whole run
             self._file.send_property("marginals", axes)
+            self._file.send(self._ranks.pictures(), static=True)
             if len(self._trails):
                 self._file.send(self._trails.pictures(), static=True)
                 self._stream.send_blueprint(self._trails.layout(self._diagnostics))

@@ -1,0 +1,146 @@
+"""Partitioned sampling against the exact posterior and evidence of a linear Gaussian model, a column being a part."""
+
+import numpy as np
+import pytest
+from linear_gaussian import MEAN0, LinearPrior, Position, assert_agree, exact, frames, moments, simulate, streams
+
+from workbench.errors import InputError
+from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.partitioned import PARTS, Partitioned, columns_of_parts
+from workbench.learning.training import walking_model
+from workbench.priors.cyclic import Cyclic
+from workbench.priors.jitter import Jitter
+from workbench.priors.mixture import Mixture
+from workbench.priors.smooth import Smooth
+from workbench.priors.state import StateSpace
+
+T, SEEDS, N = 8, 25, 200
+
+
+class TwoJoints(LinearPrior):
+    """The columns called after joints, so that they are of two parts of the body."""
+
+    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
+
+
+def runs(make, measured, n_seeds=SEEDS, **model):
+    """Of the last frame: mean, variance and log evidence (n_seeds, 5); effective sample sizes over all frames."""
+    found, sizes = [], []
+    for seed in range(n_seeds):
+        steps = list(make(TwoJoints(), Position(measured, **model)).run(frames(T), MEAN0, streams(seed)))
+        found.append([*np.concatenate(moments(steps[-1])), steps[-1].log_evidence])
+        sizes += [step.ess / len(step.particles) for step in steps[1:]]
+    return np.array(found), float(np.mean(sizes))
+
+
+@pytest.mark.parametrize(
+    ("flatten", "parts"), [(0.7, ["lower_body", "upper_body"]), (1.0, ["upper_body", "lower_body"])]
+)
+def test_converges_to_the_exact_posterior_and_evidence(flatten, parts):
+    model = {"sigma": 0.1, "g": 1.0, "h": -0.5}
+    measured = simulate(T, seed=3, sigma=0.1, h=-0.5)
+    mean, variance, evidence = exact(measured, **model)
+    found, _ = runs(lambda p, y: Partitioned(p, y, n_particles=N, flatten=flatten, parts=parts), measured, **model)
+    assert_agree(found, [*mean[-1], *variance[-1], evidence])
+
+
+class Twice:
+    """Two linear models side by side, whose columns belong to three parts of the body."""
+
+    names = ("root_x", "left_knee_flexion", "left_elbow_flexion", "right_elbow_flexion")
+    space = StateSpace.of({"both": (names, "rad")})
+    parameters = names
+
+    def _each(self, move, state):
+        return np.concatenate([move(state[:, :2]), move(state[:, 2:])], axis=1)
+
+    def start(self, pose, n, rng):
+        return self._each(lambda mean: LinearPrior().start(mean, n, rng), pose[None])
+
+    def step(self, state, dt_s, rng):
+        return self._each(lambda half: LinearPrior().step(half, dt_s, rng), state)
+
+    def mean(self, state, dt_s):
+        return self._each(lambda half: LinearPrior().mean(half, dt_s), state)
+
+    def log_transition(self, previous, state, dt_s):
+        halves = ((previous[..., k : k + 2], state[..., k : k + 2]) for k in (0, 2))
+        return sum(LinearPrior().log_transition(before, after, dt_s) for before, after in halves)
+
+    def pose(self, state):
+        return state.copy()
+
+
+class Both(Position):
+    """The measurement of either model, which are the same."""
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        one, other = ((previous_pose[:, k : k + 2], pose[:, k : k + 2]) for k in (0, 2))
+        return super().log_prob(previous, frame, *one) + super().log_prob(previous, frame, *other)
+
+
+def test_three_parts_are_exact_too():
+    model = {"sigma": 0.1, "g": 1.0}
+    measured = simulate(T, seed=3, sigma=0.1)
+    mean, variance, evidence = exact(measured, **model)
+    found = []
+    for seed in range(SEEDS):
+        inference = Partitioned(Twice(), Both(measured, **model), n_particles=N)
+        assert len(inference.columns) == 3
+        step = list(inference.run(frames(T), np.tile(MEAN0, 2), streams(seed)))[-1]
+        means, variances = moments(step)
+        found.append([*means[[1, 3]], *variances[[1, 3]], step.log_evidence])
+    assert_agree(np.array(found), [*mean[-1, [1, 1]], *variance[-1, [1, 1]], 2.0 * evidence])
+
+
+def test_one_part_that_decides_all_leaves_nothing_to_weigh():
+    """Where only the first part is seen, and is trusted fully, every particle ends with the same weight."""
+    measured = simulate(T, seed=3)
+    make = lambda p, y: Partitioned(p, y, n_particles=50, flatten=1.0, parts=["lower_body", "upper_body"])  # noqa: E731
+    assert runs(make, measured, n_seeds=1)[1] == pytest.approx(1.0)
+
+
+class Each:
+    """Every angle is measured alike: N(0, 0.05²)."""
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        return -0.5 * ((pose[:, 6:] / 0.05) ** 2).sum(axis=1)
+
+    def warnings(self):
+        return ()
+
+
+def test_part_by_part_more_particles_count_for_the_same_evaluations():
+    """Of six angles, each of which leaves a share r of the particles, r^6 are left at once, r^3 in two parts."""
+    prior = Smooth(parameters=["left_arm", "left_hip_flexion", "left_knee_flexion"])
+    pose, sizes = np.zeros(25), {}
+    for name, inference in (
+        ("at once", ParticleFilter(prior, Each(), n_particles=1000)),
+        ("in parts", Partitioned(prior, Each(), n_particles=500, parts=["lower_body", "upper_body"])),
+    ):
+        steps = list(inference.run(frames(4), pose, streams(0)))
+        assert sum(step.evaluations for step in steps) == 3000
+        sizes[name] = np.mean([step.ess for step in steps[1:]])
+    assert sizes["in parts"] > 2.0 * sizes["at once"]
+
+
+def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part(tmp_path):
+    base = Cyclic(walking_model(motions="builtin", cache=str(tmp_path), n_components=3))
+    for prior in (Jitter(base), Smooth()):
+        columns = columns_of_parts(prior.space, PARTS)
+        assert sorted(np.concatenate(columns)) == list(range(len(prior.space)))
+        names = [{prior.space.names[i] for i in part} for part in columns]
+        assert all("hip" in name or "knee" in name for name in names[1])
+        assert all("shoulder" in name or "elbow" in name or "neck" in name for name in names[2])
+        assert len(names[1]) == (8 if prior.space.names[0] == "c1" else 16)
+
+
+def test_what_cannot_be_parted_is_named(tmp_path):
+    with pytest.raises(InputError, match="all of which are in one part"):
+        Partitioned(Cyclic(walking_model(motions="builtin", cache=str(tmp_path), n_components=3)), None)
+    with pytest.raises(InputError, match="tail"):
+        Partitioned(Smooth(), None, parts=["root", "tail"])
+    with pytest.raises(InputError, match="flatten"):
+        Partitioned(Smooth(), None, flatten=2.0)
+    with pytest.raises(InputError, match="can only be drawn from"):
+        Partitioned(Mixture({"a": Smooth()}, {"a": 1.0}), None)

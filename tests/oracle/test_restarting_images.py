@@ -1,0 +1,81 @@
+"""A rendered person who is suddenly elsewhere: what tells the loss, and what finds the person again."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from linear_gaussian import streams
+
+from workbench.body.limbs import person
+from workbench.datasets.synthetic import Synthetic
+from workbench.evaluation.errors import step_errors
+from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.restarting import REFERENCE_FRAMES, Restarting
+from workbench.likelihoods.appearance import Appearance
+from workbench.likelihoods.background import Background
+from workbench.likelihoods.product import Product
+from workbench.priors.from_motions import walking
+
+CUT, LEFT_OUT, AFTER = REFERENCE_FRAMES + 4, 15, 10
+"""The clip goes on for so many frames, then so many are missing, half a metre of the way, and then it goes on."""
+PARTICLES = 150
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    numba.set_num_threads(1)  # for so few points more than one costs more than it saves
+    cache = str(tmp_path_factory.mktemp("cache"))
+    size = {"width": 160, "height": 120, "person_px": 65.0, "focal_px": 175.0}
+    dataset = Synthetic(n_frames=CUT + LEFT_OUT + AFTER, keypoint_sigma_px=1.0, **size)
+    prior = walking(motions="builtin", cache=cache, n_components=3, sigma_rotation=(0.0, 0.0, 0.0))
+    shown = []
+    for frame in dataset.frames():
+        if not CUT <= frame.index < CUT + LEFT_OUT:
+            index = len(shown)
+            shown.append(replace(frame, index=index, time_s=index / 30.0))
+    yield dataset, prior, shown
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+
+
+def blind(frames):
+    """The same frames, in which nobody looked for joints."""
+    return [replace(frame, views=tuple(replace(view, keypoints=None) for view in frame.views)) for frame in frames]
+
+
+def run(scene, make, frames):
+    """Errors, px, of every frame, the width of a forearm, and the steps that started anew."""
+    dataset, prior, _ = scene
+    body = person(dataset.shape)
+    cues = {"background": Background(body, dataset), "appearance": Appearance(body)}
+    likelihood = Product(cues, dict.fromkeys(cues, 0.5))
+    steps = list(make(prior, likelihood, body).run(frames, dataset.start_pose, streams(0)))
+    errors = [step_errors(step, body) for step in steps]
+    anew = [step for step in steps if step.diagnostics.get("restarted") == 1.0]
+    return np.array([error["error_px"] for error in errors]), errors[-1]["forearm_px"], anew
+
+
+def restarting(prior, likelihood, body):
+    return Restarting(prior, likelihood, body=body, n_particles=PARTICLES)
+
+
+def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):
+    errors, forearm_px, anew = run(scene, restarting, scene[2])
+    assert errors[CUT - 5 : CUT].mean() < forearm_px
+    assert errors[CUT] > 3.0 * forearm_px
+    assert [step.frame.index for step in anew] == [CUT + 3]  # after `patience` bad frames, and not again
+    assert anew[0].warnings[0].endswith("start anew from the joints detected")
+    assert errors[CUT + 3 :].max() < forearm_px
+
+
+def test_without_joints_it_goes_on_trying_about_the_last_pose(scene):
+    errors, forearm_px, anew = run(scene, restarting, blind(scene[2]))
+    assert errors[-1] > forearm_px
+    assert [step.frame.index for step in anew] == [CUT + 3, CUT + 6, CUT + 9]
+    assert anew[0].warnings[0].endswith("about the last pose and its mirror image")
+
+
+def test_the_plain_filter_stays_lost(scene):
+    errors, forearm_px, _ = run(scene, lambda p, y, _: ParticleFilter(p, y, n_particles=PARTICLES), scene[2])
+    assert errors[CUT - 5 : CUT].mean() < forearm_px
+    assert errors[-1] > 3.0 * forearm_px
