@@ -35,6 +35,7 @@ from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
 from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
@@ -83,6 +84,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "edges": Edges,
         "product": Product,
         "surface_points": SurfacePoints,
+        "keypoints": KeypointLikelihood,
         "uniform": Uniform,
     },
     "inference": {

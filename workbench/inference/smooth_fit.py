@@ -25,6 +25,8 @@ FOLLOW_SIGMA = 0.5
 """m and rad at PACE_HZ: how far from the frame before a pose is looked for at first."""
 SQUARED = Loss("squared", 1.0)
 FAR_LOSS = Loss("huber", 3.0)
+BALANCE_LOSS = Loss("huber", 1.0)
+"""Balance is a habit: who jumps or leans on something is out of it by more than its deviation says."""
 LEANING_SIGMA_RAD = np.inf
 """Of pitch and roll beside what is usual, which says it all."""
 FLIP_ROUNDS, HOPELESS, FLIP_GAIN = 2, 2.0, 0.5
@@ -95,7 +97,7 @@ def bounded(
     """
     own = [limit_residual(skeleton, LIMIT_SIGMA_RAD), usual_residual(skeleton)]
     if set(JOINT_NAMES) <= set(skeleton.names):
-        own += [balance_residual(skeleton)]
+        own += [robust(balance_residual(skeleton), BALANCE_LOSS)]
         own += [ground_residual(skeleton, ground_m)] if ground_m is not None else []
     return [stacked([robust(one, loss), *own]) for one in residuals]
 

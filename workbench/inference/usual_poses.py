@@ -73,22 +73,23 @@ def usual_residual(skeleton: Skeleton) -> Residual:
 
 
 def balance_residual(skeleton: Skeleton) -> Residual:
-    """Of the centre of mass, which in people on their feet is above the line between the ankles, a little ahead.
-
-    The derivative leaves out that the nearest point moves along that line, to which the distance is at right angles.
-    """
+    """Of the centre of mass, which in people on their feet is above the line between the ankles, a little ahead."""
     masses, left, right = centre_of_mass(skeleton), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        places, slopes = forward(skeleton, pose[None]).positions[0], joint_jacobian(skeleton, pose[None])[0]
-        apart, stance = (masses @ places - places[left])[:2], (places[right] - places[left])[:2]
-        part = np.clip(apart @ stance / max(float(stance @ stance), 1e-9), 0.0, 1.0)
-        weights = masses.copy()
-        weights[[left, right]] -= [1.0 - part, part]
-        off, slope = (weights @ places)[:2], np.tensordot(weights, slopes, 1)[:2]
+        places = forward(skeleton, pose[None]).positions[0, :, :2]
+        slopes = joint_jacobian(skeleton, pose[None])[0, :, :2]
+        apart, d_apart = masses @ places - places[left], np.tensordot(masses, slopes, 1) - slopes[left]
+        stance, d_stance = places[right] - places[left], slopes[right] - slopes[left]
+        square = max(float(stance @ stance), 1e-9)
+        part = float(apart @ stance) / square  # how far along the line between the ankles the nearest point is
+        d_part = (stance @ d_apart + (apart - 2.0 * part * stance) @ d_stance) / square
+        if not 0.0 < part < 1.0:
+            part, d_part = min(max(part, 0.0), 1.0), np.zeros(len(pose))
+        off, d_off = apart - part * stance, d_apart - part * d_stance - np.outer(stance, d_part)
         cos, sin = np.cos(pose[3]), np.sin(pose[3])
         ahead = np.array([[cos, sin], [-sin, cos]])  # the world's axes to those of the heading
-        slope = ahead @ slope
+        slope = ahead @ d_off
         slope[:, 3] += np.array([[-sin, cos], [-cos, -sin]]) @ off
         return (ahead @ off - BALANCE_M) / BALANCE_SIGMA_M, slope / BALANCE_SIGMA_M
 
@@ -109,9 +110,11 @@ def ground_residual(skeleton: Skeleton, ground_m: float) -> Residual:
 
 
 def centre_of_mass(skeleton: Skeleton) -> FloatArray:
-    """Weights (J,) of a person's joints that make their centre of mass; see _LIMBS, the trunk's from pelvis to neck."""
-    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "neck": 0.2485, "head_centre": 0.081}
+    """Weights (J,) of a person's joints that make their centre of mass; see _LIMBS. The trunk's is midway between hips
+    and shoulders."""
+    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "head_centre": 0.081}
     for side in ("left", "right"):
+        weights[f"{side}_shoulder"] += 0.12425
         for near, far, mass, along in _LIMBS:
             weights[f"{side}_{near}"] += mass * (1.0 - along)
             weights[f"{side}_{far}"] += mass * along
