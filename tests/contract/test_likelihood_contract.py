@@ -98,7 +98,9 @@ def test_warnings_are_given_once(likelihood):
     remember(likelihood, before, np.zeros(25), first=True)
     likelihood.warnings()
     likelihood.log_prob(before, now, far_aside, far_aside)
-    assert bool(likelihood.warnings()) == isinstance(likelihood, ImageMotion | Product | KeypointLikelihood)  # there are none
+    assert bool(likelihood.warnings()) == isinstance(
+        likelihood, ImageMotion | Product | KeypointLikelihood
+    )  # there are none
     assert likelihood.warnings() == ()
 
 

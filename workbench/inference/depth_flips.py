@@ -47,9 +47,7 @@ def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[Flo
                 yield _reaching(skeleton, poses, frames, limb, aims)
 
 
-def _reaching(
-    skeleton: Skeleton, poses: FloatArray, frames: IntArray, limb: IntArray, aims: FloatArray
-) -> FloatArray:
+def _reaching(skeleton: Skeleton, poses: FloatArray, frames: IntArray, limb: IntArray, aims: FloatArray) -> FloatArray:
     """Poses (T, P) whose limb has its middle and end near aims (T, 2, 3) in some frames, as far as its limits allow."""
     reached, decoder = poses.copy(), PoseDecoder(skeleton)
     own = np.flatnonzero(np.isin(skeleton.dof_joints, limb[:2]))

@@ -179,9 +179,9 @@ class LeastSquares:
     sigma_px: that of a keypoint, px of the image it was seen in. loss: "squared", "huber" or "geman_mcclure", which
     bends at `scale`, in the unit of sigma, and for keypoints at as many deviations. phases: (μ₁, μ_T), cycles, or None
     to take phase_ends, what the dataset offers, or without those to find them. sigma_style, sigma_phase,
-    sigma_position, sigma_rotation, sigma_angle: see `frame_fit.Smoothness`. ground_m: height of a standing person's ankles
-    in the world, m, to which style "smooth" ties the lower foot; None: to none. most_points: a frame's points beyond are
-    thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
+    sigma_position, sigma_rotation, sigma_angle: see `frame_fit.Smoothness`. ground_m: height of a standing person's
+    ankles in the world, m, to which style "smooth" ties the lower foot; None: to none. most_points: a frame's points
+    beyond are thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
 
     Raises InputError for numbers out of range and a style that needs a model where there is none.
 

@@ -171,4 +171,3 @@ def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_
     for residual in residuals[1:]:
         poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)
     return np.array(poses)
-

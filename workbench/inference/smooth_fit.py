@@ -116,7 +116,8 @@ def smooth_problem(
     n_frames, n_dofs = len(residuals), len(decoder.space)
     columns = np.arange(n_frames * n_dofs).reshape(n_frames, n_dofs)
     rows = second_differences(columns, PACE_HZ * times_s, pose_deviations(smoothness, n_dofs))
-    return FitProblem.of(decoder, residuals, SQUARED, columns, rows, n_border=0)
+    nothing = [(columns[0, :1], np.zeros(1))]  # one or two frames have no second differences
+    return FitProblem.of(decoder, residuals, SQUARED, columns, rows or nothing, n_border=0)
 
 
 def pose_deviations(smoothness: Smoothness, n_dofs: int) -> FloatArray:
@@ -144,9 +145,7 @@ def _apart(times_s: FloatArray, shown: BoolArray) -> IntArray:
     return np.array(few, dtype=np.intp)
 
 
-def _turned_over(
-    problem: FitProblem, skeleton: Skeleton, camera: Camera, poses: FloatArray, cost: float
-) -> FloatArray:
+def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses: FloatArray, cost: float) -> FloatArray:
     """The poses (T, P), or such with limbs turned over in depth that fit better."""
     for _ in range(FLIP_ROUNDS):
         before = cost

@@ -110,11 +110,10 @@ def ground_residual(skeleton: Skeleton, ground_m: float) -> Residual:
 
 
 def centre_of_mass(skeleton: Skeleton) -> FloatArray:
-    """Weights (J,) of a person's joints that make their centre of mass; see _LIMBS. The trunk's is midway between hips
-    and shoulders."""
-    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "head_centre": 0.081}
+    """Weights (J,) of a person's joints that make their centre of mass; see _LIMBS. The trunk's is midway between
+    pelvis and neck, a little high."""
+    weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "neck": 0.2485, "head_centre": 0.081}
     for side in ("left", "right"):
-        weights[f"{side}_shoulder"] += 0.12425
         for near, far, mass, along in _LIMBS:
             weights[f"{side}_{near}"] += mass * (1.0 - along)
             weights[f"{side}_{far}"] += mass * along

@@ -41,7 +41,7 @@ class KeypointLikelihood:
                 raise InputError(f"keypoints: {name} must be {expected}, found {getattr(self, name)!r}")
 
     def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihoods (N,) of poses (N, P); −inf where one is not finite, 0 for all in a frame without keypoints."""
+        """Log likelihoods (N,) of poses (N, P); −inf where one is not finite, 0 in a frame without keypoints."""
         finite = np.isfinite(pose).all(axis=1)
         log_prob, n_seen = np.where(finite, 0.0, -np.inf), 0
         places = joints(self.body.skeleton, pose[finite])
