@@ -26,7 +26,7 @@ COCO_17 = (
 
 
 @pytest.mark.filterwarnings("ignore:.*are stretched")
-@pytest.mark.parametrize("experiment", ["balance_1cam", "balance_4cam"])
+@pytest.mark.parametrize("experiment", ["balance_1cam", pytest.param("balance_4cam", marks=pytest.mark.slow)])
 def test_the_balance_experiments_hold_the_man(run, data, experiment):
     if not (data / "pose2sim_balance").is_dir():
         pytest.skip("no recordings of several cameras")

@@ -12,7 +12,9 @@ from workbench.inference.limb_lengths import of_keypoints
 CAMERAS = ("cam_01", "cam_02", "cam_03", "cam_04")
 
 
-@pytest.mark.parametrize("which", [CAMERAS, *([name] for name in CAMERAS)], ids=lambda which: "+".join(which))
+@pytest.mark.parametrize(
+    "which", [CAMERAS, *(pytest.param([name], marks=pytest.mark.slow) for name in CAMERAS)], ids="+".join
+)
 @pytest.mark.filterwarnings("ignore:.*are stretched")
 def test_the_man_is_found_in_the_first_frame(data, which):
     folder = data / "pose2sim_balance"
