@@ -14,6 +14,7 @@ from workbench.likelihoods.background import Background
 from workbench.likelihoods.edge_model import BINS, EdgeModel
 from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.likelihood import Likelihood, remember
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.silhouette import Silhouette
@@ -52,6 +53,7 @@ LIKELIHOODS: tuple[Likelihood, ...] = (
     Appearance(BODY),
     edges(),
     Silhouette(BODY, Empty()),
+    KeypointLikelihood(BODY),
     Product({"motion": ImageMotion(BODY), "background": Background(BODY, Empty())}, {"motion": 0.5, "background": 1.0}),
 )
 
@@ -98,7 +100,9 @@ def test_warnings_are_given_once(likelihood):
     remember(likelihood, before, np.zeros(25), first=True)
     likelihood.warnings()
     likelihood.log_prob(before, now, far_aside, far_aside)
-    assert bool(likelihood.warnings()) == isinstance(likelihood, ImageMotion | Product)
+    assert bool(likelihood.warnings()) == isinstance(
+        likelihood, ImageMotion | Product | KeypointLikelihood
+    )  # there are none
     assert likelihood.warnings() == ()
 
 

@@ -123,13 +123,15 @@ def test_two_cameras_measure_a_person_of_unknown_height():
 
 
 def test_one_camera_measures_proportions_under_a_given_height():
-    tall = replace(shape_of(np.zeros(9)).scaled(1.9 / 1.7), forearm=0.24)
+    longer = np.zeros(9)
+    longer[1 + LENGTHS.index("torso")] = 0.1
+    average, tall = (shape_of(lengths).scaled(1.9 / 1.7) for lengths in (np.zeros(9), longer))
     skeleton = person_skeleton(tall)
     times, poses = swinging(skeleton, 8, rate_hz=7.0)
     shown = frames(skeleton, times, poses, CAMERAS[:1])
     body = of_keypoints(SimpleNamespace(frames=lambda: iter(shown)), height_m=1.9)
-    assert body.shape.thigh == pytest.approx(0.245 * 1.9, rel=0.08)  # PROPORTION_SIGMA
-    assert abs(body.shape.forearm - 0.24) < abs(0.146 * 1.9 - 0.24)
+    assert body.shape.thigh == pytest.approx(average.thigh, rel=0.05)  # PROPORTION_SIGMA
+    assert abs(body.shape.neck[2] - tall.neck[2]) < abs(body.shape.neck[2] - average.neck[2])
     blind = [replace(frame, views=()) for frame in shown]
     with pytest.raises(InputError, match="expected keypoints in the dataset's frames"):
         of_keypoints(SimpleNamespace(frames=lambda: iter(blind)))
@@ -148,4 +150,4 @@ def test_frames_that_are_near_in_time_are_not_looked_at_twice():
 
     of_keypoints(SimpleNamespace(frames=played), n_frames=3)
     assert taken[-1] == 21  # the frames 0, 10 and 20, and the one with which it stops
-    assert from_height(1.7) == shape_of(np.zeros(9))
+    assert from_height(1.7, upper_arm=0.162 * 1.7, forearm=0.154 * 1.7) == shape_of(np.zeros(9))

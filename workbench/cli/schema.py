@@ -37,6 +37,7 @@ from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
 from workbench.likelihoods.edges import Edges
 from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.silhouette import Silhouette
 from workbench.likelihoods.surface_points import SurfacePoints
@@ -88,6 +89,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "silhouette": Silhouette,
         "product": Product,
         "surface_points": SurfacePoints,
+        "keypoints": KeypointLikelihood,
         "uniform": Uniform,
     },
     "inference": {

@@ -179,8 +179,9 @@ class LeastSquares:
     sigma_px: that of a keypoint, px of the image it was seen in. loss: "squared", "huber" or "geman_mcclure", which
     bends at `scale`, in the unit of sigma, and for keypoints at as many deviations. phases: (μ₁, μ_T), cycles, or None
     to take phase_ends, what the dataset offers, or without those to find them. sigma_style, sigma_phase,
-    sigma_position, sigma_rotation, sigma_angle: see `frame_fit.Smoothness`. most_points: a frame's points beyond are
-    thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
+    sigma_position, sigma_rotation, sigma_angle: see `frame_fit.Smoothness`. ground_m: height of a standing person's
+    ankles in the world, m, to which style "smooth" ties the lower foot; None: to none. most_points: a frame's points
+    beyond are thinned at random. n_particles: drawn per step. surface: of the body, by default `person_surface(body)`.
 
     Raises InputError for numbers out of range and a style that needs a model where there is none.
 
@@ -209,6 +210,7 @@ class LeastSquares:
         sigma_position: float = 0.03,
         sigma_rotation: float = 0.03,
         sigma_angle: float = 0.2,
+        ground_m: float | None = None,
         most_points: int = 1000,
         max_iterations: int = 40,
         n_particles: int = 500,
@@ -235,6 +237,7 @@ class LeastSquares:
         self.frames_per_style, self.pose_prior = frames_per_style, pose_prior
         self.phases = phase_ends if phases is None else phases
         self.smoothness = Smoothness(sigma_style, sigma_phase, sigma_position, sigma_rotation, sigma_angle)
+        self.ground_m = ground_m
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
 
     @property
@@ -348,9 +351,13 @@ class LeastSquares:
             starts = first_poses(self.skeleton, keypoints, self.sigma_px)
         else:
             starts = self._first_pose(seen, times_s, None)[None]
+        cameras = {one.camera.name: one.camera for frame in seen for one in frame.keypoints}
         poses, covariances, found = fit_smooth(
-            self.skeleton, residuals, times_s, self.loss, starts, self.smoothness, self.max_iterations
-        )
+            self.skeleton, residuals, times_s, self.loss, starts, self.smoothness, self.max_iterations,
+            shown=[bool(kinds_seen([one])) for one in seen],
+            camera=next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(seen) else None,
+            ground_m=self.ground_m,
+        )  # fmt: skip
         timing_s = {"least_squares": perf_counter() - clock}
         decoder = PoseDecoder(self.skeleton)
         return _fit(decoder, residuals, self.loss, poses, covariances, found.iterations, found.costs, timing_s)

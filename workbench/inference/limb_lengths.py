@@ -11,14 +11,15 @@ from workbench.arrays import FloatArray
 from workbench.body.kinematics import descendants, forward, joint_jacobian
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
-from workbench.body.skeleton import N_ROOT, Skeleton, person_skeleton
+from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.inference.decoding import PoseDecoder
-from workbench.inference.frame_fit import Gaussian, fit_frame
+from workbench.inference.frame_fit import fit_frame
 from workbench.inference.observed import Keypoints, Observed, person_px, usable_keypoints, views_residual
 from workbench.inference.residuals import projection_jacobian
 from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, likely_pose
+from workbench.inference.usual_poses import usual_poses
 
 log = logging.getLogger(__name__)
 
@@ -26,11 +27,12 @@ LENGTHS = ("torso", "shoulders", "hips", "head", "upper_arm", "forearm", "thigh"
 """What may differ from the average person, beside the height."""
 AVERAGE_M, HEIGHT_SIGMA, GIVEN_SIGMA = 1.70, 0.06, 0.01
 """Adults' height and the standard deviation of its logarithm; and that of a height that is given."""
-PROPORTION_SIGMA = 0.08
+PROPORTION_SIGMA = 0.05
 """Of the logarithm of a length over the height: people differ by some 4 %, and detectors' joints are not
 anatomists'."""
-ANGLE_SIGMA_RAD = 1.0
-"""Of every joint angle about zero, for those that nothing shows, such as the twist of a straight arm."""
+UPPER_ARM, FOREARM = 0.162, 0.154
+"""Over the height, between joints' centres (de Leva 1996), as detectors see them; from_height's is measured from the
+shoulder's top."""
 KEYPOINT_SIGMA = 0.03
 """Of a joint, in heights of the person in the image: detectors are off by 1 to 2 %, but alike in frames that follow
 each other, so that eight say little more than one."""
@@ -89,17 +91,18 @@ def measure(
     spread = np.full(len(start), PROPORTION_SIGMA)
     spread[0] = HEIGHT_SIGMA if height_m is None else GIVEN_SIGMA
     poses = _first_poses(person_skeleton(shape_of(start)), seen, sigma_px)
-    held = np.concatenate([start, poses.ravel()]), np.concatenate([spread, np.tile(_pose_sigma(poses), len(poses))])
-    held[0][len(start) :].reshape(poses.shape)[:, N_ROOT:] = 0.0
-    tied = np.isfinite(held[1])
+    usual = usual_poses(person_skeleton(shape_of(start)))
+    mean = np.concatenate([start, np.tile(usual.mean, len(poses))])
+    whitening = np.concatenate([1.0 / spread, np.tile(np.diag(usual.whitening), len(poses))])
+    tied = whitening > 0.0
 
     def misses(x: FloatArray) -> FloatArray:
         seen_off = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[0]
-        return np.concatenate([seen_off, ((x - held[0]) / held[1])[tied]])
+        return np.concatenate([seen_off, ((x - mean) * whitening)[tied]])
 
     def slopes(x: FloatArray) -> FloatArray:
         by_seen = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[1]
-        return np.vstack([by_seen, np.diag(1.0 / held[1])[tied]])
+        return np.vstack([by_seen, np.diag(whitening)[tied]])
 
     found = least_squares(
         misses, np.concatenate([start, poses.ravel()]), jac=slopes, loss="huber", f_scale=KEYPOINT_LOSS.scale,
@@ -113,7 +116,8 @@ def measure(
 
 def shape_of(lengths: FloatArray) -> Shape:
     """The person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average person's."""
-    average = from_height(AVERAGE_M * float(np.exp(lengths[0])))
+    height = AVERAGE_M * float(np.exp(lengths[0]))
+    average = from_height(height, upper_arm=UPPER_ARM * height, forearm=FOREARM * height)
     factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
     (x, y, z), (ahead, aside, up), (_, half, _) = average.head, average.shoulder, average.hip
     return replace(
@@ -161,16 +165,9 @@ def _project(
 
 def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
     """Poses (T, P) of the average person: the first from nothing, the others each from the one before."""
-    prior = Gaussian.independent(np.zeros(len(skeleton.dof_names)), _pose_sigma(np.zeros((1, len(skeleton.dof_names)))))
-    residuals = [views_residual(skeleton, views, sigma_px) for views in seen]
+    prior = usual_poses(skeleton)
+    residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in seen]
     poses = [likely_pose(skeleton, seen[0], residuals[0], prior)]
     for residual in residuals[1:]:
         poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)
     return np.array(poses)
-
-
-def _pose_sigma(poses: FloatArray) -> FloatArray:
-    """(P,): of the joint angles; the root is free."""
-    sigma = np.full(poses.shape[1], ANGLE_SIGMA_RAD)
-    sigma[:N_ROOT] = np.inf
-    return sigma
