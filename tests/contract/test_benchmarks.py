@@ -11,7 +11,7 @@ from analysis.benchmarks.figure import Figure, differences, not_measured, read_f
 from workbench.errors import InputError
 
 REFERENCE = Path(benchmarks.__file__).with_name("reference.json")
-FAST = Figure("draw_us", 0.9, "µs a draw", 1.2, "lower", "the issue's bar")
+FAST = Figure("draw_us", 0.9, "µs a draw", 1.2, "lower", "a bar")
 MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 UNKNOWN = not_measured("with_peer", "×", 0.1, "lower", "peer is not installed")
 

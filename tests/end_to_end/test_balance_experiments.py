@@ -34,7 +34,7 @@ def test_the_balance_experiments_hold_the_man(run, data, experiment):
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     assert metrics["held"] == 1.0
-    assert metrics["error_abs_mm"] < (120.0 if experiment == "balance_1cam" else 60.0)  # the bounds
+    assert metrics["error_abs_mm"] < (120.0 if experiment == "balance_1cam" else 60.0)  # what is promised of them
 
 
 def scene(folder):

@@ -70,7 +70,9 @@ def test_marginals_are_the_histograms_on_their_axes(n_bins):
         for i, (values, weights) in enumerate(frames):
             mass, _ = np.histogram(values[:, k], bins=edges, weights=weights)
             # Samples within rounding of an edge could fall on either side; with these seeds none does.
-            assert np.exp(log_mass[k, :, i]) == pytest.approx(np.maximum(mass, FLOOR), rel=1e-9)
+            assert np.exp(log_mass[k, :, i]) == pytest.approx(
+                np.maximum(mass, FLOOR), rel=1e-6
+            )  # kept in single precision
 
 
 def test_no_visible_mass_is_cut_off_and_axes_are_not_mostly_empty():
@@ -99,7 +101,7 @@ def test_whatever_comes_every_frame_keeps_its_mass(data):
     mass = np.exp(log_mass)
     assert (low < high).all()
     # Weights 1/n are visible, none is cut off; empty bins show the floor.
-    assert mass[mass > 2 * FLOOR].sum() == pytest.approx(n_frames, rel=1e-9)
+    assert mass[mass > 2 * FLOOR].sum() == pytest.approx(n_frames, rel=1e-6)  # kept in single precision
 
 
 def test_a_parameter_that_never_moves():

@@ -43,4 +43,4 @@ def test_the_man_is_found_and_measured_by_himself(dataset):
     )
     truth = np.array([frame.truth.joints for frame in dataset.frames()])
     errors = 1e3 * np.linalg.norm(joints(body.skeleton, fit.poses) - truth, axis=2)
-    assert errors[:, 1:].mean() < 60.0  # the bound
+    assert errors[:, 1:].mean() < 60.0  # what is promised of it

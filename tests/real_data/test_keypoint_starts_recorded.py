@@ -30,7 +30,7 @@ def test_the_man_is_found_in_the_first_frame(data, which):
     skeleton = of_keypoints(dataset).skeleton
     apart = joints(skeleton, start_from_keypoints(skeleton, shown)[:1])[0, 1:] - shown[0].truth.joints[1:]
     if len(which) == len(CAMERAS):
-        assert 1e3 * np.linalg.norm(apart, axis=1).mean() < 60.0  # the bound
+        assert 1e3 * np.linalg.norm(apart, axis=1).mean() < 60.0  # what is promised of it
     # one camera sees across: there the same holds; depth by people's size and habits only, to a tenth of it
     axes = shown[0].views[0].camera.rotation
     assert 1e3 * np.linalg.norm(apart @ axes[:2].T, axis=1).mean() < 60.0
@@ -48,4 +48,4 @@ def test_the_woman_is_found_by_the_marks_of_her_first_frame(data):
     (frame,) = video.frames()
     (view,) = frame.views
     found = view.camera.project(joints(skeleton, start_from_keypoints(skeleton, [frame])[:1])[0])
-    assert np.nanmean(np.linalg.norm(found - view.keypoints[:, :2], axis=1)) < 8.0  # the bound
+    assert np.nanmean(np.linalg.norm(found - view.keypoints[:, :2], axis=1)) < 8.0  # what is promised of it
