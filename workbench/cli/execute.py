@@ -25,6 +25,7 @@ from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.evaluation.errors import AccelerationError, step_errors
+from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
 from workbench.inference.keypoint_start import start_from_keypoints
@@ -189,9 +190,11 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
     shaking = AccelerationError(parts.body.skeleton, parts.prior.parameters)
+    markers = MarkerOffsets(parts.body.skeleton, parts.prior.parameters)
     with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
         for step in steps:
-            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale) | shaking.add(step)
+            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale)
+            errors |= shaking.add(step) | markers.add(step)
             with _timed(summary, "recording"):
                 recorder.log(step, errors)
             summary.add(step, errors)
@@ -199,6 +202,7 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
                 log.warning(sentence)
             bar.set_postfix_str(_postfix(step, errors))
             bar.update()
+    summary.offsets = markers.lengths_mm
 
 
 def _postfix(step: Step, errors: dict[str, float]) -> str:
