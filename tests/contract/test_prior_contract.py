@@ -16,6 +16,7 @@ from workbench.cli.schema import COMPONENTS
 from workbench.datasets.gait import builtin_motions
 from workbench.learning.windows import learn_windows
 from workbench.priors import from_motions
+from workbench.priors.following import Following, Trajectory
 from workbench.priors.implicit import PREDICTIONS, SEARCHES, Implicit
 from workbench.priors.mixture import Enterable, Mixture, Switching
 from workbench.priors.partwise import Partwise
@@ -65,6 +66,9 @@ MADE = {
     "partwise": lambda folder: Partwise(
         {"legs": Smooth(parameters=["lower_body"]), "arm": implicit(("left_arm",), False, "exact", "blend")}
     ),
+    "following arm": lambda folder: Following(
+        Smooth(parameters=ARM), lambda: Trajectory(np.zeros(1), walk().poses[:1])
+    ),
     "reweighted": lambda folder: implicit(("body",), True, "sign_tree", "copy", reweight=True, beta=1.0),
 } | {
     f"implicit {where}, {search}, {prediction}": lambda folder, how=(parts, root, search, prediction): implicit(*how)
@@ -83,7 +87,11 @@ def composed(name, folder):
     for node in (config, *config.get("priors", {}).values()):
         if "motions" in node:
             node.motions = "builtin"
-    return build(config, camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)))
+    return build(
+        config,
+        camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
+        trajectory=lambda: Trajectory(np.zeros(1), walk().poses[:1]),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -65,20 +65,54 @@ def scene(folder):
     (folder / "cameras.toml").write_text("\n".join(tables))
 
 
+def files_of(folder):
+    """The overrides that take the scene in the folder for the dataset."""
+    return [
+        "experiment=custom", "dataset=multi_view", "dataset.rate_hz=14", f"dataset.camera={folder / 'cameras.toml'}",
+        f"dataset.truth={folder / 'truth.trc'}", "body=keypoints", "body.height_m=1.7",
+        *(
+            f"+dataset.{key}.{name}={folder / name}{end}" for name in ("front", "side")
+            for key, end in (("sources", ""), ("keypoints", "_json"))
+        ),
+    ]  # fmt: skip
+
+
 def test_files_of_two_cameras_are_tracked_in_one_go(run, tmp_path):
     scene(tmp_path)
-    files = [
-        f"+dataset.{key}.{name}={tmp_path / name}{end}" for name in ("front", "side")
-        for key, end in (("sources", ""), ("keypoints", "_json"))
-    ]  # fmt: skip
     code, told, folder = run(
-        "out", "experiment=custom", "dataset=multi_view", *files, "dataset.rate_hz=14",
-        f"dataset.camera={tmp_path / 'cameras.toml'}",
-        f"dataset.truth={tmp_path / 'truth.trc'}", "body=keypoints", "body.height_m=1.7", "prior=smooth",
-        "likelihood=uniform", "inference=least_squares", "inference.style=smooth", "inference.n_particles=20",
+        "out", *files_of(tmp_path), "prior=smooth", "likelihood=uniform", "inference=least_squares",
+        "inference.style=smooth", "inference.n_particles=20",
     )  # fmt: skip
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     assert metrics["held"] == 1.0
     # the pixels are exact; limbs are measured to KEYPOINT_SIGMA and known to PROPORTION_SIGMA, 2 cm of an arm or torso
     assert metrics["error_abs_mm"] < 40.0
+
+
+def test_an_arm_is_tracked_by_one_camera_while_the_rest_follows_both(run, tmp_path):
+    scene(tmp_path)
+    code, told, folder = run(
+        "out", *files_of(tmp_path), "prior=following", "prior.base.parameters=[right_arm]", "likelihood=keypoints",
+        "likelihood.which=[front]", "inference=particle_filter", "inference.n_particles=300",
+        "+prior.base.sigma_velocity.shoulder=2.5",  # rad/s, which the arm begins with at once
+    )  # fmt: skip
+    assert code == 0, told
+    assert "fitted to the keypoints of 2 cameras" in told
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    assert metrics["held"] == 1.0
+    assert "offset_right_wrist_mm" not in metrics  # the clip is shorter than what that takes
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*are stretched")
+def test_the_arm_of_the_balancing_man_is_tracked(run, data):
+    if not (data / "pose2sim_balance").is_dir():
+        pytest.skip("no recordings of several cameras")
+    small = ("dataset.scale=0.1", "dataset.last_frame=40", "likelihood.sigma_px=1.0")
+    code, told, folder = run("out", "experiment=balance_arm", f"paths.data={data}", *small)
+    assert code == 0, told
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    assert metrics["held"] == 1.0
+    assert {"offset_right_elbow_mm", "offset_right_wrist_mm", "error_offset_free_mm"} <= metrics.keys()
+    assert "offset_left_wrist_mm" not in metrics

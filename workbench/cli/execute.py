@@ -25,15 +25,18 @@ from workbench.datasets.blank import Blank
 from workbench.datasets.frame import Dataset
 from workbench.errors import InputError
 from workbench.evaluation.errors import AccelerationError, step_errors
+from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.inference.hybrid import Hybrid
 from workbench.inference.inference import Inference
 from workbench.inference.keypoint_start import start_from_keypoints
+from workbench.inference.keypoint_trajectory import trajectory_of_keypoints
 from workbench.inference.least_squares import LeastSquares
 from workbench.inference.start import start_from_marks
 from workbench.inference.step import Step
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.flipping import Flipping
+from workbench.priors.following import Following
 from workbench.priors.jitter import Jitter
 from workbench.priors.state import Prior
 from workbench.recording.recorder import Recorder
@@ -112,10 +115,14 @@ def assemble(config: DictConfig, summary: Summary) -> Parts:
         raise InputError(f"config: expected a {lacking[0]} to track with, found none")
     with _timed(summary, "dataset"):
         dataset: Dataset = build(config.dataset)
-    with _timed(summary, "prior_learning"):
-        prior: Prior = build(config.prior, camera=lambda: _camera(dataset))
     full_body: Body | None = getattr(dataset, "full_body", None)
     body: Body = build(config.body, dataset_shape=dataset.shape, full_body=full_body, dataset=dataset)
+    with _timed(summary, "prior_learning"):
+        prior: Prior = build(
+            config.prior,
+            camera=lambda: _camera(dataset),
+            trajectory=lambda: trajectory_of_keypoints(body.skeleton, dataset.frames()),
+        )
     _check_skeletons(full_body, body, prior)
     likelihood = build(config.likelihood, body=body, dataset=dataset)
     live = {
@@ -159,6 +166,9 @@ def _camera(dataset: Dataset) -> Camera:
 
 def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
     """The first pose (P,), or several (n, P) that keypoints allow."""
+    if isinstance(prior, Following):
+        first: FloatArray = prior.trajectory.poses[0]
+        return first
     if dataset.start_pose is not None:
         return dataset.start_pose
     if dataset.start_marks is None and any(view.keypoints is not None for view in next(dataset.frames()).views):
@@ -189,9 +199,11 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
     shaking = AccelerationError(parts.body.skeleton, parts.prior.parameters)
+    markers = MarkerOffsets(parts.body.skeleton, parts.prior.parameters)
     with logging_redirect_tqdm(), tqdm(total=len(parts.dataset), unit="frame", disable=disable) as bar:
         for step in steps:
-            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale) | shaking.add(step)
+            errors = step_errors(step, parts.body, parts.prior.parameters, parts.dataset.scale)
+            errors |= shaking.add(step) | markers.add(step)
             with _timed(summary, "recording"):
                 recorder.log(step, errors)
             summary.add(step, errors)
@@ -199,6 +211,7 @@ def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summar
                 log.warning(sentence)
             bar.set_postfix_str(_postfix(step, errors))
             bar.update()
+    summary.offsets = markers.lengths_mm
 
 
 def _postfix(step: Step, errors: dict[str, float]) -> str:

@@ -44,6 +44,7 @@ from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.mocap.person import of_file
 from workbench.priors.flipping import Flipping
+from workbench.priors.following import Following
 from workbench.priors.from_motions import activity, cyclic, gait, implicit, walking
 from workbench.priors.jitter import Jitter
 from workbench.priors.mixture import Mixture, Switching
@@ -79,6 +80,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
         "partwise": Partwise,
         "jitter": Jitter,
         "flipping": Flipping,
+        "following": Following,
         "activity": activity,
     },
     "likelihood": {
@@ -119,7 +121,7 @@ COMPONENTS: dict[str, dict[str, Callable[..., object]]] = {
 }
 LIVE: dict[str, set[str]] = {
     "body": {"dataset_shape", "full_body", "dataset"},
-    "prior": {"camera"},
+    "prior": {"camera", "trajectory"},
     "likelihood": {"body", "dataset"},
     "inference": {"prior", "likelihood", "body", "lead_in", "model", "phase_ends", "surface"},
     "recorder": {"path", "body", "space", "run_id", "config_yaml", "provenance", "coefficient_scale"},

@@ -37,7 +37,7 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames.
+    truth; log_evidence is that of all frames. offsets: of markers from joints, see `MarkerOffsets`.
     """
 
     experiment: str
@@ -54,6 +54,7 @@ class Summary:
     evaluations: float = 0.0
     log_evidence: float = 0.0
     per_frame: dict[str, list[float]] = field(default_factory=dict)
+    offsets: Mapping[str, float] = field(default_factory=dict)
     study: Mapping[str, float] | None = None
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
@@ -70,7 +71,8 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, mean effective sample size, log evidence, coverage, frames; or a study's."""
+        """The run's numbers: mean errors, effective sample size and coverage, log evidence, offsets, frames; or a
+        study's."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
@@ -85,7 +87,7 @@ class Summary:
             means["held"] = float(held(errors, widths))
             means["times_lost"] = float(sum(event.kind == "lost" for event in lost_and_found(errors, widths)))
             means["lost_share"] = lost_share(errors, widths)
-        return {**means, "log_evidence": self.log_evidence, "frames": float(self.frames)}
+        return {**means, **self.offsets, "log_evidence": self.log_evidence, "frames": float(self.frames)}
 
     @property
     def cost(self) -> dict[str, float]:

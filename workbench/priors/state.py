@@ -45,7 +45,7 @@ class Prior(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the pose's parameters that move; the others stay as they start."""
+        """Names of the pose's parameters that move; the others stay as they start, or go as is known of them."""
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) spread around a starting pose (P,)."""

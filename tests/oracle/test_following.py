@@ -1,0 +1,76 @@
+"""An arm that is tracked while the rest of the body follows what all cameras saw of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from keypoint_scenes import BODY
+from view_scenes import CAMERAS, errors_mm, frames, swinging
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import PARTS, POSE_NAMES
+from workbench.errors import InputError
+from workbench.evaluation.errors import forearm_px, held
+from workbench.inference.keypoint_trajectory import trajectory_of_keypoints
+from workbench.inference.particle_filter import ParticleFilter
+from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.priors.following import Following, Trajectory
+from workbench.priors.smooth import Smooth
+
+SKELETON, RATE_HZ = BODY.skeleton, 14.0
+ARM = np.isin(POSE_NAMES, PARTS["right_arm"])
+
+
+def following(times_s, poses):
+    return Following(Smooth(parameters=["right_arm"]), lambda: Trajectory(times_s, poses))
+
+
+def test_the_rest_goes_where_the_trajectory_is_and_the_arm_as_its_own_prior_has_it():
+    times, poses = swinging(SKELETON)
+    prior, alone = following(times, poses), Smooth(parameters=["right_arm"])
+    rng, same = np.random.default_rng(0), np.random.default_rng(0)
+    state, arm = prior.start(poses[0], 20, rng), alone.start(poses[0], 20, same)
+    for t in range(1, 3 * len(times)):  # half frames, and past the last
+        state, arm = prior.step(state, 0.5 / RATE_HZ, rng), alone.step(arm, 0.5 / RATE_HZ, same)
+        low, high = (poses[min(k, len(times) - 1)] for k in (t // 2, (t + 1) // 2))
+        found = prior.pose(state)
+        np.testing.assert_allclose(found[:, ~ARM], np.tile(0.5 * (low + high)[~ARM], (20, 1)), atol=1e-12)
+        assert (found[:, ARM] == alone.pose(arm)[:, ARM]).all()
+
+
+def test_the_motion_of_two_cameras_keypoints_is_that_of_the_person():
+    times, poses = swinging(SKELETON)
+    seen = [replace(frame, time_s=frame.time_s + 3.0) for frame in frames(SKELETON, times, poses, sigma_px=2.0)]
+    found = trajectory_of_keypoints(SKELETON, seen)
+    np.testing.assert_allclose(found.times_s, times, atol=1e-12)
+    assert errors_mm(SKELETON, found.poses, poses) < 14.0  # 2 px there
+
+
+def test_one_camera_counts_alone_where_it_is_named():
+    times, poses = swinging(SKELETON, 1)
+    (frame,) = frames(SKELETON, times, poses, sigma_px=8.0)
+    some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
+    for view in frame.views:
+        named = KeypointLikelihood(BODY, which=[view.camera.name]).log_prob(frame, frame, some, some)
+        alone = replace(frame, views=(view,))
+        np.testing.assert_array_equal(named, KeypointLikelihood(BODY).log_prob(alone, alone, some, some))
+    with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
+        KeypointLikelihood(BODY, which=["back"]).log_prob(frame, frame, some, some)
+
+
+def test_one_camera_holds_the_arm_while_the_body_leans():
+    times, poses = swinging(SKELETON)
+    lively = Smooth(
+        parameters=["right_arm"], sigma_velocity={"shoulder": 1.35, "elbow": 0.8}
+    )  # as swings change theirs
+    prior = Following(lively, lambda: Trajectory(times, poses))
+    likelihood = KeypointLikelihood(BODY, which=["front"])
+    streams = {name: np.random.default_rng(k) for k, name in enumerate(("start", "prior", "resampling"))}
+    inference = ParticleFilter(prior, likelihood, n_particles=300)
+    steps = list(inference.run(frames(SKELETON, times, poses), poses[0], streams))
+    found = np.array([step.expected_pose for step in steps])
+    np.testing.assert_allclose(found[:, ~ARM], poses[:, ~ARM], atol=1e-9)
+    wrist, true = SKELETON.joint("right_wrist"), joints(SKELETON, poses)
+    apart = CAMERAS[0].project(joints(SKELETON, found)[:, wrist]) - CAMERAS[0].project(true[:, wrist])
+    widths = [forearm_px(CAMERAS[0], BODY, places, [wrist]) for places in true]
+    assert held(np.linalg.norm(apart, axis=1), widths, last=len(times))
