@@ -37,4 +37,4 @@ def test_edges_are_learned_once(run):
 def test_a_cue_that_is_not_in_the_product_is_an_error(run):
     code, told, _ = run("out", *SMALL, "+likelihood.weights.smell=1")
     assert code == 2
-    assert "weights must be given for image_motion, background, appearance, edges, found" in told
+    assert "weights must be given for image_motion, background, appearance, edges, silhouette, found" in told
