@@ -18,6 +18,7 @@ _CURVES = {
     "error_abs_mm_map": _HEAVIEST,
     "error_rel_mm": _MOVED,
     "error_offset_free_mm": ("markers' offsets removed", colours.MODEL, 1.0),
+    "error_procrustes_mm": ("turned, moved and scaled onto the truth", colours.PARTS[2], 1.0),
     "error_px": _ESTIMATE,
     "error_px_map": _HEAVIEST,
     "forearm_px": ("lost above this, a forearm's width", colours.MODEL, 1.0),

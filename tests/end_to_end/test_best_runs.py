@@ -1,0 +1,38 @@
+"""The experiments that hold walkers by all that helps, small, on recordings."""
+
+import json
+
+import pytest
+
+NO_EDGES = (
+    "likelihood.weights.edges=0",
+    "inference.n_particles=150",
+)  # so that nothing is learned from rendered people
+SMALL_SCENE = ("dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175")
+
+
+def metrics(folder):
+    return json.loads((folder / "summary.json").read_text())["metrics"]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*px tall instead of")
+@pytest.mark.parametrize(("experiment", "n_frames"), [("walk_best", 12), ("walk_long", 56)])
+def test_recorded_walkers_are_held(run, data, experiment, n_frames):
+    code, told, folder = run(
+        "out", f"experiment={experiment}", f"paths.data={data}", f"dataset.n_frames={n_frames}", *SMALL_SCENE, *NO_EDGES
+    )
+    assert code == 0, told
+    assert metrics(folder)["frames"] == n_frames
+    assert metrics(folder)["held"] == 1.0
+
+
+@pytest.mark.slow
+def test_the_woman_of_the_video_is_held(run, data):
+    if not (data / "sports2d_walk").is_dir():
+        pytest.skip("no video with marked joints")
+    code, told, folder = run(
+        "out", "experiment=walk_video_best", f"paths.data={data}", "dataset.last_frame=72", *NO_EDGES
+    )
+    assert code == 0, told
+    assert metrics(folder)["error_px"] < 20.0  # in frame 70; she is 390 px tall
