@@ -67,9 +67,10 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
         a, b = _add(start, -start_width, across), _add(start, start_width, across)
         c, d = _add(end, -end_width, across), _add(end, end_width, across)
         usable &= (a[2] > MIN_DEPTH) & (b[2] > MIN_DEPTH) & (c[2] > MIN_DEPTH) & (d[2] > MIN_DEPTH)
-        a, b, c, d = _project(lens, a), _project(lens, b), _project(lens, c), _project(lens, d)
-        _write(out, i + AX, a[0], b[0], c[0], d[0], usable)
-        _write(out, i + AY, a[1], b[1], c[1], d[1], usable)
+        (ax, ay), (bx, by) = _project(lens, a), _project(lens, b)
+        (cx, cy), (dx, dy) = _project(lens, c), _project(lens, d)
+        _write(out, i + AX, ax, bx, cx, dx, usable)
+        _write(out, i + AY, ay, by, cy, dy, usable)
         out[i + Z], out[i + DZ] = start[2], end[2] - start[2]
         out[i + ACROSS], out[i + ACROSS + LANES] = x, y
         out[i + COSINE] = cos_alpha if usable else 0.0
@@ -118,7 +119,7 @@ def cover(limb: Any, patch: Any, out: Any) -> None:
 def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: Any) -> None:
     """Mark the points of a patch that are not between the centres of the image's pixels.
 
-    samples: (2, n), u and v. marks: (n · LANES,) int32, n rows, with the bits OUTSIDE and HIDDEN of the points left out.
+    samples: (2, n), u and v. marks: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of points left out.
     """
     right, bottom = width - 1.0, height - 1.0
     for k in range(samples.shape[1]):
