@@ -92,7 +92,7 @@ class PackedView:
 
 GREY_STEP = 255.0 / 65535.0
 """Grey levels between neighbouring levels of a packed image."""
-BLOCK = 8 * LANES
+BLOCK = 25 * LANES
 """Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
 
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
@@ -210,7 +210,8 @@ def _run(
     """Particles `first` to `last`, LANES at a time; in place of those beyond the last, the last one is repeated."""
     n_limbs, n = joints.shape[0], samples.shape[1]
     patches_before, patches_now = np.empty((n_limbs, PATCH)), np.empty((n_limbs, PATCH))
-    covers, pair, marks = np.empty((n_limbs, COVER)), np.empty(PAIR), np.empty(n * LANES, dtype=np.int32)
+    covers, boxes, pair = np.empty((n_limbs, COVER)), np.empty((n_limbs, 6)), np.empty(PAIR)
+    marks = np.empty(n * LANES, dtype=np.int32)
     frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((poses_now.shape[1] + 9) * LANES)
     local, corners = np.empty((2, LOCAL), dtype=np.float32), np.empty((2, LANES), dtype=np.int32)
     index, words = np.empty(2 * BLOCK, dtype=np.uint32), np.empty(2 * BLOCK, dtype=np.uint64)
@@ -225,7 +226,7 @@ def _run(
         lane_frames(poses_now, chunk, skeleton, values, frames)
         for limb in range(n_limbs):
             patch(table[limb], camera_now, frames[joints[limb]], patches_now[limb])
-            cover(table[limb], patches_now[limb], covers[limb])
+            cover(table[limb], patches_now[limb], covers[limb], boxes[limb])
         _begin(sums)
         for limb in range(n_limbs):
             before, now = patches_before[limb], patches_now[limb]
@@ -237,7 +238,7 @@ def _run(
             _count(marks, tested, inside)
             if model.occlusion != NO_OCCLUSION:
                 whole = model.occlusion == LIMB_OCCLUSION
-                tested |= mark_hidden(table, limb, samples, patches_now, covers, whole, pair, marks)
+                tested |= mark_hidden(table, limb, samples, patches_now, covers, boxes, whole, pair, marks)
             _count(marks, tested, seen)
             _compare(
                 local, corners, camera_before[WIDTH], camera_now[WIDTH], samples32, marks, tested,
@@ -415,20 +416,20 @@ def _place_points(
     beside: bool, pixels: Any, counts: Any, turns: Any,
 ) -> None:  # fmt: skip
     n_limbs, n = counts.shape[1:]
-    patches, covers = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER))
+    patches, covers, boxes = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER)), np.empty((n_limbs, 6))
     frames, pair = np.empty((positions.shape[1], FRAME)), np.empty(PAIR)
     marks = np.empty(n * LANES, dtype=np.int32)
     for chunk in range(first, last, LANES):
         load_frames(rotations, positions, chunk, frames)
         for limb in range(n_limbs):
             patch(table[limb], camera, frames[joints[limb]], patches[limb])
-            cover(table[limb], patches[limb], covers[limb])
+            cover(table[limb], patches[limb], covers[limb], boxes[limb])
         for limb in range(n_limbs):
             _clear(marks)
             if beside:
                 mark_covered(table, limb, samples, patches, covers, pair, marks)
             else:
-                mark_hidden(table, limb, samples, patches, covers, False, pair, marks)
+                mark_hidden(table, limb, samples, patches, covers, boxes, False, pair, marks)
             for i in range(min(LANES, last - chunk)):
                 places, count = pixels[chunk + i, limb], counts[chunk + i, limb]
                 _write_points(patches[limb], i, samples, camera, marks, places, count)

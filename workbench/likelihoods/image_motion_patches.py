@@ -87,8 +87,9 @@ def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: boo
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def cover(limb: Any, patch: Any, out: Any) -> None:
-    """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth."""
+def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
+    """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth;
+    and a box (6,) that holds it in every lane."""
     sphere, thickness = limb[SPHERE] > 0.0, limb[THICKNESS]
     for i in range(LANES):
         ax, ay, dx, dy = patch[i + AX], patch[i + AY], patch[i + DX], patch[i + AY + DX]
@@ -113,6 +114,25 @@ def cover(limb: Any, patch: Any, out: Any) -> None:
         out[i + RIGHT] = ax + dx / 2.0 + reach_x if covers else -np.inf
         out[i + TOP], out[i + BOTTOM] = ay + dy / 2.0 - reach_y, ay + dy / 2.0 + reach_y
         out[i + SURFACE] = min(z0, z1) - thickness
+    _widen(patch, out, box)
+
+
+@numba.njit(cache=True, nogil=True)
+def _widen(patch: Any, covers: Any, box: Any) -> None:
+    """Write what holds the limb in every lane, (6,): left, right, top, bottom, least and greatest depth of its axis."""
+    for k in range(0, 6, 2):
+        box[k], box[k + 1] = np.inf, -np.inf
+    for i in range(LANES):
+        if covers[i + LEFT] <= covers[i + RIGHT]:
+            box[0], box[1] = min(box[0], covers[i + LEFT]), max(box[1], covers[i + RIGHT])
+            box[2], box[3] = min(box[2], covers[i + TOP]), max(box[3], covers[i + BOTTOM])
+            start, end = patch[i + Z], patch[i + Z] + patch[i + DZ]
+            box[4], box[5] = min(box[4], min(start, end)), max(box[5], max(start, end))
+
+
+@numba.njit(cache=True, nogil=True)
+def _boxes_meet(a: Any, b: Any) -> bool:
+    return a[0] <= b[1] and a[1] >= b[0] and a[2] <= b[3] and a[3] >= b[2]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -132,7 +152,7 @@ def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: A
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def mark_hidden(
-    table: Any, limb: int, samples: Any, patches: Any, covers: Any, whole: bool, pair: Any, marks: Any
+    table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
 ) -> bool:
     """Mark the points of a limb that other limbs hide, see `hidden_samples`; whether any might.
 
@@ -140,9 +160,9 @@ def mark_hidden(
     """
     some_near, span = False, _span(samples)
     for k in range(covers.shape[0]):
-        if k != limb and _boxes_meet(covers[k], covers[limb]):
-            margin = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0
-            sphere = table[k, SPHERE] > 0.0
+        margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
+        ahead = whole or boxes[k, 4] + margin < boxes[limb, 5]
+        if k != limb and ahead and _boxes_meet(boxes[k], boxes[limb]):
             _pair(patches[limb], patches[k], covers[k], margin, sphere, pair)
             if whole:
                 for i in range(LANES):
@@ -182,16 +202,6 @@ def _span(samples: Any) -> tuple[float, float, float, float]:
         u0, u1 = min(u0, samples[0, k]), max(u1, samples[0, k])
         v0, v1 = min(v0, samples[1, k]), max(v1, samples[1, k])
     return u0, u1, v0, v1
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _boxes_meet(a: Any, b: Any) -> bool:
-    """Whether the bounding boxes of what two limbs cover meet in any lane."""
-    n = 0
-    for i in range(LANES):
-        across = (a[i + LEFT] <= b[i + RIGHT]) & (a[i + RIGHT] >= b[i + LEFT])
-        n += 1 if across & (a[i + TOP] <= b[i + BOTTOM]) & (a[i + BOTTOM] >= b[i + TOP]) else 0
-    return n > 0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
