@@ -1,9 +1,9 @@
-"""Time of the image-motion likelihood: the kernel on one and two threads, and its NumPy reference, side by side.
+"""Time of the image-motion likelihood: against its NumPy reference, against bare lookups, and on two threads.
 
     python -m analysis.benchmarks.likelihood
 
-Prints milliseconds for 10⁴ particles, 12 limbs, 480×640 px: the minimum over the repeats. The reference runs on
-fewer particles and is scaled up. Everything is measured in one process, in turns, so that other load hits all alike.
+For 10⁴ particles, 12 limbs, 640×480 px; the reference runs on fewer particles and is scaled up. Everything is measured
+in one process, in turns, so that other load hits all alike, and the fastest of the repeats counts.
 """
 
 import platform
@@ -17,40 +17,77 @@ import numba
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import ByteArray, FloatArray
+from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups, phased_lookups
+from workbench.arrays import ByteArray, Float32Array, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
+from workbench.body.lanes import LANES
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.frame import Frame, View
 from workbench.likelihoods import image_motion_reference
 from workbench.likelihoods.image_motion import ImageMotion, smoothed
-from workbench.likelihoods.image_motion_kernel import PosedView
+from workbench.likelihoods.image_motion_kernel import PosedView, packed, place_points
 
-N_PARTICLES, N_REFERENCE, REPEATS = 10_000, 500, 12
+N_PARTICLES, N_REFERENCE, N_PLACED, REPEATS = 10_000, 500, 1600, 12
 _THREADS = numba.get_num_threads()
 CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
 
 
 def main() -> None:
+    print(f"{_processor()}, {_THREADS} threads at most; {_versions()}")
+    print(f"{N_PARTICLES} particles, 12 limbs, 640×480 px; minimum of {REPEATS} repeats\n")
+    for n_samples in (50, 100):
+        print(f"n = {n_samples}")
+        for name, value, unit, bar in figures(n_samples):
+            print(f"  {name:<28}{value:>8.2f} {unit:<10}{bar}")
+
+
+def figures(n_samples: int) -> list[tuple[str, float, str, str]]:
+    """Name, value, unit and bar of every figure, for n points a limb."""
     rng = np.random.default_rng(0)
     before, now = (Frame(i, i / 30.0, (View(CAMERA, _texture(rng)),)) for i in range(2))
-    poses_before, poses_now = _poses(rng), _poses(rng)
-    print(f"{_processor()}, {_THREADS} threads at most; {_versions()}")
-    print(f"{N_PARTICLES} particles, 12 limbs, 480×640 px; ms, minimum of {REPEATS} repeats\n")
-    print("n    kernel, 1 thread   kernel, 2 threads   reference   reference / kernel")
-    for n_samples in (50, 100):
-        likelihood = ImageMotion(person(from_height(1.75)), n_samples=n_samples)
-        everyone, few = (poses_before, poses_now), (poses_before[:N_REFERENCE], poses_now[:N_REFERENCE])
-        one, two, reference = _fastest_ms(
-            [
-                partial(_on_threads, 1, likelihood, before, now, *everyone),
-                partial(_on_threads, 2, likelihood, before, now, *everyone),
-                partial(_reference, likelihood, before, now, *few),
-            ]
-        )
-        reference *= N_PARTICLES / N_REFERENCE
-        print(f"{n_samples:<5}{one:>14.0f}{two:>20.0f}{reference:>14.0f}{reference / one:>16.0f} ×")
+    poses = _poses(rng), _poses(rng)
+    few = tuple(p[:N_REFERENCE] for p in poses)
+    likelihood = ImageMotion(person(from_height(1.75)), n_samples=n_samples)
+    places, lookups = _places(likelihood, poses[1]), 2 * N_PARTICLES * 12 * n_samples
+    image = smoothed(now.views[0], likelihood.blur_px)
+    words, small_words, width = packed(image), packed_bytes(image), image.shape[1]
+    one, two, reference, float32, plain8, plain16, phased = _fastest_ms(
+        [
+            partial(_on_threads, 1, likelihood, before, now, *poses),
+            partial(_on_threads, 2, likelihood, before, now, *poses),
+            partial(_reference, likelihood, before, now, *few),
+            partial(float32_lookups, image, *places),
+            partial(packed_lookups, small_words, *places, 8),
+            partial(packed_lookups, words, *places, 16),
+            partial(phased_lookups, words.ravel(), width, *places),
+        ]
+    )
+    reference *= N_PARTICLES / N_REFERENCE
+    ns = 1e6 / len(places[0])  # milliseconds of all places to nanoseconds of one
+    return [
+        ("kernel_ms", one, "ms", ""),
+        ("reference_ms", reference, "ms", ""),
+        ("kernel_vs_numpy", reference / one, "×", ">= 60, aim 75"),
+        ("two_threads", one / two, "×", ">= 1.7, aim 1.85"),
+        ("lookup_float32_ns", float32 * ns, "ns", "<= 3.8"),
+        ("lookup_8_bit_ns", plain8 * ns, "ns", "<= 2.4"),
+        ("lookup_16_bit_ns", plain16 * ns, "ns", "the kernel's precision"),
+        ("lookup_phased_ns", phased * ns, "ns", "the same in the kernel's three phases"),
+        ("kernel_vs_lookups", 1e6 * one / lookups / (plain16 * ns), "×", "<= 1.5, aim 1.3; against 16-bit lookups"),
+        ("kernel_vs_float32_lookups", 1e6 * one / lookups / (float32 * ns), "×", ""),
+        ("kernel_vs_phased_lookups", 1e6 * one / lookups / (phased * ns), "×", ""),
+    ]
+
+
+def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, Float32Array]:
+    """Where the kernel looks in the present image for some particles, px, in its order."""
+    body = likelihood.body
+    pixels, _, _ = place_points(body.limbs, likelihood.samples, CAMERA, forward(body.skeleton, poses[:N_PLACED]), False)
+    pixels = pixels.reshape(-1, LANES, *pixels.shape[1:]).transpose(4, 0, 2, 3, 1)
+    x, y = pixels.reshape(2, -1)
+    return np.clip(x, 0.0, CAMERA.width - 2.0), np.clip(y, 0.0, CAMERA.height - 2.0)
 
 
 def _fastest_ms(timed: Sequence[Callable[[], object]]) -> list[float]:

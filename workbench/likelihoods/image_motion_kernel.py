@@ -219,6 +219,7 @@ def _run(
     squares, sums = np.empty(2 * LANES), np.empty(3 * LANES)
     inside, seen = np.empty(LANES, dtype=np.int32), np.empty(LANES, dtype=np.int32)
     _clear(marks)
+    squares[:] = 0.0
     for chunk in range(first, last, LANES):
         lane_frames(poses_before, chunk, skeleton, values, frames)
         for limb in range(n_limbs):
@@ -240,10 +241,11 @@ def _run(
                 whole = model.occlusion == LIMB_OCCLUSION
                 tested |= mark_hidden(table, limb, samples, patches_now, covers, boxes, whole, pair, marks)
             _count(marks, tested, seen)
-            _compare(
-                local, corners, camera_before[WIDTH], camera_now[WIDTH], samples32, marks, tested,
-                model.still_background, image_before, image_now, index, fractions, words, levels, squares,
-            )  # fmt: skip
+            if seen.max() > 0:
+                _compare(
+                    local, corners, camera_before[WIDTH], camera_now[WIDTH], samples32, marks, tested,
+                    model.still_background, image_before, image_now, index, fractions, words, levels, squares,
+                )  # fmt: skip
             _add_limb(model, before, now, squares, inside, seen, n, sums)
             if tested:
                 _clear(marks)
