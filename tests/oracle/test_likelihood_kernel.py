@@ -91,6 +91,26 @@ def test_kernel_agrees_with_the_reference_for_other_constants(options):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=more * tolerance(likelihood))
 
 
+def test_images_of_two_sizes():
+    """A camera may be zoomed between frames: each image is looked up by its own width."""
+    likelihood, zoomed = ImageMotion(scenes.PERSON), scenes.FRONT.scaled(1.5)
+    previous, _, previous_poses, poses = scene(scenes.FRONT, 40)
+    frame = scenes.frame(1, (zoomed, scenes.texture(np.random.default_rng(3), zoomed.width, zoomed.height)))
+    (expected, outside), (found, found_outside) = by_reference(likelihood, previous, frame, previous_poses, poses)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance(likelihood))
+    np.testing.assert_array_equal(found_outside, outside)
+
+
+def test_packed_words_hold_a_pixel_and_its_neighbours():
+    image = np.random.default_rng(0).uniform(0.0, 255.0, (7, 9)).astype(np.float32)
+    words = image_motion_kernel.packed(image)
+    padded = np.pad(image, ((0, 1), (0, 1)), "edge")
+    for shift, rows, columns in ((0, 0, 0), (16, 0, 1), (32, 1, 0), (48, 1, 1)):
+        levels = (words >> np.uint64(shift) & np.uint64(0xFFFF)) * image_motion_kernel.GREY_STEP
+        expected = padded[rows : rows + 7, columns : columns + 9]
+        np.testing.assert_allclose(levels, expected, rtol=0.0, atol=0.5001 * image_motion_kernel.GREY_STEP)
+
+
 def test_the_scenes_hold_what_they_should():
     """Hidden points, points outside, limbs without a patch: else the comparisons above would leave them out."""
     likelihood = ImageMotion(scenes.PERSON)

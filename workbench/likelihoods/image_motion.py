@@ -136,6 +136,8 @@ class ImageMotion:
         return log_prob
 
     def _one_camera(self, before: View, now: View, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
+        if self.background == "still" and before.image.shape[:2] != now.image.shape[:2]:
+            raise InputError(f"image motion: background=still needs images of one size from camera {now.camera.name}")
         log_prob, outside = view_log_prob(
             self.body,
             self.samples,
