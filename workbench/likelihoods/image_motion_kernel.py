@@ -131,8 +131,9 @@ def view_log_prob(
             *(model.sigma, model.epsilon, model.p_occluded, model.exponent == "mean", model.k, occlusion),
             model.background == "still",
         ),
-        *(before.image.ravel(), _camera_row(before.camera), np.ascontiguousarray(before.poses)),
-        *(now.image.ravel(), _camera_row(now.camera), np.ascontiguousarray(now.poses)),
+        np.stack([_camera_row(before.camera), _camera_row(now.camera)]),
+        *(before.image.ravel(), np.ascontiguousarray(before.poses)),
+        *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
     )
     over_threads(lambda first, last: _run(first, last, *arguments), n, LANES)
@@ -204,49 +205,44 @@ def _pack(image: Any, words: Any) -> None:
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _run(
     first: int, last: int, skeleton: Any, table: Any, joints: Any, samples: Any, samples32: Any, model: Any,
-    image_before: Any, camera_before: Any, poses_before: Any, image_now: Any, camera_now: Any, poses_now: Any,
-    log_prob: Any, outside: Any,
+    cameras: Any, image_before: Any, poses_before: Any, image_now: Any, poses_now: Any, log_prob: Any, outside: Any,
 ) -> None:  # fmt: skip
     """Particles `first` to `last`, LANES at a time; in place of those beyond the last, the last one is repeated."""
     n_limbs, n = joints.shape[0], samples.shape[1]
-    patches_before, patches_now = np.empty((n_limbs, PATCH)), np.empty((n_limbs, PATCH))
+    patches = np.empty((2, n_limbs, PATCH))
     covers, boxes, pair = np.empty((n_limbs, COVER)), np.empty((n_limbs, 6)), np.empty(PAIR)
     marks = np.empty(n * LANES, dtype=np.int32)
     frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((poses_now.shape[1] + 9) * LANES)
     local, corners = np.empty((2, LOCAL), dtype=np.float32), np.empty((2, LANES), dtype=np.int32)
     index, words = np.empty(2 * BLOCK, dtype=np.uint32), np.empty(2 * BLOCK, dtype=np.uint64)
     fractions, levels = np.empty(4 * BLOCK, dtype=np.float32), np.empty(2 * BLOCK, dtype=np.float32)
-    squares, sums = np.empty(2 * LANES), np.empty(3 * LANES)
+    squares, sums = np.zeros(2 * LANES), np.empty(3 * LANES)
     inside, seen = np.empty(LANES, dtype=np.int32), np.empty(LANES, dtype=np.int32)
     _clear(marks)
-    squares[:] = 0.0
     for chunk in range(first, last, LANES):
-        lane_frames(poses_before, chunk, skeleton, values, frames)
+        for t in range(2):  # one place in the code for both frames compiles faster than two
+            lane_frames(poses_now if t == 1 else poses_before, chunk, skeleton, values, frames)
+            for limb in range(n_limbs):
+                patch(table[limb], cameras[t], frames[joints[limb]], patches[t, limb])
         for limb in range(n_limbs):
-            patch(table[limb], camera_before, frames[joints[limb]], patches_before[limb])
-        lane_frames(poses_now, chunk, skeleton, values, frames)
-        for limb in range(n_limbs):
-            patch(table[limb], camera_now, frames[joints[limb]], patches_now[limb])
-            cover(table[limb], patches_now[limb], covers[limb], boxes[limb])
+            cover(table[limb], patches[1, limb], covers[limb], boxes[limb])
         _begin(sums)
         for limb in range(n_limbs):
-            before, now = patches_before[limb], patches_now[limb]
-            tested = not _localise(before, camera_before, local[0], corners[0])
-            tested |= not _localise(now, camera_now, local[1], corners[1])
-            if tested:
-                mark_outside(before, samples, camera_before[WIDTH], camera_before[HEIGHT], marks)
-                mark_outside(now, samples, camera_now[WIDTH], camera_now[HEIGHT], marks)
+            tested = False
+            for t in range(2):
+                if not _localise(patches[t, limb], cameras[t], local[t], corners[t]):
+                    mark_outside(patches[t, limb], samples, cameras[t, WIDTH], cameras[t, HEIGHT], marks)
+                    tested = True
             _count(marks, tested, inside)
             if model.occlusion != NO_OCCLUSION:
                 whole = model.occlusion == LIMB_OCCLUSION
-                tested |= mark_hidden(table, limb, samples, patches_now, covers, boxes, whole, pair, marks)
-            _count(marks, tested, seen)
-            if seen.max() > 0:
+                tested |= mark_hidden(table, limb, samples, patches[1], covers, boxes, whole, pair, marks)
+            if _count(marks, tested, seen) > 0:
                 _compare(
-                    local, corners, camera_before[WIDTH], camera_now[WIDTH], samples32, marks, tested,
+                    local, corners, cameras[0, WIDTH], cameras[1, WIDTH], samples32, marks, tested,
                     model.still_background, image_before, image_now, index, fractions, words, levels, squares,
                 )  # fmt: skip
-            _add_limb(model, before, now, squares, inside, seen, n, sums)
+            _add_limb(model, patches[0, limb], patches[1, limb], squares, inside, seen, n, sums)
             if tested:
                 _clear(marks)
         for i in range(min(LANES, last - chunk)):
@@ -266,14 +262,18 @@ def _clear(marks: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _count(marks: Any, some: bool, unmarked: Any) -> None:
-    """How many points of each lane are not marked; some: whether any is."""
+def _count(marks: Any, some: bool, unmarked: Any) -> int:
+    """Write how many points of each lane are not marked; how many in all. some: whether any is marked."""
     for i in range(unmarked.shape[0]):
         unmarked[i] = marks.shape[0] // LANES
     if some:
         for k in range(marks.shape[0] // LANES):
             for i in range(unmarked.shape[0]):
                 unmarked[i] -= 1 if marks[k * LANES + i] != 0 else 0
+    total = 0
+    for i in range(unmarked.shape[0]):
+        total += unmarked[i]
+    return total
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -311,8 +311,9 @@ def _compare(
     for first in range(0, u.shape[0], BLOCK // LANES):
         n = min(BLOCK // LANES, u.shape[0] - first)
         us, vs, left_out = u[first : first + n], v[first : first + n], marks[first * LANES :]
-        _indices(local[0], corners[0], width_before, us, vs, left_out, tested, index, fractions)
-        _indices(local[1], corners[1], width_now, us, vs, left_out, tested, index[BLOCK:], fractions[2 * BLOCK :])
+        for t in range(2):
+            width, at, within = width_now if t == 1 else width_before, index[t * BLOCK :], fractions[2 * t * BLOCK :]
+            _indices(local[t], corners[t], width, us, vs, left_out, tested, at, within)
         _fetch(image_before, index, words, n)
         _fetch(image_now, index[BLOCK:], words[BLOCK:], n)
         _interpolate(words, fractions, n, levels)

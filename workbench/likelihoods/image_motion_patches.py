@@ -132,7 +132,7 @@ def _widen(patch: Any, covers: Any, box: Any) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _boxes_meet(a: Any, b: Any) -> bool:
-    return a[0] <= b[1] and a[1] >= b[0] and a[2] <= b[3] and a[3] >= b[2]
+    return bool(a[0] <= b[1] and a[1] >= b[0] and a[2] <= b[3] and a[3] >= b[2])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
