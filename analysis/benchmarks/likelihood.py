@@ -1,73 +1,114 @@
-"""Time of the image-motion likelihood: the kernel on one and two threads, and its NumPy reference, side by side.
+"""Time of the image-motion likelihood: against its NumPy reference, against bare lookups, and on two threads.
 
-    python -m analysis.benchmarks.likelihood
-
-Prints milliseconds for 10⁴ particles, 12 limbs, 480×640 px: the minimum over the repeats. The reference runs on
-fewer particles and is scaled up. Everything is measured in one process, in turns, so that other load hits all alike.
+For 10⁴ particles, 12 limbs, n = 50, 640×480 px; the reference runs on fewer particles and is scaled up. Everything is
+measured in one process, in turns, so that other load hits all alike, and the fastest of the repeats counts. Figures of
+one thread are of processor time; that of two threads is by the clock, and so wants a quiet machine.
 """
 
-import time
-from collections.abc import Callable, Sequence
 from functools import partial
 
 import cv2
 import numba
 import numpy as np
-from tqdm import tqdm
 
-from analysis.benchmarks.machine import processor, versions
-from workbench.arrays import ByteArray, FloatArray
+from analysis.benchmarks.figure import Figure
+from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
+from analysis.benchmarks.timing import fastest_s
+from workbench.arrays import ByteArray, Float32Array, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
+from workbench.body.lanes import LANES
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.datasets.frame import Frame, View
 from workbench.likelihoods import image_motion_reference
 from workbench.likelihoods.image_motion import ImageMotion, smoothed
-from workbench.likelihoods.image_motion_kernel import PosedView
+from workbench.likelihoods.image_motion_kernel import PosedView, packed, place_points
 
-N_PARTICLES, N_REFERENCE, REPEATS = 10_000, 500, 12
-_THREADS = numba.get_num_threads()
+N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
 CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
 
 
-def main() -> None:
+def kernel_figures() -> list[Figure]:
+    """One thread: against the reference, and against the lookups that no likelihood of images can do without."""
     rng = np.random.default_rng(0)
-    before, now = (Frame(i, i / 30.0, (View(CAMERA, _texture(rng)),)) for i in range(2))
-    poses_before, poses_now = _poses(rng), _poses(rng)
-    print(f"{processor()}, {_THREADS} threads at most; {versions()}")
-    print(f"{N_PARTICLES} particles, 12 limbs, 480×640 px; ms, minimum of {REPEATS} repeats\n")
-    print("n    kernel, 1 thread   kernel, 2 threads   reference   reference / kernel")
-    for n_samples in (50, 100):
-        likelihood = ImageMotion(person(from_height(1.75)), n_samples=n_samples)
-        everyone, few = (poses_before, poses_now), (poses_before[:N_REFERENCE], poses_now[:N_REFERENCE])
-        one, two, reference = _fastest_ms(
-            [
-                partial(_on_threads, 1, likelihood, before, now, *everyone),
-                partial(_on_threads, 2, likelihood, before, now, *everyone),
-                partial(_reference, likelihood, before, now, *few),
-            ]
-        )
-        reference *= N_PARTICLES / N_REFERENCE
-        print(f"{n_samples:<5}{one:>14.0f}{two:>20.0f}{reference:>14.0f}{reference / one:>16.0f} ×")
+    likelihood, before, now = scene(rng, N_SAMPLES)
+    poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
+    few = poses[0][:N_REFERENCE], poses[1][:N_REFERENCE]
+    image = smoothed(now.views[0], likelihood.blur_px)
+    places, words = _places(likelihood, poses[1]), packed(image)
+    one, reference, float32, plain8, plain16 = fastest_s(
+        [
+            partial(on_threads, 1, likelihood, before, now, *poses),
+            partial(_reference, likelihood, before, now, *few),
+            partial(float32_lookups, image, *places),
+            partial(packed_lookups, packed_bytes(image), *places, 8),
+            partial(packed_lookups, words, *places, 16),
+        ]
+    )
+    reference *= N_PARTICLES / N_REFERENCE
+    ns = 1e9 / len(places[0])
+    lookups = 2 * N_PARTICLES * len(likelihood.body.limbs) * N_SAMPLES
+    bare = plain16 / len(places[0]) * lookups
+    return [
+        Figure(
+            "kernel_vs_numpy", reference / one, "× faster", 60.0, "higher",
+            f"NumPy float64: {1e3 * reference:.0f} ms; the kernel: {1e3 * one:.1f} ms",
+        ),
+        Figure(
+            "kernel_vs_lookups", one / bare, "× its time", 1.5, "lower",
+            f"{lookups} bare lookups of the same 16 bits: {1e3 * bare:.1f} ms; ours shares and skips none here",
+        ),
+        Figure("lookup_float32_ns", float32 * ns, "ns", 3.8, "lower", "a bare loop: four loads of float32"),
+        Figure("lookup_8_bit_ns", plain8 * ns, "ns", 2.4, "lower", "a bare loop: one load of four 8-bit levels"),
+        Figure("lookup_16_bit_ns", plain16 * ns, "ns", 3.8, "lower", "a bare loop: one load of four 16-bit levels"),
+    ]  # fmt: skip
 
 
-def _fastest_ms(timed: Sequence[Callable[[], object]]) -> list[float]:
-    """Fastest run of each function, ms; they take turns, after one round that compiles and fills caches."""
-    times = np.empty((REPEATS + 1, len(timed)))
-    for repeat in tqdm(times, disable=None, leave=False):
-        for column, function in enumerate(timed):
-            start = time.perf_counter()
-            function()
-            repeat[column] = time.perf_counter() - start
-    return [1e3 * float(t) for t in times[1:].min(axis=0)]
+def thread_figures() -> list[Figure]:
+    """Two threads against one."""
+    rng = np.random.default_rng(0)
+    likelihood, before, now = scene(rng, N_SAMPLES)
+    poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
+    one, two = fastest_s([partial(on_threads, n, likelihood, before, now, *poses) for n in (1, 2)], repeats=30)
+    what = f"the likelihood of {N_PARTICLES} particles: {1e3 * one:.1f} ms on one, {1e3 * two:.1f} ms on two"
+    return [Figure("two_threads", one / two, "× faster", 1.7, "higher", what)]
 
 
-def _on_threads(
+def scene(rng: np.random.Generator, n_samples: int, scale: float = 1.0) -> tuple[ImageMotion, Frame, Frame]:
+    """A likelihood and two frames of texture, of 640×480 px times `scale`."""
+    camera = CAMERA.scaled(scale)
+    before, now = (Frame(i, i / 30.0, (View(camera, _texture(rng, camera.height, camera.width)),)) for i in range(2))
+    return ImageMotion(person(from_height(1.75)), n_samples=n_samples), before, now
+
+
+def people(rng: np.random.Generator, n: int) -> FloatArray:
+    """Poses (n, P) near the middle of the picture, of every kind: a tracker's particles at their widest."""
+    spread = np.concatenate([np.full(3, 0.05), np.full(3, 0.1), np.full(19, 0.25)])
+    middle = np.zeros(25)
+    middle[2] = 0.95
+    return middle + spread * rng.standard_normal((n, 25))
+
+
+def on_threads(
     threads: int, likelihood: ImageMotion, before: Frame, now: Frame, poses_before: FloatArray, poses_now: FloatArray
 ) -> FloatArray:
-    numba.set_num_threads(min(threads, _THREADS))
-    return likelihood.log_prob(before, now, poses_before, poses_now)
+    """The likelihood on a number of threads; numba is set back to what it was."""
+    usual = numba.get_num_threads()
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    try:
+        return likelihood.log_prob(before, now, poses_before, poses_now)
+    finally:
+        numba.set_num_threads(usual)
+
+
+def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, Float32Array]:
+    """Where the kernel looks in the present image for some particles, px, in its order."""
+    body = likelihood.body
+    pixels, _, _ = place_points(body.limbs, likelihood.samples, CAMERA, forward(body.skeleton, poses[:N_PLACED]), False)
+    pixels = pixels.reshape(-1, LANES, *pixels.shape[1:]).transpose(4, 0, 2, 3, 1)
+    x, y = pixels.reshape(2, -1)
+    return np.clip(x, 0.0, CAMERA.width - 2.0), np.clip(y, 0.0, CAMERA.height - 2.0)
 
 
 def _reference(
@@ -82,19 +123,7 @@ def _reference(
     return image_motion_reference.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]
 
 
-def _poses(rng: np.random.Generator) -> FloatArray:
-    """People near the middle of the picture, of every pose: what a tracker's particles look like at their widest."""
-    spread = np.concatenate([np.full(3, 0.05), np.full(3, 0.1), np.full(19, 0.25)])
-    middle = np.zeros(25)
-    middle[2] = 0.95
-    return middle + spread * rng.standard_normal((N_PARTICLES, 25))
-
-
-def _texture(rng: np.random.Generator) -> ByteArray:
-    noise = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), 3.0)
+def _texture(rng: np.random.Generator, height: int, width: int) -> ByteArray:
+    noise = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), 3.0)
     texture: ByteArray = np.clip(128.0 + 40.0 * noise / noise.std(), 0.0, 255.0).astype(np.uint8)
     return texture
-
-
-if __name__ == "__main__":
-    main()

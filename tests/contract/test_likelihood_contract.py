@@ -195,6 +195,14 @@ def test_camera_missing_in_one_frame_is_told():
     assert likelihood.warnings() == ("image motion: camera right is missing in frame 0 or 1",)
 
 
+def test_a_still_background_needs_images_of_one_size():
+    rng = np.random.default_rng(0)
+    (before, _), (_, now) = frames(rng, LEFT), frames(rng, LEFT.scaled(2.0))
+    with pytest.raises(InputError, match="background=still needs images of one size from camera left"):
+        ImageMotion(BODY, background="still").log_prob(before, now, poses(rng, 2), poses(rng, 2))
+    assert np.isfinite(ImageMotion(BODY).log_prob(before, now, poses(rng, 2), poses(rng, 2))).all()
+
+
 @pytest.mark.parametrize("shape", [(120, 161), (120, 160, 4), (120, 160, 1), (160, 120)])
 def test_image_that_does_not_fit_its_camera(shape):
     rng = np.random.default_rng(0)

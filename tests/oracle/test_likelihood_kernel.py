@@ -10,10 +10,18 @@ from workbench.body.kinematics import forward_reference
 from workbench.likelihoods import image_motion_kernel, image_motion_reference
 from workbench.likelihoods.image_motion import ImageMotion, smoothed
 
-# float32 holds a grey level to 255 · 2⁻²⁴ = 1.5e-5 and an interpolation adds a few of those: residuals are good to
-# δ = 1e-4. With residuals r of σ = 6 grey levels, 12 limbs move by 12 r δ / σ² = 2e-4 at most in the mean over the
-# points; their sum counts √50 to 50 of them, but a limb with Σ r² / 2σ² above 10 sits on its floor, which caps it.
-TOLERANCE = {"mean": 2e-4, "sum": 2e-3}
+
+def tolerance(likelihood):
+    """What the grey levels' rounding may move the log likelihood by, at three standard deviations.
+
+    Levels are rounded to 255/65535, so that a difference of two is off by δ = (255/65535)/√6 at most (interpolation
+    averages some of it away), independently from point to point. In the exponent k/n Σ r² / 2σ² that makes an error of
+    k/n √(Σ r²) δ / σ². A limb whose exponent is above 10 sits on its floor, which caps √(Σ r²) at √(20 n/k) σ; 12
+    limbs add up √12 times as much. The sum (n = 1 above) of n points is a mean with k times n.
+    """
+    k = likelihood.k / (1 if likelihood.exponent == "sum" else likelihood.n_samples)
+    return 3.0 * np.sqrt(12 * 20 * k / 6) * image_motion_kernel.GREY_STEP / likelihood.sigma
+
 
 CAMERAS = {
     "front": scenes.FRONT,
@@ -39,15 +47,14 @@ def scene(camera, n, seed=1):
 
 
 def by_reference(likelihood, previous, frame, previous_poses, poses):
-    skeleton = likelihood.body.skeleton
-    before, now = (
-        image_motion_kernel.PosedView(
-            f.views[0].camera, smoothed(f.views[0], likelihood.blur_px), forward_reference(skeleton, p)
-        )
-        for f, p in ((previous, previous_poses), (frame, poses))
-    )
-    arguments = (likelihood.body.limbs, likelihood.samples, likelihood.model, before, now)
-    return image_motion_reference.view_log_prob(*arguments), image_motion_kernel.view_log_prob(*arguments)
+    body, posed, packed = likelihood.body, [], []
+    for f, p in ((previous, previous_poses), (frame, poses)):
+        camera, image = f.views[0].camera, smoothed(f.views[0], likelihood.blur_px)
+        posed.append(image_motion_kernel.PosedView(camera, image, forward_reference(body.skeleton, p)))
+        packed.append(image_motion_kernel.PackedView(camera, image_motion_kernel.packed(image), p))
+    constants = likelihood.samples, likelihood.model
+    expected = image_motion_reference.view_log_prob(body.limbs, *constants, *posed)
+    return expected, image_motion_kernel.view_log_prob(body, *constants, *packed)
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
@@ -57,7 +64,7 @@ def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
     likelihood = ImageMotion(scenes.PERSON, exponent=exponent, occlusion=occlusion, k=1.5)
     (expected, outside), (found, found_outside) = by_reference(likelihood, *scene(camera, 60))
     assert expected.std() > 1.0  # the scene tells poses apart, or the comparison would say little
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE[exponent])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance(likelihood))
     np.testing.assert_array_equal(found_outside, outside)
 
 
@@ -77,8 +84,31 @@ def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
 def test_kernel_agrees_with_the_reference_for_other_constants(options):
     likelihood = ImageMotion(scenes.PERSON, **options)
     (expected, _), (found, _) = by_reference(likelihood, *scene(CAMERAS["close and oblique"], 60))
-    # without a floor under the Gaussian a residual of r moves the logarithm by r δ / σ², here up to 100 · 1e-4 / 4
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=12 * 100.0 * 1e-4 / likelihood.sigma**2)
+    # without a floor under the Gaussian √(Σ r²) may be √n times 100 grey levels, which are not √20 σ
+    more = 100.0 / likelihood.sigma / np.sqrt(20.0 / likelihood.k) if likelihood.epsilon == 0.0 else 1.0
+    # a still background is one more such term
+    more *= 2.0 if likelihood.background == "still" else 1.0
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=more * tolerance(likelihood))
+
+
+def test_images_of_two_sizes():
+    """A camera may be zoomed between frames: each image is looked up by its own width."""
+    likelihood, zoomed = ImageMotion(scenes.PERSON), scenes.FRONT.scaled(1.5)
+    previous, _, previous_poses, poses = scene(scenes.FRONT, 40)
+    frame = scenes.frame(1, (zoomed, scenes.texture(np.random.default_rng(3), zoomed.width, zoomed.height)))
+    (expected, outside), (found, found_outside) = by_reference(likelihood, previous, frame, previous_poses, poses)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance(likelihood))
+    np.testing.assert_array_equal(found_outside, outside)
+
+
+def test_packed_words_hold_a_pixel_and_its_neighbours():
+    image = np.random.default_rng(0).uniform(0.0, 255.0, (7, 9)).astype(np.float32)
+    words = image_motion_kernel.packed(image)
+    padded = np.pad(image, ((0, 1), (0, 1)), "edge")
+    for shift, rows, columns in ((0, 0, 0), (16, 0, 1), (32, 1, 0), (48, 1, 1)):
+        levels = (words >> np.uint64(shift) & np.uint64(0xFFFF)) * image_motion_kernel.GREY_STEP
+        expected = padded[rows : rows + 7, columns : columns + 9]
+        np.testing.assert_allclose(levels, expected, rtol=0.0, atol=0.5001 * image_motion_kernel.GREY_STEP)
 
 
 def test_the_scenes_hold_what_they_should():

@@ -13,11 +13,11 @@ import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.kinematics import JointFrames, forward
+from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
 from workbench.likelihoods.image_motion import patch_samples, smoothed
-from workbench.likelihoods.image_motion_kernel import FAST
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
 
 ALONG, AROUND = 10, 24

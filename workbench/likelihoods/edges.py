@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import JointFrames
+from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
@@ -23,7 +24,6 @@ from workbench.likelihoods.edge_filters import (
     responses,
 )
 from workbench.likelihoods.edge_model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
-from workbench.likelihoods.image_motion_kernel import FAST
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
 
 

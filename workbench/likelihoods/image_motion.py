@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
-from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
@@ -16,7 +15,9 @@ from workbench.likelihoods.image_motion_kernel import (
     Exponent,
     LimbModel,
     Occlusion,
-    PosedView,
+    Packed,
+    PackedView,
+    packed,
     view_log_prob,
 )
 
@@ -98,14 +99,11 @@ class ImageMotion:
         Raises InputError when the frames share no camera, or an image has not the size its camera states.
         """
         finite = np.isfinite(previous_pose).all(axis=1) & np.isfinite(pose).all(axis=1)
-        frames_before = forward(self.body.skeleton, previous_pose[finite])
-        frames_now = forward(self.body.skeleton, pose[finite])
+        if finite.all():
+            return self._all_cameras(previous, frame, previous_pose, pose)
         log_prob = np.full(len(pose), -np.inf)
-        log_prob[finite] = sum(
-            self._one_camera(before, now, frames_before, frames_now) for before, now in self._pairs(previous, frame)
-        )
-        if not finite.all():
-            self._notes.append(f"image motion: {(~finite).sum()} of {len(pose)} poses were not finite")
+        log_prob[finite] = self._all_cameras(previous, frame, previous_pose[finite], pose[finite])
+        self._notes.append(f"image motion: {(~finite).sum()} of {len(pose)} poses were not finite")
         return log_prob
 
     def warnings(self) -> tuple[str, ...]:
@@ -131,18 +129,32 @@ class ImageMotion:
             self._notes.append(f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}")
         return pairs
 
-    def _one_camera(self, before: View, now: View, frames_before: JointFrames, frames_now: JointFrames) -> FloatArray:
+    def _all_cameras(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
+        log_prob = np.zeros(len(pose))
+        for before, now in self._pairs(previous, frame):
+            log_prob += self._one_camera(before, now, previous_pose, pose)
+        return log_prob
+
+    def _one_camera(self, before: View, now: View, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
+        if self.background == "still" and before.image.shape[:2] != now.image.shape[:2]:
+            raise InputError(f"image motion: background=still needs images of one size from camera {now.camera.name}")
         log_prob, outside = view_log_prob(
-            self.body.limbs,
+            self.body,
             self.samples,
             self.model,
-            PosedView(before.camera, smoothed(before, self.blur_px), frames_before),
-            PosedView(now.camera, smoothed(now, self.blur_px), frames_now),
+            PackedView(before.camera, packed_levels(before, self.blur_px), previous_pose),
+            PackedView(now.camera, packed_levels(now, self.blur_px), pose),
         )
         left_out, total = self._outside.get(now.camera.name, (0, 0))
         points = len(outside) * len(self.body.limbs) * self.n_samples
         self._outside[now.camera.name] = left_out + int(outside.sum()), total + points
         return log_prob
+
+
+@lru_cache(maxsize=8)
+def packed_levels(view: View, blur_px: float) -> Packed:
+    """The view's smoothed grey levels as the kernel looks them up; kept for the last views."""
+    return packed(smoothed(view, blur_px))
 
 
 @lru_cache(maxsize=8)

@@ -1,35 +1,58 @@
-"""The fused kernel of the image-motion likelihood: what `image_motion_reference` defines, one particle at a time.
+"""The fused kernel of the image-motion likelihood: what `image_motion_reference` defines, LANES particles at once.
 
 Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
-change a bit of the result. Positions and depths are float64 so that kernel and reference agree on which side of an
-edge a point lies; grey levels are float32.
+change a bit of the result, nor can the other particles. What makes it fast:
 
-The inner functions take plain arrays, with named columns: an array inside a tuple, or a slice of one, is
-reference-counted at every call, which costs a fifth of the time.
+- Lanes. Kinematics, patches, occlusion and interpolation work on one particle a lane, see `workbench.body.lanes`.
+- Lookups in three phases, a block of points at a time: vector instructions find the indices, plain loads fetch the
+  pixels, vector instructions interpolate. The loads are all that is done one by one.
+- Packed neighbourhoods: one word of 64 bits holds a pixel and its right, lower and lower right neighbours, so that a
+  point costs one load and not four. Grey levels are rounded to 255/65535.
+- Small coordinates. What is decided (inside? hidden?) is decided in float64. The lookup counts pixels from the patch's
+  own corner, where float32 is good to 1e-5 px, and vectors hold twice as many.
+- Tests beforehand, for all lanes at once: a limb that lies in both images, and that no other limb may hide, has no
+  point to test; one of which no point is seen is not looked up.
+- One logarithm a particle: the limbs' likelihoods are multiplied as long as their product is safe from underflow.
+
+The inner functions take plain arrays, with named rows: an array in a tuple is reference-counted at every call.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
-from workbench.body.limbs import Limbs
+from workbench.body.lanes import FAST, FRAME, LANES, lane_frames, load_frames
+from workbench.body.limbs import Body, Limbs
+from workbench.likelihoods.image_motion_patches import (
+    ACROSS,
+    AX,
+    AY,
+    COSINE,
+    COVER,
+    DX,
+    EX,
+    PAIR,
+    PATCH,
+    WX,
+    cover,
+    mark_covered,
+    mark_hidden,
+    mark_outside,
+    patch,
+    place,
+)  # fmt: skip
+from workbench.threads import over_threads
 
 Exponent = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]
 Background = Literal["none", "still"]
-
-# Here and not beside the reference: numba would not notice a change of them in another file.
-MIN_DEPTH = 1e-3
-"""A patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared."""
-MIN_SINE = 1e-3
-"""A limb that points at the camera more closely than this, rad, has no patch and is not compared."""
-MIN_AREA = 1e-6
-"""A patch whose projection is smaller than about this, px², covers nothing."""
+Packed: TypeAlias = NDArray[np.uint64]
 
 
 @dataclass(frozen=True)
@@ -57,21 +80,25 @@ class PosedView:
     frames: JointFrames
 
 
-# Every reordering that keeps NaN and infinity meaningful. With NumPy's error model a division does not branch.
-FAST = {"reassoc", "contract", "nsz", "arcp"}
-CHUNK = 32  # particles that share one thread's work space
+@dataclass(frozen=True, eq=False)
+class PackedView:
+    """The same for the kernel. image: see `packed`. poses: (N, P)."""
 
-# Columns of the limbs' table: the axis' ends, the semi-axes of the section at either end, whether it is a sphere.
-START, END, START_RADII, END_RADII, SPHERE, THICKNESS = 0, 3, 6, 8, 10, 11
-# A camera: its rotation row by row, translation, fx, fy, cx, cy, k1, k2, p1, p2, k3.
-ROTATION, TRANSLATION, FOCAL, CENTRE, DISTORTION = 0, 9, 12, 14, 16
-# A patch is (AX + u DX) + v (WX + u EX) in x, the same in y, and Z + u DZ in depth; u = 0..1 along, v = −1..1 across.
-# ACROSS: x and y, in the joint's frame, of the direction in which v grows.
-AX, AY, DX, DY, WX, WY, EX, EY, Z, DZ, ACROSS, PATCH = *range(11), 12
-# What a limb covers: u and v of a pixel by an affine map, |v| <= H + u DH for a patch; its bounding box and depths.
-UX, UY, U0, VX, VY, V0, H, DH, LEFT, RIGHT, TOP, BOTTOM, NEAR, FAR, SURFACE = range(15)
+    camera: Camera
+    image: Packed
+    poses: FloatArray
+
+
+GREY_STEP = 255.0 / 65535.0
+"""Grey levels between neighbouring levels of a packed image."""
+BLOCK = 25 * LANES
+"""Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
 
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
+WIDTH, HEIGHT = 21, 22
+"""Columns of a camera, after those that patches use."""
+X, Y, LOCAL = 0, 4 * LANES, 8 * LANES
+"""Rows of a patch for the lookups: those from AX and those from AY, in float32, counted from a pixel of the image."""
 
 
 class _Model(NamedTuple):
@@ -87,24 +114,37 @@ class _Model(NamedTuple):
 
 
 def view_log_prob(
-    limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
+    body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """The same as `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to."""
-    n = len(now.frames.positions)
+    """The same as `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to.
+
+    The images have the cameras' sizes; with a still background, both are of one size.
+    """
+    n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
-    u, v = np.ascontiguousarray(samples.T)
-    _run(
-        *(_limb_table(limbs), limbs.joints, u, v),
+    arguments = (
+        (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
+        *(_limb_table(body.limbs), body.limbs.joints, _rows(samples), _rows(samples).astype(np.float32)),
         _Model(
             *(model.sigma, model.epsilon, model.p_occluded, model.exponent == "mean", model.k, occlusion),
             model.background == "still",
         ),
-        *(before.image, _camera_row(before.camera), before.frames.rotations, before.frames.positions),
-        *(now.image, _camera_row(now.camera), now.frames.rotations, now.frames.positions),
+        np.stack([_camera_row(before.camera), _camera_row(now.camera)]),
+        *(before.image.ravel(), np.ascontiguousarray(before.poses)),
+        *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
     )
+    over_threads(lambda first, last: _run(first, last, *arguments), n, LANES)
     return log_prob, outside
+
+
+def packed(image: Float32Array) -> Packed:
+    """Words (height, width) of four grey levels 0..255, 16 bits each, lowest first: the pixel, its right neighbour,
+    the one below, and that one's right neighbour. The last row and column are their own neighbours."""
+    words = np.empty(image.shape, dtype=np.uint64)
+    _pack(image, words)
+    return words
 
 
 def place_points(
@@ -119,12 +159,16 @@ def place_points(
     shape = (len(frames.positions), len(limbs), len(samples))
     pixels, counts = np.empty((*shape, 2), dtype=np.float32), np.empty(shape, dtype=np.bool_)
     turns = np.empty(shape[:2])
-    u, v = np.ascontiguousarray(samples.T)
-    _place_points(
-        *(_limb_table(limbs), limbs.joints, u, v, _camera_row(camera), float(camera.width), float(camera.height)),
-        *(frames.rotations, frames.positions, beside, pixels, counts, turns),
+    arguments = (
+        *(_limb_table(limbs), limbs.joints, _rows(samples), _camera_row(camera), frames.rotations, frames.positions),
+        *(beside, pixels, counts, turns),
     )
+    over_threads(lambda first, last: _place_points(first, last, *arguments), len(turns), LANES)
     return pixels, counts, turns
+
+
+def _rows(samples: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(samples.T)
 
 
 def _limb_table(limbs: Limbs) -> FloatArray:
@@ -135,331 +179,271 @@ def _limb_table(limbs: Limbs) -> FloatArray:
 
 
 def _camera_row(camera: Camera) -> FloatArray:
+    size = [float(camera.width), float(camera.height)]
     focal, centre = camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]
-    return np.concatenate([camera.rotation.ravel(), camera.translation, focal, centre, camera.distortion])
+    return np.concatenate([camera.rotation.ravel(), camera.translation, focal, centre, camera.distortion, size])
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@numba.njit(cache=True, nogil=True)
+def _pack(image: Any, words: Any) -> None:
+    height, width = image.shape
+    levels = np.empty((2, width + 1), dtype=np.uint64)  # of two lines
+    for row in range(height + 1):
+        line, above = levels[row % 2], levels[(row + 1) % 2]
+        pixels = image[min(row, height - 1)]
+        for column in range(width):
+            line[column] = np.uint64(np.int32(pixels[column] / np.float32(GREY_STEP) + np.float32(0.5)))
+        line[width] = line[width - 1]
+        if row > 0:
+            for column in range(width):
+                upper = above[column] | (above[column + 1] << np.uint64(16))
+                lower = line[column] | (line[column + 1] << np.uint64(16))
+                words[row - 1, column] = upper | (lower << np.uint64(32))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _run(
-    table: Any, joints: Any, u: Any, v: Any, model: Any,
-    image_before: Any, camera_before: Any, rotations_before: Any, positions_before: Any,
-    image_now: Any, camera_now: Any, rotations_now: Any, positions_now: Any,
-    log_prob: Any, outside: Any,
+    first: int, last: int, skeleton: Any, table: Any, joints: Any, samples: Any, samples32: Any, model: Any,
+    cameras: Any, image_before: Any, poses_before: Any, image_now: Any, poses_now: Any, log_prob: Any, outside: Any,
 ) -> None:  # fmt: skip
-    n_particles, n_limbs, n = log_prob.shape[0], joints.shape[0], u.shape[0]
-    for chunk in numba.prange((n_particles + CHUNK - 1) // CHUNK):
-        patches_before, patches_now = np.empty((n_limbs, PATCH)), np.empty((n_limbs, PATCH))
-        covers = np.empty((n_limbs, 15))
-        cos_alpha, points, hidden = np.empty(n_limbs), np.empty((4, n)), np.empty(n, dtype=np.bool_)
-        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n_particles)):
+    """Particles `first` to `last`, LANES at a time; in place of those beyond the last, the last one is repeated."""
+    n_limbs, n = joints.shape[0], samples.shape[1]
+    patches = np.empty((2, n_limbs, PATCH))
+    covers, boxes, pair = np.empty((n_limbs, COVER)), np.empty((n_limbs, 6)), np.empty(PAIR)
+    marks = np.empty(n * LANES, dtype=np.int32)
+    frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((poses_now.shape[1] + 9) * LANES)
+    local, corners = np.empty((2, LOCAL), dtype=np.float32), np.empty((2, LANES), dtype=np.int32)
+    index, words = np.empty(2 * BLOCK, dtype=np.uint32), np.empty(2 * BLOCK, dtype=np.uint64)
+    fractions, levels = np.empty(4 * BLOCK, dtype=np.float32), np.empty(2 * BLOCK, dtype=np.float32)
+    squares, sums = np.zeros(2 * LANES), np.empty(3 * LANES)
+    inside, seen = np.empty(LANES, dtype=np.int32), np.empty(LANES, dtype=np.int32)
+    _clear(marks)
+    for chunk in range(first, last, LANES):
+        for t in range(2):  # one place in the code for both frames compiles faster than two
+            lane_frames(poses_now if t == 1 else poses_before, chunk, skeleton, values, frames)
             for limb in range(n_limbs):
-                joint = joints[limb]
-                cos_before = _patch(
-                    table, limb, camera_before, rotations_before, positions_before, i, joint, patches_before
-                )
-                cos_now = _patch(table, limb, camera_now, rotations_now, positions_now, i, joint, patches_now)
-                _cover(patches_now, limb, cos_now > 0.0, table, covers)
-                cos_alpha[limb] = cos_now if cos_before > 0.0 else 0.0
-            total, n_outside = 0.0, 0
-            for limb in range(n_limbs):
-                if cos_alpha[limb] == 0.0:
-                    total += np.log(model.p_occluded)
-                    n_outside += n
-                    continue
-                _positions(patches_before, limb, u, v, points, 0)
-                _positions(patches_now, limb, u, v, points, 2)
-                hidden[:] = False
-                if model.occlusion != NO_OCCLUSION:
-                    _hide(table, limb, u, points, patches_now, covers, model.occlusion == LIMB_OCCLUSION, hidden)
-                squares, still_squares, n_compared, n_left_out = _compare(
-                    image_before, image_now, points, hidden, model.still_background
-                )
-                total += _limb_log_prob(model, cos_alpha[limb], squares, n_compared, n)
-                if model.still_background:
-                    total -= _still_log_ratio(model, still_squares, n_compared) * n_compared / n
-                n_outside += n_left_out
-            log_prob[i], outside[i] = total, n_outside
+                patch(table[limb], cameras[t], frames[joints[limb]], patches[t, limb])
+        for limb in range(n_limbs):
+            cover(table[limb], patches[1, limb], covers[limb], boxes[limb])
+        _begin(sums)
+        for limb in range(n_limbs):
+            tested = False
+            for t in range(2):
+                if not _localise(patches[t, limb], cameras[t], local[t], corners[t]):
+                    mark_outside(patches[t, limb], samples, cameras[t, WIDTH], cameras[t, HEIGHT], marks)
+                    tested = True
+            _count(marks, tested, inside)
+            if model.occlusion != NO_OCCLUSION:
+                whole = model.occlusion == LIMB_OCCLUSION
+                tested |= mark_hidden(table, limb, samples, patches[1], covers, boxes, whole, pair, marks)
+            if _count(marks, tested, seen) > 0:
+                _compare(
+                    local, corners, cameras[0, WIDTH], cameras[1, WIDTH], samples32, marks, tested,
+                    model.still_background, image_before, image_now, index, fractions, words, levels, squares,
+                )  # fmt: skip
+            _add_limb(model, patches[0, limb], patches[1, limb], squares, inside, seen, n, sums)
+            if tested:
+                _clear(marks)
+        for i in range(min(LANES, last - chunk)):
+            log_prob[chunk + i], outside[chunk + i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _place_points(
-    table: Any, joints: Any, u: Any, v: Any, camera: Any, width: float, height: float,
-    rotations: Any, positions: Any, beside: bool, pixels: Any, counts: Any, turns: Any,
+@numba.njit(cache=True, nogil=True)
+def _begin(sums: Any) -> None:
+    for i in range(LANES):
+        sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _clear(marks: Any) -> None:
+    for i in range(marks.shape[0]):
+        marks[i] = 0
+
+
+@numba.njit(cache=True, nogil=True)
+def _count(marks: Any, some: bool, unmarked: Any) -> int:
+    """Write how many points of each lane are not marked; how many in all. some: whether any is marked."""
+    for i in range(unmarked.shape[0]):
+        unmarked[i] = marks.shape[0] // LANES
+    if some:
+        for k in range(marks.shape[0] // LANES):
+            for i in range(unmarked.shape[0]):
+                unmarked[i] -= 1 if marks[k * LANES + i] != 0 else 0
+    total = 0
+    for i in range(unmarked.shape[0]):
+        total += unmarked[i]
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
+    """Write the patch as float32, from a pixel of the image near its own corner, and that pixel's index.
+
+    True if the patches of all lanes lie between the centres of the image's pixels.
+    """
+    width, height = camera[WIDTH], camera[HEIGHT]
+    n = 0
+    for i in range(LANES):
+        x, dx, wx, ex = patch[i + AX], patch[i + DX], patch[i + WX], patch[i + EX]
+        y, dy, wy, ey = patch[i + AY], patch[i + AY + DX], patch[i + AY + WX], patch[i + AY + EX]
+        left, right = min(x - abs(wx), x + dx - abs(wx + ex)), max(x + abs(wx), x + dx + abs(wx + ex))
+        top, bottom = min(y - abs(wy), y + dy - abs(wy + ey)), max(y + abs(wy), y + dy + abs(wy + ey))
+        n += 1 if (left >= 0.0) & (right < width - 1.0) & (top >= 0.0) & (bottom < height - 1.0) else 0
+        column = np.floor(min(max(left, 0.0), width - 1.0))
+        row = np.floor(min(max(top, 0.0), height - 1.0))
+        corners[i] = np.int32(row * width + column)
+        local[i + X], local[i + X + DX], local[i + X + WX], local[i + X + EX] = x - column, dx, wx, ex
+        local[i + Y], local[i + Y + DX], local[i + Y + WX], local[i + Y + EX] = y - row, dy, wy, ey
+    return n == LANES
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _compare(
+    local: Any, corners: Any, width_before: float, width_now: float, samples: Any, marks: Any, tested: bool,
+    still: bool, image_before: Any, image_now: Any, index: Any, fractions: Any, words: Any, levels: Any, squares: Any,
 ) -> None:  # fmt: skip
-    n_particles, n_limbs, n = counts.shape
-    for chunk in numba.prange((n_particles + CHUNK - 1) // CHUNK):
-        patches, covers, cos_alpha = np.empty((n_limbs, PATCH)), np.empty((n_limbs, 15)), np.empty(n_limbs)
-        points, hidden = np.empty((4, n)), np.empty(n, dtype=np.bool_)  # rows 2 and 3, as in `_run`
-        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, n_particles)):
-            for limb in range(n_limbs):
-                cos_alpha[limb] = _patch(table, limb, camera, rotations, positions, i, joints[limb], patches)
-                _cover(patches, limb, cos_alpha[limb] > 0.0, table, covers)
-            for limb in range(n_limbs):
-                if cos_alpha[limb] == 0.0:
-                    pixels[i, limb], counts[i, limb], turns[i, limb] = 0.0, False, 0.0
-                    continue
-                turns[i, limb] = np.arctan2(patches[limb, ACROSS + 1], patches[limb, ACROSS])
-                _positions(patches, limb, u, v, points, 2)
-                hidden[:] = False
-                if beside:
-                    _hide_covered(table, limb, u, points, patches, covers, hidden)
-                else:
-                    _hide(table, limb, u, points, patches, covers, False, hidden)
-                for s in range(n):
-                    pixels[i, limb, s, 0], pixels[i, limb, s, 1] = points[2, s], points[3, s]
-                    x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]  # rounded, as they will be looked up
-                    inside = x >= 0.0 and x < width - 1.0 and y >= 0.0 and y < height - 1.0  # false for NaN
-                    counts[i, limb, s] = inside and not hidden[s]
+    """Sums (2 rows) of the squared differences over the points that are not marked: between the images, and (if
+    `still`) to the same pixel of the image before."""
+    for i in range(2 * LANES):
+        squares[i] = 0.0
+    u, v = samples[0], samples[1]
+    for first in range(0, u.shape[0], BLOCK // LANES):
+        n = min(BLOCK // LANES, u.shape[0] - first)
+        us, vs, left_out = u[first : first + n], v[first : first + n], marks[first * LANES :]
+        for t in range(2):
+            width, at, within = width_now if t == 1 else width_before, index[t * BLOCK :], fractions[2 * t * BLOCK :]
+            _indices(local[t], corners[t], width, us, vs, left_out, tested, at, within)
+        _fetch(image_before, index, words, n)
+        _fetch(image_now, index[BLOCK:], words[BLOCK:], n)
+        _interpolate(words, fractions, n, levels)
+        _interpolate(words[BLOCK:], fractions[2 * BLOCK :], n, levels[BLOCK:])
+        _add_squares(levels, levels[BLOCK:], left_out, tested, n, squares[:LANES])
+        if still:
+            _fetch(image_before, index[BLOCK:], words, n)
+            _interpolate(words, fractions[2 * BLOCK :], n, levels)
+            _add_squares(levels, levels[BLOCK:], left_out, tested, n, squares[LANES:])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _hide_covered(table: Any, limb: int, u: Any, points: Any, patches: Any, covers: Any, hidden: Any) -> None:
-    """Mark the points that any limb covers, whatever its depth."""
-    left, right, top, bottom = points[2].min(), points[2].max(), points[3].min(), points[3].max()
-    for k in range(covers.shape[0]):
-        across = (covers[k, LEFT] <= right) & (covers[k, RIGHT] >= left)  # never so without a cover
-        if across & (covers[k, TOP] <= bottom) & (covers[k, BOTTOM] >= top):
-            _hide_behind(table, limb, k, u, points, patches, covers, -np.inf, hidden)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _limb_log_prob(model: Any, cos_alpha: float, squares: float, n_compared: int, n: int) -> Any:
-    """log p_j (A eq. 10 and 11)."""
-    q = cos_alpha * n_compared / n
-    exponent = model.k * squares
-    if model.mean:
-        exponent /= max(n_compared, 1)
-    sigma = model.sigma / cos_alpha
-    exponent /= 2.0 * sigma * sigma
-    peak = q * (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * sigma)
-    flat = q * model.epsilon / 256.0 + (1.0 - q) * model.p_occluded
-    if flat > 0.0:
-        return np.log(flat + peak * np.exp(-exponent))
-    return np.log(peak) - exponent  # ε = 0 and q = 1: no floor under the Gaussian
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _still_log_ratio(model: Any, squares: float, n_compared: int) -> Any:
-    """log p of the points under a background that stands still, less that of points where nothing changed."""
-    exponent = model.k * squares / (2.0 * model.sigma * model.sigma)
-    if model.mean:
-        exponent /= max(n_compared, 1)
-    flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
-    if flat > 0.0:
-        return np.log((flat + peak * np.exp(-exponent)) / (flat + peak))
-    return -exponent
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _compare(image_before: Any, image_now: Any, points: Any, hidden: Any, still: bool) -> tuple[float, float, int, int]:
-    """Over the points to compare: the sum of squared differences, that (if `still`) to the same pixels of the image
-    before, and their number; and the number of points outside the images."""
-    right_before, bottom_before = image_before.shape[1] - 1.0, image_before.shape[0] - 1.0
-    right_now, bottom_now = image_now.shape[1] - 1.0, image_now.shape[0] - 1.0
-    squares, still_squares, n_compared, n_outside = 0.0, 0.0, 0, 0
-    for i in range(points.shape[1]):
-        a, b, c, d = points[0, i], points[1, i], points[2, i], points[3, i]
-        inside_before = a >= 0.0 and a < right_before and b >= 0.0 and b < bottom_before  # false for NaN
-        if not (inside_before and c >= 0.0 and c < right_now and d >= 0.0 and d < bottom_now):
-            n_outside += 1
-        elif not hidden[i]:
-            level = _bilinear(image_now, c, d)
-            residual = level - _bilinear(image_before, a, b)
-            squares += residual * residual
-            n_compared += 1
-            if still and c < right_before and d < bottom_before:
-                residual = level - _bilinear(image_before, c, d)
-                still_squares += residual * residual
-    return squares, still_squares, n_compared, n_outside
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _bilinear(image: Any, x: float, y: float) -> Any:
-    # Unsigned indices spare numba's test for negative ones.
-    column, row = np.uint32(x), np.uint32(y)
-    right, below = np.uint32(column + np.uint32(1)), np.uint32(row + np.uint32(1))
-    fx, fy = np.float32(x - column), np.float32(y - row)
-    top = image[row, column] + fx * (image[row, right] - image[row, column])
-    bottom = image[below, column] + fx * (image[below, right] - image[below, column])
-    return top + fy * (bottom - top)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _positions(patches: Any, limb: int, u: Any, v: Any, points: Any, row: int) -> None:
-    """Write the pixels of the points (u, v) into two rows of `points`."""
-    ax, ay, dx, dy = patches[limb, AX], patches[limb, AY], patches[limb, DX], patches[limb, DY]
-    wx, wy, ex, ey = patches[limb, WX], patches[limb, WY], patches[limb, EX], patches[limb, EY]
-    for i in range(u.shape[0]):
-        points[row, i] = ax + u[i] * dx + v[i] * (wx + u[i] * ex)
-        points[row + 1, i] = ay + u[i] * dy + v[i] * (wy + u[i] * ey)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _hide(table: Any, limb: int, u: Any, points: Any, patches: Any, covers: Any, whole: bool, hidden: Any) -> None:
-    """Mark the points that other limbs hide; bounding boxes and depths rule most limbs out beforehand."""
-    for k in range(covers.shape[0]):
-        margin = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0
-        nearer = covers[k, SURFACE] < covers[limb, SURFACE] if whole else covers[k, NEAR] + margin < covers[limb, FAR]
-        if (k != limb) & nearer & _meet(covers, k, limb):
-            _hide_behind(table, limb, k, u, points, patches, covers, -np.inf if whole else margin, hidden)
-    if whole:
-        hidden[:] = np.any(hidden)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _meet(covers: Any, k: int, limb: int) -> Any:
-    across = (covers[k, LEFT] <= covers[limb, RIGHT]) & (covers[k, RIGHT] >= covers[limb, LEFT])
-    return across & (covers[k, TOP] <= covers[limb, BOTTOM]) & (covers[k, BOTTOM] >= covers[limb, TOP])
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _hide_behind(
-    table: Any, limb: int, k: int, u: Any, points: Any, patches: Any, covers: Any, margin: float, hidden: Any
+def _indices(
+    local: Any, corners: Any, width: float, u: Any, v: Any, marks: Any, tested: bool, index: Any, fractions: Any
 ) -> None:
-    """Mark the points that limb k covers and that lie deeper than it by the margin."""
-    ux, uy, u0 = covers[k, UX], covers[k, UY], covers[k, U0]
-    vx, vy, v0 = covers[k, VX], covers[k, VY], covers[k, V0]
-    h, dh, z, dz = covers[k, H], covers[k, DH], patches[k, Z] + margin, patches[k, DZ]
-    depth, slope = patches[limb, Z], patches[limb, DZ]
-    if table[k, SPHERE] > 0.0:
-        for i in range(u.shape[0]):
-            x, y = points[2, i], points[3, i]
-            s, t = 2.0 * (u0 + ux * x + uy * y) - 1.0, v0 + vx * x + vy * y
-            hidden[i] |= (s * s + t * t <= 2.0) & (z + 0.5 * dz < depth + u[i] * slope)
-    else:
-        for i in range(u.shape[0]):
-            x, y = points[2, i], points[3, i]
-            s, t = u0 + ux * x + uy * y, v0 + vx * x + vy * y
-            covered = (s >= 0.0) & (s <= 1.0) & (abs(t) <= h + s * dh)
-            hidden[i] |= covered & (z + s * dz < depth + u[i] * slope)
+    """Phase 1: where the points' neighbourhoods are, and where the points are within (rows x, y). Marked ones are
+    moved into the image."""
+    stride = np.int32(width)
+    for k in range(u.shape[0]):
+        a, b = u[k], v[k]
+        for i in range(LANES):
+            j = k * LANES + i
+            x = local[i + X] + a * local[i + X + DX] + b * (local[i + X + WX] + a * local[i + X + EX])
+            y = local[i + Y] + a * local[i + Y + DX] + b * (local[i + Y + WX] + a * local[i + Y + EX])
+            if tested:
+                x, y = x if marks[j] == 0 else np.float32(0.0), y if marks[j] == 0 else np.float32(0.0)
+            column, row = np.int32(x), np.int32(y)
+            fractions[j], fractions[BLOCK + j] = x - np.float32(column), y - np.float32(row)
+            index[j] = np.uint32(np.int32(corners[i] + column) + np.int32(row * stride))
+
+
+@numba.njit(cache=True, nogil=True)
+def _fetch(image: Any, index: Any, words: Any, n: int) -> None:
+    """Phase 2: the neighbourhoods themselves. The indices are unsigned, which spares a test for negative ones."""
+    for j in range(n * LANES):
+        words[j] = image[index[j]]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _patch(
-    table: Any, limb: int, camera: Any, rotations: Any, positions: Any, particle: int, joint: int, patches: Any
-) -> float:
-    """Write the limb's patch and return cos α; 0 when there is no patch. See `limb_patches` of the reference."""
-    sphere = table[limb, SPHERE] > 0.0
-    x_axis, y_axis, z_axis, origin = _joint_to_camera(camera, rotations, positions, particle, joint)
-    start = _place(x_axis, y_axis, z_axis, origin, table[limb, START], table[limb, START + 1], table[limb, START + 2])
-    end = _place(x_axis, y_axis, z_axis, origin, table[limb, END], table[limb, END + 1], table[limb, END + 2])
-    axis = z_axis if sphere else _unit(_add(end, -1.0, start))
-    sight = _add(start, 1.0, end)
-    across = _cross(sight, axis)
-    if not _dot(across, across) > MIN_SINE * MIN_SINE * _dot(sight, sight):
-        return 0.0
-    across = _unit(across)
-    x, y = _dot(x_axis, across), _dot(y_axis, across)
-    patches[limb, ACROSS], patches[limb, ACROSS + 1] = x, y
-    if sphere:
-        cos_alpha = 1.0
-        start_width = end_width = table[limb, START_RADII] / np.sqrt(2.0)
-        upright = _cross(across, _unit(sight))
-        start, end = _add(start, -start_width, upright), _add(end, end_width, upright)
-    else:
-        cos_alpha = _norm(axis[0], axis[1])
-        start_width = _norm(table[limb, START_RADII] * x, table[limb, START_RADII + 1] * y)
-        end_width = _norm(table[limb, END_RADII] * x, table[limb, END_RADII + 1] * y)
-    a, b = _add(start, -start_width, across), _add(start, start_width, across)
-    c, d = _add(end, -end_width, across), _add(end, end_width, across)
-    if not min(a[2], b[2], c[2], d[2]) > MIN_DEPTH:
-        return 0.0
-    _write(patches, limb, _project(camera, a), _project(camera, b), _project(camera, c), _project(camera, d))
-    patches[limb, Z], patches[limb, DZ] = start[2], end[2] - start[2]
-    return cos_alpha
+def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
+    """Phase 3: the grey levels of the points, in steps of GREY_STEP."""
+    halves = words.view(np.uint32)
+    for j in range(n * LANES):
+        upper, lower, fx, fy = halves[2 * j], halves[2 * j + 1], fractions[j], fractions[BLOCK + j]
+        a, b = np.float32(np.int32(upper & np.uint32(0xFFFF))), np.float32(np.int32(upper >> np.uint32(16)))
+        c, d = np.float32(np.int32(lower & np.uint32(0xFFFF))), np.float32(np.int32(lower >> np.uint32(16)))
+        top, bottom = a + fx * (b - a), c + fx * (d - c)
+        levels[j] = top + fy * (bottom - top)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _write(patches: Any, limb: int, a: Any, b: Any, c: Any, d: Any) -> None:
-    """Write the patch with the corners a, b at its start and c, d at its end, px."""
-    patches[limb, AX], patches[limb, AY] = (a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0
-    patches[limb, DX], patches[limb, DY] = (c[0] + d[0] - a[0] - b[0]) / 2.0, (c[1] + d[1] - a[1] - b[1]) / 2.0
-    patches[limb, WX], patches[limb, WY] = (b[0] - a[0]) / 2.0, (b[1] - a[1]) / 2.0
-    patches[limb, EX], patches[limb, EY] = (d[0] - c[0] - b[0] + a[0]) / 2.0, (d[1] - c[1] - b[1] + a[1]) / 2.0
+def _add_squares(before: Any, now: Any, marks: Any, tested: bool, n: int, squares: Any) -> None:
+    """Add the squared differences of the points that are not marked."""
+    for j in range(n * LANES):
+        residual = now[j] - before[j]
+        if tested:
+            residual = residual if marks[j] == 0 else np.float32(0.0)
+        before[j] = residual * residual
+    for k in range(n):
+        for i in range(squares.shape[0]):
+            squares[i] += before[k * LANES + i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _cover(patches: Any, limb: int, usable: bool, table: Any, covers: Any) -> None:
-    """Write what a patch (a sphere's disc) covers: the inverse of its affine part, bounding box and depths."""
-    ax, ay, dx, dy = patches[limb, AX], patches[limb, AY], patches[limb, DX], patches[limb, DY]
-    ex, ey, z0, z1 = patches[limb, EX], patches[limb, EY], patches[limb, Z], patches[limb, Z] + patches[limb, DZ]
-    wx, wy = patches[limb, WX] + ex / 2.0, patches[limb, WY] + ey / 2.0  # half the width, in the middle
-    area = dx * wy - dy * wx
-    if not (usable and abs(area) > MIN_AREA):
-        covers[limb, LEFT], covers[limb, RIGHT] = np.inf, -np.inf  # meets no other box
-        return
-    ux, uy, vx, vy = wy / area, -wx / area, -dy / area, dx / area
-    covers[limb, UX], covers[limb, UY], covers[limb, U0] = ux, uy, -(ux * ax + uy * ay)
-    covers[limb, VX], covers[limb, VY], covers[limb, V0] = vx, vy, -(vx * ax + vy * ay)
-    half = _norm(wx, wy)
-    start_width, end_width = _norm(wx - ex / 2.0, wy - ey / 2.0) / half, _norm(wx + ex / 2.0, wy + ey / 2.0) / half
-    covers[limb, H], covers[limb, DH] = start_width, end_width - start_width
-    if table[limb, SPHERE] > 0.0:
-        reach_x, reach_y = np.sqrt(2.0) * _norm(dx / 2.0, wx), np.sqrt(2.0) * _norm(dy / 2.0, wy)
-    else:
-        widest = max(start_width, end_width)
-        reach_x, reach_y = abs(dx) / 2.0 + widest * abs(wx), abs(dy) / 2.0 + widest * abs(wy)
-    covers[limb, LEFT], covers[limb, RIGHT] = ax + dx / 2.0 - reach_x, ax + dx / 2.0 + reach_x
-    covers[limb, TOP], covers[limb, BOTTOM] = ay + dy / 2.0 - reach_y, ay + dy / 2.0 + reach_y
-    covers[limb, NEAR], covers[limb, FAR] = min(z0, z1), max(z0, z1)
-    covers[limb, SURFACE] = min(z0, z1) - table[limb, THICKNESS]
+def _add_limb(model: Any, before: Any, now: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
+    """Count a limb in (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of likelihoods whose
+    logarithm is the rest, and how many points lay outside the images."""
+    flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
+    for i in range(LANES):
+        cos_alpha = now[i + COSINE] if before[i + COSINE] > 0.0 else 0.0
+        if cos_alpha == 0.0:
+            sums[2 * LANES + i] += n
+            _multiply(model.p_occluded, i, sums)
+            continue
+        sums[2 * LANES + i] += n - inside[i]
+        scale = model.k * GREY_STEP**2 / (2.0 * model.sigma**2) / (max(seen[i], 1) if model.mean else 1.0)
+        q, exponent = cos_alpha * seen[i] / n, scale * squares[i] * cos_alpha**2
+        floor = q * flat + (1.0 - q) * model.p_occluded
+        if floor > 0.0:
+            _multiply(floor + q * peak * cos_alpha * np.exp(-exponent), i, sums)
+        else:  # ε = 0 and q = 1: no floor under the Gaussian
+            sums[i] += np.log(q * peak * cos_alpha) - exponent
+        if model.still_background:  # less the same for a background that stands still, as a share of where it does
+            exponent = scale * squares[LANES + i]
+            ratio = np.log((flat + peak * np.exp(-exponent)) / (flat + peak)) if flat > 0.0 else -exponent
+            sums[i] -= ratio * seen[i] / n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _project(camera: Any, point: Any) -> tuple[float, float]:
-    """Pixel of a point in the camera's frame, as `Camera.project` does."""
-    x, y = point[0] / point[2], point[1] / point[2]
-    k1, k2, k3 = camera[DISTORTION], camera[DISTORTION + 1], camera[DISTORTION + 4]
-    p1, p2 = camera[DISTORTION + 2], camera[DISTORTION + 3]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    return camera[CENTRE] + camera[FOCAL] * bent_x, camera[CENTRE + 1] + camera[FOCAL + 1] * bent_y
+def _multiply(p: float, i: int, sums: Any) -> None:
+    if 1e-100 < p < 1e100:
+        sums[LANES + i] *= p
+        if 1e-200 < sums[LANES + i] < 1e200:
+            return
+        p = sums[LANES + i]
+        sums[LANES + i] = 1.0
+    sums[i] += np.log(p)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _joint_to_camera(camera: Any, rotations: Any, positions: Any, i: int, j: int) -> Any:
-    """The axes and the origin of a joint's frame, seen from the camera."""
-    x_axis = _turn(camera, rotations[i, j, 0, 0], rotations[i, j, 1, 0], rotations[i, j, 2, 0])
-    y_axis = _turn(camera, rotations[i, j, 0, 1], rotations[i, j, 1, 1], rotations[i, j, 2, 1])
-    z_axis = _turn(camera, rotations[i, j, 0, 2], rotations[i, j, 1, 2], rotations[i, j, 2, 2])
-    x, y, z = _turn(camera, positions[i, j, 0], positions[i, j, 1], positions[i, j, 2])
-    origin = x + camera[TRANSLATION], y + camera[TRANSLATION + 1], z + camera[TRANSLATION + 2]
-    return x_axis, y_axis, z_axis, origin
+def _place_points(
+    first: int, last: int, table: Any, joints: Any, samples: Any, camera: Any, rotations: Any, positions: Any,
+    beside: bool, pixels: Any, counts: Any, turns: Any,
+) -> None:  # fmt: skip
+    n_limbs, n = counts.shape[1:]
+    patches, covers, boxes = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER)), np.empty((n_limbs, 6))
+    frames, pair = np.empty((positions.shape[1], FRAME)), np.empty(PAIR)
+    marks = np.empty(n * LANES, dtype=np.int32)
+    for chunk in range(first, last, LANES):
+        load_frames(rotations, positions, chunk, frames)
+        for limb in range(n_limbs):
+            patch(table[limb], camera, frames[joints[limb]], patches[limb])
+            cover(table[limb], patches[limb], covers[limb], boxes[limb])
+        for limb in range(n_limbs):
+            _clear(marks)
+            if beside:
+                mark_covered(table, limb, samples, patches, covers, pair, marks)
+            else:
+                mark_hidden(table, limb, samples, patches, covers, boxes, False, pair, marks)
+            for i in range(min(LANES, last - chunk)):
+                places, count = pixels[chunk + i, limb], counts[chunk + i, limb]
+                _write_points(patches[limb], i, samples, camera, marks, places, count)
+                turn = np.arctan2(patches[limb, ACROSS + LANES + i], patches[limb, ACROSS + i])
+                turns[chunk + i, limb] = turn if patches[limb, COSINE + i] > 0.0 else 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _turn(r: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z, r[6] * x + r[7] * y + r[8] * z
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _place(x_axis: Any, y_axis: Any, z_axis: Any, origin: Any, x: float, y: float, z: float) -> Any:
-    return _add(_add(_add(origin, x, x_axis), y, y_axis), z, z_axis)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _add(p: Any, length: float, direction: Any) -> tuple[float, float, float]:
-    return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _cross(a: Any, b: Any) -> tuple[float, float, float]:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _dot(a: Any, b: Any) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _unit(a: Any) -> tuple[float, float, float]:
-    scale = 1.0 / max(np.sqrt(_dot(a, a)), 1e-12)
-    return a[0] * scale, a[1] * scale, a[2] * scale
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _norm(x: float, y: float) -> Any:
-    return np.sqrt(x * x + y * y)
+def _write_points(patch: Any, i: int, samples: Any, camera: Any, marks: Any, pixels: Any, counts: Any) -> None:
+    """Write the points of lane i, and whether they count."""
+    for k in range(samples.shape[1]):
+        pixels[k, 0], pixels[k, 1] = place(patch, i, samples[0, k], samples[1, k])
+        x, y = pixels[k, 0], pixels[k, 1]  # rounded, as they will be looked up
+        inside = x >= 0.0 and x < camera[WIDTH] - 1.0 and y >= 0.0 and y < camera[HEIGHT] - 1.0
+        counts[k] = patch[i + COSINE] > 0.0 and inside and marks[k * LANES + i] == 0

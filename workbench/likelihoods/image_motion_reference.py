@@ -12,7 +12,8 @@ from scipy.ndimage import map_coordinates
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Limbs
-from workbench.likelihoods.image_motion_kernel import MIN_AREA, MIN_DEPTH, MIN_SINE, LimbModel, Occlusion, PosedView
+from workbench.likelihoods.image_motion_kernel import LimbModel, Occlusion, PosedView
+from workbench.likelihoods.image_motion_patches import MIN_AREA, MIN_DEPTH, MIN_SINE
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,10 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
+from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Frame, View
-from workbench.likelihoods.image_motion_kernel import FAST, place_points
+from workbench.likelihoods.image_motion_kernel import place_points
 
 
 @dataclass(frozen=True, eq=False)

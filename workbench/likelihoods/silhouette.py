@@ -10,11 +10,11 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.kinematics import JointFrames, forward
+from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
 from workbench.datasets.frame import Dataset, Frame, View
 from workbench.errors import InputError
 from workbench.likelihoods.background import StillScene, log_ratio, still_scenes
-from workbench.likelihoods.image_motion_kernel import FAST
 from workbench.likelihoods.limb_points import limb_points, over_views
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])

@@ -1,0 +1,87 @@
+"""Compiled kernels are thrown away when anything that went into them is edited, in whatever file."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import workbench
+from workbench.kernel_cache import source_key
+
+HELPER = """
+import numba
+
+OFFSET = 0.0
+
+@numba.njit(cache=True)
+def twice(x):
+    return 2.0 * x
+"""
+KERNEL = """
+import numba
+
+from workbench.a_helper import OFFSET, twice
+
+@numba.njit(cache=True)
+def kernel(x):
+    return OFFSET + twice(x)
+
+if __name__ == "workbench.a_kernel":
+    print(kernel(10.0), sum(kernel.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package that can be edited."""
+    copy = tmp_path / "workbench"
+    shutil.copytree(Path(workbench.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__", "conf"))
+    return copy
+
+
+def run(package):
+    """What the kernel says in a process of its own, and whether it came from the cache."""
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(package.parent)
+    command = [sys.executable, "-c", "import workbench.a_kernel"]
+    done = subprocess.run(command, cwd=package.parent, env=environment, check=True, capture_output=True, text=True)
+    value, hits = done.stdout.split()
+    return float(value), int(hits)
+
+
+def edit(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_an_edited_helper_in_another_file_is_compiled_again(package):
+    (package / "a_helper.py").write_text(HELPER)
+    (package / "a_kernel.py").write_text(KERNEL)
+    assert run(package) == (20.0, 0)
+    assert run(package) == (20.0, 1)
+    edit(package / "a_helper.py", "2.0 * x", "3.0 * x")
+    assert run(package) == (30.0, 0)
+    edit(package / "a_helper.py", "OFFSET = 0.0", "OFFSET = 1.0")
+    assert run(package) == (31.0, 0)
+    assert run(package) == (31.0, 1)
+    assert len(list((package / "__pycache__").glob("kernels-*"))) == 1  # nothing outdated is left
+
+
+@pytest.mark.parametrize(
+    ("edited", "matters"),
+    [
+        ("likelihoods/image_motion_patches.py", True),
+        ("body/lanes.py", True),
+        ("body/skeleton.py", True),  # without a kernel of its own, but imported beside some
+        ("cli/sweep.py", False),
+    ],
+)
+def test_the_key_is_of_all_that_gets_into_kernels(package, edited, matters):
+    before = source_key(package)
+    assert before == source_key(package)
+    (package / edited).write_text((package / edited).read_text() + "\n# edited\n")
+    assert (source_key(package) != before) == matters

@@ -1,0 +1,94 @@
+"""Kinematics in lanes against NumPy's, and the parting of work over threads."""
+
+import likelihood_scenes as scenes
+import numba
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import forward_reference
+from workbench.body.lanes import FRAME, LANES, POSITION, lane_frames, load_frames
+from workbench.threads import over_threads
+
+SKELETON = scenes.PERSON.skeleton
+
+
+def frames_in_lanes(poses, first=0):
+    skeleton = (SKELETON.parents, SKELETON.offsets, SKELETON.dof_joints, SKELETON.dof_axes)
+    values, frames = np.empty((poses.shape[1] + 9) * LANES), np.full((len(SKELETON.parents), FRAME), np.nan)
+    lane_frames(poses, first, skeleton, values, frames)
+    return frames
+
+
+def unpacked(frames):
+    rotations = frames[:, :POSITION].reshape(-1, 3, 3, LANES).transpose(3, 0, 1, 2)
+    return rotations, frames[:, POSITION:].reshape(-1, 3, LANES).transpose(2, 0, 1)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.3, 3.0, 300.0])
+def test_lanes_agree_with_the_reference(scale):
+    poses = scale * np.random.default_rng(0).standard_normal((LANES, 25))
+    rotations, positions = unpacked(frames_in_lanes(poses))
+    expected = forward_reference(SKELETON, poses)
+    # 22 turns add up their rounding, and each is of an angle that is reduced by up to 1e3 quadrants of 6e-17 each
+    np.testing.assert_allclose(rotations, expected.rotations, rtol=0.0, atol=22 * (1e-15 + scale * 3 * 6e-17))
+    np.testing.assert_allclose(
+        positions, expected.positions, rtol=0.0, atol=22 * (1e-15 + scale * 3 * 6e-17) * (1.0 + scale)
+    )
+
+
+def test_quadrants_of_one_joint_are_exact_enough():
+    poses = np.zeros((LANES, 25))
+    poses[:, 3] = np.linspace(-4.0 * np.pi, 4.0 * np.pi, LANES)
+    rotations, _ = unpacked(frames_in_lanes(poses))
+    expected = forward_reference(SKELETON, poses).rotations
+    np.testing.assert_allclose(rotations, expected, rtol=0.0, atol=4e-15)
+
+
+@pytest.mark.parametrize("angle", [1e6, 1e15, 1e300])
+def test_absurd_angles_stay_finite(angle):
+    rotations, positions = unpacked(frames_in_lanes(np.full((LANES, 25), angle)))
+    assert np.isfinite(rotations).all()
+    assert not np.isnan(positions).any()
+
+
+def test_the_last_pose_fills_the_lanes_that_are_left():
+    poses = np.random.default_rng(0).standard_normal((LANES + 3, 25))
+    rotations, positions = unpacked(frames_in_lanes(poses, first=LANES))
+    all_rotations, _ = unpacked(frames_in_lanes(poses[[*range(LANES, LANES + 3)] + [LANES + 2] * (LANES - 3)]))
+    np.testing.assert_array_equal(rotations, all_rotations)
+    np.testing.assert_array_equal(positions[3:], np.repeat(positions[2:3], LANES - 3, axis=0))
+
+
+def test_frames_computed_before_are_loaded_as_they_are():
+    poses = np.random.default_rng(1).standard_normal((LANES + 5, 25))
+    expected = forward_reference(SKELETON, poses)
+    frames = np.empty((len(SKELETON.parents), FRAME))
+    load_frames(expected.rotations, expected.positions, 5, frames)
+    rotations, positions = unpacked(frames)
+    np.testing.assert_array_equal(rotations, expected.rotations[5:])
+    np.testing.assert_array_equal(positions, expected.positions[5:])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("n", [0, 1, LANES, 10 * LANES + 3, 1000])
+def test_threads_share_the_work_without_gaps(threads, n):
+    if threads > numba.config.NUMBA_NUM_THREADS:
+        pytest.skip("numba has one thread only here")
+    parts, usual = [], numba.get_num_threads()
+    try:
+        numba.set_num_threads(threads)
+        over_threads(lambda first, last: parts.append((first, last)), n, LANES)
+    finally:
+        numba.set_num_threads(usual)
+    parts.sort()
+    assert [first for first, _ in parts] == [0] + [last for _, last in parts[:-1]]
+    assert parts[-1][1] == n
+    assert all(first % LANES == 0 for first, _ in parts)
+
+
+def test_what_a_thread_raises_is_raised():
+    def work(first, last):
+        raise FloatingPointError(first)
+
+    with pytest.raises(FloatingPointError):
+        over_threads(work, 1000, LANES)

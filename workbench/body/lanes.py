@@ -1,0 +1,125 @@
+"""Forward kinematics inside kernels: LANES poses at once, one a lane, so that processors turn them all together.
+
+A row is LANES numbers, one of each pose. Every innermost loop runs over a row, has no branch and calls nothing, not
+even the mathematical library: the compiler makes vector instructions of it.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+LANES = 16
+"""Poses handled at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+"""Every reordering of sums that keeps NaN and infinity meaningful."""
+
+# Rows of a joint's frame: its rotation row by row, and its position, m.
+ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
+    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on; beyond the last, the last again.
+
+    The same as `kinematics.forward`, but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes.
+    values: ((P + 9) · LANES,) is overwritten.
+    """
+    n_dofs, (parents, offsets, dof_joints, dof_axes) = poses.shape[1], skeleton
+    turn, numbers = values[: 9 * LANES], values[9 * LANES :]
+    for lane in range(LANES):
+        i = min(first + lane, poses.shape[0] - 1)
+        for p in range(n_dofs):
+            numbers[p * LANES + lane] = poses[i, p]
+    p = 3
+    for j in range(parents.shape[0]):
+        frame = frames[j]
+        if parents[j] < 0:
+            _root(numbers, frame)
+        else:
+            _attach(frames[parents[j]], offsets[j, 0], offsets[j, 1], offsets[j, 2], frame)
+        while p < n_dofs and dof_joints[p] == j:
+            _turn_about(dof_axes[p, 0], dof_axes[p, 1], dof_axes[p, 2], numbers[p * LANES :], turn)
+            _multiply(frame, turn)
+            p += 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None:
+    """The same of frames that were computed before: rotations (N, J, 3, 3) and positions (N, J, 3)."""
+    for lane in range(LANES):
+        i = min(first + lane, positions.shape[0] - 1)
+        for j in range(frames.shape[0]):
+            for a in range(3):
+                frames[j, POSITION + a * LANES + lane] = positions[i, j, a]
+                for b in range(3):
+                    frames[j, ROTATION + (3 * a + b) * LANES + lane] = rotations[i, j, a, b]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _root(position: Any, frame: Any) -> None:
+    """Write the root's frame, not yet turned."""
+    for a in range(3):
+        for lane in range(LANES):
+            for b in range(3):
+                frame[(3 * a + b) * LANES + lane] = 1.0 if a == b else 0.0
+            frame[POSITION + a * LANES + lane] = position[a * LANES + lane]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
+    """Write the frame of a joint at (x, y, z) in its parent's frame, not yet turned."""
+    for a in range(3):
+        for lane in range(LANES):
+            row = 3 * a * LANES + lane
+            u, v, w = parent[row], parent[row + LANES], parent[row + 2 * LANES]
+            frame[row], frame[row + LANES], frame[row + 2 * LANES] = u, v, w
+            place = parent[POSITION + a * LANES + lane]
+            frame[POSITION + a * LANES + lane] = place + u * x + v * y + w * z
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _turn_about(x: float, y: float, z: float, angles: Any, turn: Any) -> None:
+    """Write the rotations (9 rows) about a unit axis: Rodrigues' formula."""
+    for lane in range(LANES):
+        s, c = _sine_cosine(angles[lane])
+        t = 1.0 - c
+        turn[lane], turn[LANES + lane], turn[2 * LANES + lane] = c + t * x * x, t * x * y - s * z, t * x * z + s * y
+        turn[3 * LANES + lane], turn[4 * LANES + lane] = t * x * y + s * z, c + t * y * y
+        turn[5 * LANES + lane], turn[6 * LANES + lane] = t * y * z - s * x, t * x * z - s * y
+        turn[7 * LANES + lane], turn[8 * LANES + lane] = t * y * z + s * x, c + t * z * z
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _multiply(frame: Any, turn: Any) -> None:
+    """Turn the frame about its own origin."""
+    for a in range(3):
+        for lane in range(LANES):
+            row = 3 * a * LANES + lane
+            x, y, z = frame[row], frame[row + LANES], frame[row + 2 * LANES]
+            for b in range(3):
+                to = b * LANES + lane
+                frame[row + b * LANES] = x * turn[to] + y * turn[to + 3 * LANES] + z * turn[to + 6 * LANES]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _sine_cosine(angle: float) -> Any:
+    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs.
+
+    The error is that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which
+    no float64 tells apart, the result is merely finite.
+    """
+    quarter = np.floor(angle * (2.0 / np.pi) + 0.5)
+    r = min(max(angle - quarter * (np.pi / 2.0), -1.0), 1.0)
+    q = r * r
+    # 1 − q/2·3 (1 − q/4·5 (1 − …)), the series of r times it and of the cosine in the same way
+    s = 1.0 - q / 156.0 * (1.0 - q / 210.0)
+    s = 1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0 * s))))
+    c = 1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))
+    c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0 * c))))
+    s *= r
+    half = np.floor(quarter * 0.5)
+    odd = quarter - 2.0 * half  # 1 in the second and the fourth quadrant
+    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(half * 0.5))  # −1 in the third and the fourth
+    sine, cosine = (c, -s) if odd > 0.5 else (s, c)
+    return sign * sine, sign * cosine

@@ -1,0 +1,336 @@
+"""The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
+
+What `limb_patches`, `inside_image` and `hidden_samples` of `image_motion_reference` define, in the same float64, so
+that kernel and reference agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from workbench.body.lanes import FAST, LANES, POSITION
+
+MIN_DEPTH = 1e-3
+"""A patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared."""
+MIN_SINE = 1e-3
+"""A limb that points at the camera more closely than this, rad, has no patch and is not compared."""
+MIN_AREA = 1e-6
+"""A patch whose projection is smaller than about this, px², covers nothing."""
+
+OUTSIDE, HIDDEN = 1, 2
+
+# Columns of the limbs' table: the axis' ends, the semi-axes of the section at either end, whether it is a sphere.
+START, END, START_RADII, END_RADII, SPHERE, THICKNESS = 0, 3, 6, 8, 10, 11
+# A camera: its rotation row by row, translation, fx, fy, cx, cy, k1, k2, p1, p2, k3.
+TRANSLATION, FOCAL, CENTRE, DISTORTION = 9, 12, 14, 16
+# Rows of a patch: (AX + u DX) + v (WX + u EX) in x, the same in y, and Z + u DZ in depth; u = 0..1 along, v = −1..1
+# across. ACROSS: x and y, in the joint's frame, of the direction in which v grows. COSINE: cos α, 0 without a patch.
+AX, DX, WX, EX, AY, _, _, _, Z, DZ, ACROSS, _, COSINE, PATCH = range(0, 14 * LANES, LANES)
+# Rows of what a limb covers: u and v of a pixel by an affine map, |v| <= H + u DH for a patch; the depth of its nearest
+# surface; its bounding box, where no point of it lies (left > right) if it covers nothing.
+UX, UY, U0, VX, VY, V0, H, DH, SURFACE, LEFT, RIGHT, TOP, BOTTOM, COVER = range(0, 14 * LANES, LANES)
+# Rows of one limb's points seen by another: s = S + u SU + v SV + uv SE along it and t likewise across it, half its
+# width there W + s WS, and whether its axis is nearer, D + s DS < u DU.
+S, SU, SV, SE, T, TU, TV, TE, W, WS, D, DS, DU, PAIR = range(0, 14 * LANES, LANES)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
+    """Write a limb's patch (PATCH,), given its row of the table and its joint's frame. See `limb_patches`."""
+    sphere, radius = limb[SPHERE] > 0.0, limb[START_RADII] / np.sqrt(2.0)
+    start_at, end_at = _three(limb, START), _three(limb, END)
+    sa, sb, ea, eb = limb[START_RADII], limb[START_RADII + 1], limb[END_RADII], limb[END_RADII + 1]
+    turn = _three(camera, 0), _three(camera, 3), _three(camera, 6)
+    shift, lens = _three(camera, TRANSLATION), _lens(camera)
+    for i in range(LANES):
+        x_axis = _turn(turn, frame[i], frame[i + 3 * LANES], frame[i + 6 * LANES])
+        y_axis = _turn(turn, frame[i + LANES], frame[i + 4 * LANES], frame[i + 7 * LANES])
+        z_axis = _turn(turn, frame[i + 2 * LANES], frame[i + 5 * LANES], frame[i + 8 * LANES])
+        x, y, z = frame[i + POSITION], frame[i + POSITION + LANES], frame[i + POSITION + 2 * LANES]
+        origin = _add(_turn(turn, x, y, z), 1.0, shift)
+        start = _place(x_axis, y_axis, z_axis, origin, start_at)
+        end = _place(x_axis, y_axis, z_axis, origin, end_at)
+        axis = z_axis if sphere else _unit(_add(end, -1.0, start))
+        sight = _add(start, 1.0, end)
+        across = _cross(sight, axis)
+        usable = _dot(across, across) > MIN_SINE * MIN_SINE * _dot(sight, sight)
+        across = _unit(across)
+        x, y = _dot(x_axis, across), _dot(y_axis, across)
+        start_width, end_width = _norm(sa * x, sb * y), _norm(ea * x, eb * y)
+        cos_alpha = _norm(axis[0], axis[1])
+        if sphere:
+            cos_alpha = 1.0
+            start_width = end_width = radius
+            upright = _cross(across, _unit(sight))
+            start, end = _add(start, -start_width, upright), _add(end, end_width, upright)
+        a, b = _add(start, -start_width, across), _add(start, start_width, across)
+        c, d = _add(end, -end_width, across), _add(end, end_width, across)
+        usable &= (a[2] > MIN_DEPTH) & (b[2] > MIN_DEPTH) & (c[2] > MIN_DEPTH) & (d[2] > MIN_DEPTH)
+        (ax, ay), (bx, by) = _project(lens, a), _project(lens, b)
+        (cx, cy), (dx, dy) = _project(lens, c), _project(lens, d)
+        _write(out, i + AX, ax, bx, cx, dx, usable)
+        _write(out, i + AY, ay, by, cy, dy, usable)
+        out[i + Z], out[i + DZ] = start[2], end[2] - start[2]
+        out[i + ACROSS], out[i + ACROSS + LANES] = x, y
+        out[i + COSINE] = cos_alpha if usable else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: bool) -> None:
+    """Write one coordinate of the patch with the corners a, b at its start and c, d at its end.
+
+    What has no patch gets one at the image's corner, so that no number of it is beyond bounds.
+    """
+    out[i], out[i + DX] = (a + b) / 2.0 if usable else 0.0, (c + d - a - b) / 2.0 if usable else 0.0
+    out[i + WX], out[i + EX] = (b - a) / 2.0 if usable else 0.0, (d - c - b + a) / 2.0 if usable else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
+    """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth;
+    and a box (6,) that holds it in every lane."""
+    sphere, thickness = limb[SPHERE] > 0.0, limb[THICKNESS]
+    for i in range(LANES):
+        ax, ay, dx, dy = patch[i + AX], patch[i + AY], patch[i + DX], patch[i + AY + DX]
+        ex, ey, z0, z1 = patch[i + EX], patch[i + AY + EX], patch[i + Z], patch[i + Z] + patch[i + DZ]
+        wx, wy = patch[i + WX] + ex / 2.0, patch[i + AY + WX] + ey / 2.0  # half the width, in the middle
+        area = dx * wy - dy * wx
+        covers = (patch[i + COSINE] > 0.0) & (abs(area) > MIN_AREA)
+        scale = 1.0 / area if covers else 0.0
+        ux, uy, vx, vy = wy * scale, -wx * scale, -dy * scale, dx * scale
+        out[i + UX], out[i + UY], out[i + U0] = ux, uy, -(ux * ax + uy * ay) if covers else np.inf  # u nowhere in 0..1
+        out[i + VX], out[i + VY], out[i + V0] = vx, vy, -(vx * ax + vy * ay)
+        half = _norm(wx, wy)
+        per_half = 1.0 / half if covers else 0.0
+        start_width = _norm(wx - ex / 2.0, wy - ey / 2.0) * per_half
+        end_width = _norm(wx + ex / 2.0, wy + ey / 2.0) * per_half
+        out[i + H], out[i + DH] = start_width, end_width - start_width
+        widest = max(start_width, end_width)
+        reach_x, reach_y = abs(dx) / 2.0 + widest * abs(wx), abs(dy) / 2.0 + widest * abs(wy)
+        if sphere:
+            reach_x, reach_y = np.sqrt(2.0) * _norm(dx / 2.0, wx), np.sqrt(2.0) * _norm(dy / 2.0, wy)
+        out[i + LEFT] = ax + dx / 2.0 - reach_x if covers else np.inf
+        out[i + RIGHT] = ax + dx / 2.0 + reach_x if covers else -np.inf
+        out[i + TOP], out[i + BOTTOM] = ay + dy / 2.0 - reach_y, ay + dy / 2.0 + reach_y
+        out[i + SURFACE] = min(z0, z1) - thickness
+    _widen(patch, out, box)
+
+
+@numba.njit(cache=True, nogil=True)
+def _widen(patch: Any, covers: Any, box: Any) -> None:
+    """Write what holds the limb in every lane, (6,): left, right, top, bottom, least and greatest depth of its axis."""
+    for k in range(0, 6, 2):
+        box[k], box[k + 1] = np.inf, -np.inf
+    for i in range(LANES):
+        if covers[i + LEFT] <= covers[i + RIGHT]:
+            box[0], box[1] = min(box[0], covers[i + LEFT]), max(box[1], covers[i + RIGHT])
+            box[2], box[3] = min(box[2], covers[i + TOP]), max(box[3], covers[i + BOTTOM])
+            start, end = patch[i + Z], patch[i + Z] + patch[i + DZ]
+            box[4], box[5] = min(box[4], min(start, end)), max(box[5], max(start, end))
+
+
+@numba.njit(cache=True, nogil=True)
+def _boxes_meet(a: Any, b: Any) -> bool:
+    return bool(a[0] <= b[1] and a[1] >= b[0] and a[2] <= b[3] and a[3] >= b[2])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: Any) -> None:
+    """Mark the points of a patch that are not between the centres of the image's pixels.
+
+    samples: (2, n), u and v. marks: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of points left out.
+    """
+    right, bottom = width - 1.0, height - 1.0
+    for k in range(samples.shape[1]):
+        u, v = samples[0, k], samples[1, k]
+        for i in range(LANES):
+            x, y = place(patch, i, u, v)
+            inside = (x >= 0.0) & (x < right) & (y >= 0.0) & (y < bottom)
+            marks[k * LANES + i] |= 0 if inside else OUTSIDE
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def mark_hidden(
+    table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
+) -> bool:
+    """Mark the points of a limb that other limbs hide, see `hidden_samples`; whether any might.
+
+    whole: the occlusion "limb", else "sample". pair: (PAIR,) is overwritten. marks: as in `mark_outside`.
+    """
+    some_near, span = False, _span(samples)
+    for k in range(covers.shape[0]):
+        margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
+        ahead = whole or boxes[k, 4] + margin < boxes[limb, 5]
+        if k != limb and ahead and _boxes_meet(boxes[k], boxes[limb]):
+            _pair(patches[limb], patches[k], covers[k], margin, sphere, pair)
+            if whole:
+                for i in range(LANES):
+                    nearer = covers[k, i + SURFACE] < covers[limb, i + SURFACE]
+                    pair[i + D], pair[i + DS], pair[i + DU] = -np.inf if nearer else np.inf, 0.0, 0.0
+            if _may_hide(span, pair, sphere):
+                _mark_covered(samples, pair, sphere, marks)
+                some_near = True
+    if whole:
+        for i in range(LANES):
+            some = 0
+            for k in range(samples.shape[1]):
+                some |= marks[k * LANES + i] & HIDDEN
+            for k in range(samples.shape[1]):
+                marks[k * LANES + i] |= some
+    return some_near
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def mark_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any, pair: Any, marks: Any) -> None:
+    """Mark the points about a limb that any limb covers, itself included, whatever its depth."""
+    span = _span(samples)
+    for k in range(covers.shape[0]):
+        sphere = table[k, SPHERE] > 0.0
+        _pair(patches[limb], patches[k], covers[k], 0.0, sphere, pair)
+        for i in range(LANES):
+            pair[i + D], pair[i + DS], pair[i + DU] = -np.inf, 0.0, 0.0
+        if _may_hide(span, pair, sphere):
+            _mark_covered(samples, pair, sphere, marks)
+
+
+@numba.njit(cache=True, nogil=True)
+def _span(samples: Any) -> tuple[float, float, float, float]:
+    """The least and largest u and v."""
+    u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(samples.shape[1]):
+        u0, u1 = min(u0, samples[0, k]), max(u1, samples[0, k])
+        v0, v1 = min(v0, samples[1, k]), max(v1, samples[1, k])
+    return u0, u1, v0, v1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: Any) -> None:
+    """Write how another limb sees the points of a limb's patch: one map from (u, v) instead of two."""
+    for i in range(LANES):
+        ax, dx, wx, ex = limb[i + AX], limb[i + DX], limb[i + WX], limb[i + EX]
+        ay, dy, wy, ey = limb[i + AY], limb[i + AY + DX], limb[i + AY + WX], limb[i + AY + EX]
+        ux, uy, vx, vy = covers[i + UX], covers[i + UY], covers[i + VX], covers[i + VY]
+        out[i + S], out[i + SU] = covers[i + U0] + ux * ax + uy * ay, ux * dx + uy * dy
+        out[i + SV], out[i + SE] = ux * wx + uy * wy, ux * ex + uy * ey
+        out[i + T], out[i + TU] = covers[i + V0] + vx * ax + vy * ay, vx * dx + vy * dy
+        out[i + TV], out[i + TE] = vx * wx + vy * wy, vx * ex + vy * ey
+        out[i + W], out[i + WS] = covers[i + H], covers[i + DH]
+        z, dz = other[i + Z] + margin - limb[i + Z], other[i + DZ]
+        out[i + D], out[i + DS] = z + 0.5 * dz if sphere else z, 0.0 if sphere else dz
+        out[i + DU] = limb[i + DZ]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
+    """False where the other limb surely hides no point, since it lies beside the limb or behind it in every lane.
+
+    Every quantity is linear in u and in v, so that it is largest and smallest at the corners of the points' range.
+    A disc goes (√2 − 1) half widths beyond its patch.
+    """
+    u0, u1, v0, v1 = span
+    beyond = 0.5 if sphere else 0.0
+    n = 0
+    for i in range(LANES):
+        s0, s1 = pair[i + S] + u0 * pair[i + SU], pair[i + S] + u1 * pair[i + SU]
+        p0, p1 = pair[i + SV] + u0 * pair[i + SE], pair[i + SV] + u1 * pair[i + SE]
+        low_s = min(min(s0 + v0 * p0, s0 + v1 * p0), min(s1 + v0 * p1, s1 + v1 * p1))
+        high_s = max(max(s0 + v0 * p0, s0 + v1 * p0), max(s1 + v0 * p1, s1 + v1 * p1))
+        t0, t1 = pair[i + T] + u0 * pair[i + TU], pair[i + T] + u1 * pair[i + TU]
+        q0, q1 = pair[i + TV] + u0 * pair[i + TE], pair[i + TV] + u1 * pair[i + TE]
+        low_t = min(min(t0 + v0 * q0, t0 + v1 * q0), min(t1 + v0 * q1, t1 + v1 * q1))
+        high_t = max(max(t0 + v0 * q0, t0 + v1 * q0), max(t1 + v0 * q1, t1 + v1 * q1))
+        widest = max(pair[i + W], pair[i + W] + pair[i + WS])
+        meet = (low_s <= 1.0 + beyond) & (high_s >= -beyond) & (low_t <= widest + beyond) & (high_t >= -widest - beyond)
+        ahead = pair[i + D] + min(pair[i + DS], 0.0) < max(u0 * pair[i + DU], u1 * pair[i + DU])
+        n += 1 if meet & ahead else 0
+    return n > 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _mark_covered(samples: Any, pair: Any, sphere: bool, marks: Any) -> None:
+    for k in range(samples.shape[1]):
+        a, b, c = samples[0, k], samples[1, k], samples[0, k] * samples[1, k]
+        if sphere:
+            for i in range(LANES):
+                s = 2.0 * (pair[i + S] + a * pair[i + SU] + b * pair[i + SV] + c * pair[i + SE]) - 1.0
+                t = pair[i + T] + a * pair[i + TU] + b * pair[i + TV] + c * pair[i + TE]
+                covered = (s * s + t * t <= 2.0) & (pair[i + D] < a * pair[i + DU])
+                marks[k * LANES + i] |= HIDDEN if covered else 0
+        else:
+            for i in range(LANES):
+                s = pair[i + S] + a * pair[i + SU] + b * pair[i + SV] + c * pair[i + SE]
+                t = pair[i + T] + a * pair[i + TU] + b * pair[i + TV] + c * pair[i + TE]
+                covered = (s >= 0.0) & (s <= 1.0) & (abs(t) <= pair[i + W] + s * pair[i + WS])
+                covered &= pair[i + D] + s * pair[i + DS] < a * pair[i + DU]
+                marks[k * LANES + i] |= HIDDEN if covered else 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def place(patch: Any, i: int, u: float, v: float) -> tuple[float, float]:
+    """The pixel of a point of the patch in lane i."""
+    x = patch[i + AX] + u * patch[i + DX] + v * (patch[i + WX] + u * patch[i + EX])
+    return x, patch[i + AY] + u * patch[i + AY + DX] + v * (patch[i + AY + WX] + u * patch[i + AY + EX])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _three(numbers: Any, first: int) -> tuple[float, float, float]:
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _lens(camera: Any) -> Any:
+    """fx, fy, cx, cy; k1, k2, k3; p1, p2."""
+    k1, k2, p1 = _three(camera, DISTORTION)
+    p2, k3 = camera[DISTORTION + 3], camera[DISTORTION + 4]
+    return camera[FOCAL], camera[FOCAL + 1], camera[CENTRE], camera[CENTRE + 1], k1, k2, k3, p1, p2
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _project(lens: Any, point: Any) -> tuple[float, float]:
+    """Pixel of a point in the camera's frame, as `Camera.project` does."""
+    fx, fy, cx, cy, k1, k2, k3, p1, p2 = lens
+    per_depth = 1.0 / point[2]
+    x, y = point[0] * per_depth, point[1] * per_depth
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return cx + fx * bent_x, cy + fy * bent_y
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _turn(rows: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
+    v = (x, y, z)
+    return _dot(rows[0], v), _dot(rows[1], v), _dot(rows[2], v)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _place(x_axis: Any, y_axis: Any, z_axis: Any, origin: Any, at: Any) -> Any:
+    return _add(_add(_add(origin, at[0], x_axis), at[1], y_axis), at[2], z_axis)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _add(p: Any, length: float, direction: Any) -> tuple[float, float, float]:
+    return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _cross(a: Any, b: Any) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _dot(a: Any, b: Any) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _unit(a: Any) -> tuple[float, float, float]:
+    scale = 1.0 / max(np.sqrt(_dot(a, a)), 1e-12)
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def _norm(x: float, y: float) -> Any:
+    return np.sqrt(x * x + y * y)
