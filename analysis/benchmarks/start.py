@@ -1,7 +1,5 @@
 """Time until the first frame: with every kernel still to be compiled, and with the kernels of an earlier run.
 
-    python -m analysis.benchmarks.start
-
 Runs two frames of the default experiment with few particles in processes of their own, first with an empty folder for
 kernels. Seconds of processor time, which other load on the machine changes little; what the imports take is subtracted.
 """
@@ -13,28 +11,26 @@ import sys
 import tempfile
 from pathlib import Path
 
+from analysis.benchmarks.figure import Figure
+
 RUN = ["-m", "workbench", "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
 IMPORTS = ["-c", "import workbench.cli.execute, workbench.cli.schema"]
+REPEATS = 3
 
 
-def main() -> None:
-    for name, value, unit, bar in figures():
-        print(f"{name:<20}{value:>8.2f} {unit:<4}{bar}")
-
-
-def figures() -> list[tuple[str, float, str, str]]:
-    """Name, value, unit and bar of every figure."""
+def figures() -> list[Figure]:
+    """Seconds to compile all kernels of a run, and to start without doing so."""
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "NUMBA_CACHE_DIR": f"{folder}/kernels", "WORKBENCH_CACHE": f"{folder}/cache"}
         _seconds([*RUN, f"hydra.run.dir={folder}/rendered", "likelihood=uniform"], environment)  # renders the scene
         _remove_kernels(Path(folder) / "kernels")
         cold = _seconds([*RUN, f"hydra.run.dir={folder}/cold"], environment)
-        cached = min(_seconds([*RUN, f"hydra.run.dir={folder}/cached_{i}"], environment) for i in range(3))
-        imports = min(_seconds(IMPORTS, environment) for _ in range(3))
+        cached = min(_seconds([*RUN, f"hydra.run.dir={folder}/cached_{i}"], environment) for i in range(REPEATS))
+        imports = min(_seconds(IMPORTS, environment) for _ in range(REPEATS))
+    what = "processor time of two frames of walk_straight"
     return [
-        ("start_compile_s", cold - cached, "s", "<= 12"),
-        ("start_cached_s", cached - imports, "s", "<= 1.5; the recording of two frames included"),
-        ("start_imports_s", imports, "s", ""),
+        Figure("start_compile_s", cold - cached, "s", 12.0, "lower", f"{what}, less what it is with kernels kept"),
+        Figure("start_cached_s", cached - imports, "s", 1.5, "lower", f"{what}, less the imports' {imports:.2f} s"),
     ]
 
 
@@ -49,7 +45,3 @@ def _seconds(arguments: list[str], environment: dict[str, str]) -> float:
     subprocess.run([sys.executable, *arguments], env=environment, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-if __name__ == "__main__":
-    main()

@@ -85,3 +85,32 @@ def test_the_key_is_of_all_that_gets_into_kernels(package, edited, matters):
     assert before == source_key(package)
     (package / edited).write_text((package / edited).read_text() + "\n# edited\n")
     assert (source_key(package) != before) == matters
+
+
+EVALUATED = """
+import hashlib
+import sys
+
+import numpy as np
+
+sys.path.insert(0, sys.argv[1])
+import likelihood_scenes as scenes
+from workbench.likelihoods.image_motion import ImageMotion
+
+rng = np.random.default_rng(0)
+frames = [scenes.frame(i, (scenes.FRONT, scenes.texture(rng, 320, 240))) for i in range(2)]
+poses = scenes.people(rng, 500), scenes.people(rng, 500)
+likelihood = ImageMotion(scenes.PERSON, sigma=10.0)
+digest = hashlib.sha256(likelihood.log_prob(*frames, *poses).tobytes())
+print(digest.hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_kernels_just_compiled_and_kernels_kept_give_the_same_bits(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    scenes = Path(__file__).parents[1] / "oracle"
+    command = [sys.executable, "-c", EVALUATED, str(scenes)]
+    found = {subprocess.run(command, env=environment, check=True, capture_output=True).stdout for _ in range(2)}
+    assert list(tmp_path.rglob("*_run*.nbc"))
+    assert len(found) == 1

@@ -12,10 +12,20 @@ from workbench.threads import over_threads
 SKELETON = scenes.PERSON.skeleton
 
 
+@numba.njit
+def compiled_lane_frames(poses, first, skeleton, values, frames):
+    lane_frames(poses, first, skeleton, values, frames)
+
+
+@numba.njit
+def compiled_load_frames(rotations, positions, first, frames):
+    load_frames(rotations, positions, first, frames)
+
+
 def frames_in_lanes(poses, first=0):
     skeleton = (SKELETON.parents, SKELETON.offsets, SKELETON.dof_joints, SKELETON.dof_axes)
     values, frames = np.empty((poses.shape[1] + 9) * LANES), np.full((len(SKELETON.parents), FRAME), np.nan)
-    lane_frames(poses, first, skeleton, values, frames)
+    compiled_lane_frames(poses, first, skeleton, values, frames)
     return frames
 
 
@@ -63,7 +73,7 @@ def test_frames_computed_before_are_loaded_as_they_are():
     poses = np.random.default_rng(1).standard_normal((LANES + 5, 25))
     expected = forward_reference(SKELETON, poses)
     frames = np.empty((len(SKELETON.parents), FRAME))
-    load_frames(expected.rotations, expected.positions, 5, frames)
+    compiled_compiled_load_frames(expected.rotations, expected.positions, 5, frames)
     rotations, positions = unpacked(frames)
     np.testing.assert_array_equal(rotations, expected.rotations[5:])
     np.testing.assert_array_equal(positions, expected.positions[5:])

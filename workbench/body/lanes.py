@@ -4,21 +4,30 @@ A row is LANES numbers, one of each pose. Every innermost loop runs over a row, 
 even the mathematical library: the compiler makes vector instructions of it.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 LANES = 16
 """Poses handled at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 """Every reordering of sums that keeps NaN and infinity meaningful."""
+inlined: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
+    error_model="numpy", fastmath=FAST, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
+)
+"""Compiles what only kernels call. It is put into its callers: where a call is left, the copy that was compiled on its
+own may be taken or that beside the caller, whose sums round otherwise, depending on which is in memory. It is not
+callable from Python, which spares compiling what would make it so."""
 
 # Rows of a joint's frame: its rotation row by row, and its position, m.
 ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
     """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on; beyond the last, the last again.
 
@@ -44,7 +53,7 @@ def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any)
             p += 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None:
     """The same of frames that were computed before: rotations (N, J, 3, 3) and positions (N, J, 3)."""
     for lane in range(LANES):
@@ -56,7 +65,7 @@ def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None
                     frames[j, ROTATION + (3 * a + b) * LANES + lane] = rotations[i, j, a, b]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _root(position: Any, frame: Any) -> None:
     """Write the root's frame, not yet turned."""
     for a in range(3):
@@ -66,7 +75,7 @@ def _root(position: Any, frame: Any) -> None:
             frame[POSITION + a * LANES + lane] = position[a * LANES + lane]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
     """Write the frame of a joint at (x, y, z) in its parent's frame, not yet turned."""
     for a in range(3):
@@ -78,7 +87,7 @@ def _attach(parent: Any, x: float, y: float, z: float, frame: Any) -> None:
             frame[POSITION + a * LANES + lane] = place + u * x + v * y + w * z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _turn_about(x: float, y: float, z: float, angles: Any, turn: Any) -> None:
     """Write the rotations (9 rows) about a unit axis: Rodrigues' formula."""
     for lane in range(LANES):
@@ -90,7 +99,7 @@ def _turn_about(x: float, y: float, z: float, angles: Any, turn: Any) -> None:
         turn[7 * LANES + lane], turn[8 * LANES + lane] = t * y * z + s * x, c + t * z * z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _multiply(frame: Any, turn: Any) -> None:
     """Turn the frame about its own origin."""
     for a in range(3):
@@ -102,7 +111,7 @@ def _multiply(frame: Any, turn: Any) -> None:
                 frame[row + b * LANES] = x * turn[to] + y * turn[to + 3 * LANES] + z * turn[to + 6 * LANES]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _sine_cosine(angle: float) -> Any:
     """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs.
 

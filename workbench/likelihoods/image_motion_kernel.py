@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
-from workbench.body.lanes import FAST, FRAME, LANES, lane_frames, load_frames
+from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
 from workbench.body.limbs import Body, Limbs
 from workbench.likelihoods.image_motion_patches import (
     ACROSS,
@@ -127,7 +127,8 @@ def view_log_prob(
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(_limb_table(body.limbs), body.limbs.joints, _rows(samples), _rows(samples).astype(np.float32)),
         _Model(
-            *(model.sigma, model.epsilon, model.p_occluded, model.exponent == "mean", model.k, occlusion),
+            *(float(model.sigma), float(model.epsilon), float(model.p_occluded)),  # whole numbers would compile anew
+            *(model.exponent == "mean", float(model.k), occlusion),
             model.background == "still",
         ),
         np.stack([_camera_row(before.camera), _camera_row(now.camera)]),
@@ -225,13 +226,16 @@ def _run(
                 patch(table[limb], cameras[t], frames[joints[limb]], patches[t, limb])
         for limb in range(n_limbs):
             cover(table[limb], patches[1, limb], covers[limb], boxes[limb])
-        _begin(sums)
+        for i in range(LANES):
+            sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
         for limb in range(n_limbs):
-            tested = False
+            n_inside = 0
             for t in range(2):
-                if not _localise(patches[t, limb], cameras[t], local[t], corners[t]):
+                if _localise(patches[t, limb], cameras[t], local[t], corners[t]):
+                    n_inside += 1
+                else:
                     mark_outside(patches[t, limb], samples, cameras[t, WIDTH], cameras[t, HEIGHT], marks)
-                    tested = True
+            tested = n_inside < 2
             _count(marks, tested, inside)
             if model.occlusion != NO_OCCLUSION:
                 whole = model.occlusion == LIMB_OCCLUSION
@@ -248,19 +252,13 @@ def _run(
             log_prob[chunk + i], outside[chunk + i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
 
 
-@numba.njit(cache=True, nogil=True)
-def _begin(sums: Any) -> None:
-    for i in range(LANES):
-        sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
-
-
-@numba.njit(cache=True, nogil=True)
+@inlined
 def _clear(marks: Any) -> None:
     for i in range(marks.shape[0]):
         marks[i] = 0
 
 
-@numba.njit(cache=True, nogil=True)
+@inlined
 def _count(marks: Any, some: bool, unmarked: Any) -> int:
     """Write how many points of each lane are not marked; how many in all. some: whether any is marked."""
     for i in range(unmarked.shape[0]):
@@ -275,7 +273,7 @@ def _count(marks: Any, some: bool, unmarked: Any) -> int:
     return total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
     """Write the patch as float32, from a pixel of the image near its own corner, and that pixel's index.
 
@@ -297,7 +295,7 @@ def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
     return n == LANES
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _compare(
     local: Any, corners: Any, width_before: float, width_now: float, samples: Any, marks: Any, tested: bool,
     still: bool, image_before: Any, image_now: Any, index: Any, fractions: Any, words: Any, levels: Any, squares: Any,
@@ -324,7 +322,7 @@ def _compare(
             _add_squares(levels, levels[BLOCK:], left_out, tested, n, squares[LANES:])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _indices(
     local: Any, corners: Any, width: float, u: Any, v: Any, marks: Any, tested: bool, index: Any, fractions: Any
 ) -> None:
@@ -344,14 +342,14 @@ def _indices(
             index[j] = np.uint32(np.int32(corners[i] + column) + np.int32(row * stride))
 
 
-@numba.njit(cache=True, nogil=True)
+@inlined
 def _fetch(image: Any, index: Any, words: Any, n: int) -> None:
     """Phase 2: the neighbourhoods themselves. The indices are unsigned, which spares a test for negative ones."""
     for j in range(n * LANES):
         words[j] = image[index[j]]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
     """Phase 3: the grey levels of the points, in steps of GREY_STEP."""
     halves = words.view(np.uint32)
@@ -363,7 +361,7 @@ def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
         levels[j] = top + fy * (bottom - top)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _add_squares(before: Any, now: Any, marks: Any, tested: bool, n: int, squares: Any) -> None:
     """Add the squared differences of the points that are not marked."""
     for j in range(n * LANES):
@@ -376,7 +374,7 @@ def _add_squares(before: Any, now: Any, marks: Any, tested: bool, n: int, square
             squares[i] += before[k * LANES + i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _add_limb(model: Any, before: Any, now: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
     """Count a limb in (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of likelihoods whose
     logarithm is the rest, and how many points lay outside the images."""
@@ -401,7 +399,7 @@ def _add_limb(model: Any, before: Any, now: Any, squares: Any, inside: Any, seen
             sums[i] -= ratio * seen[i] / n
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _multiply(p: float, i: int, sums: Any) -> None:
     if 1e-100 < p < 1e100:
         sums[LANES + i] *= p
@@ -439,7 +437,7 @@ def _place_points(
                 turns[chunk + i, limb] = turn if patches[limb, COSINE + i] > 0.0 else 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _write_points(patch: Any, i: int, samples: Any, camera: Any, marks: Any, pixels: Any, counts: Any) -> None:
     """Write the points of lane i, and whether they count."""
     for k in range(samples.shape[1]):

@@ -6,10 +6,9 @@ that kernel and reference agree on which side of an edge a point lies. Rows and 
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from workbench.body.lanes import FAST, LANES, POSITION
+from workbench.body.lanes import LANES, POSITION, inlined
 
 MIN_DEPTH = 1e-3
 """A patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared."""
@@ -35,14 +34,17 @@ UX, UY, U0, VX, VY, V0, H, DH, SURFACE, LEFT, RIGHT, TOP, BOTTOM, COVER = range(
 S, SU, SV, SE, T, TU, TV, TE, W, WS, D, DS, DU, PAIR = range(0, 14 * LANES, LANES)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
     """Write a limb's patch (PATCH,), given its row of the table and its joint's frame. See `limb_patches`."""
     sphere, radius = limb[SPHERE] > 0.0, limb[START_RADII] / np.sqrt(2.0)
-    start_at, end_at = _three(limb, START), _three(limb, END)
+    start_at, end_at = (limb[START], limb[START + 1], limb[START + 2]), (limb[END], limb[END + 1], limb[END + 2])
     sa, sb, ea, eb = limb[START_RADII], limb[START_RADII + 1], limb[END_RADII], limb[END_RADII + 1]
-    turn = _three(camera, 0), _three(camera, 3), _three(camera, 6)
-    shift, lens = _three(camera, TRANSLATION), _lens(camera)
+    turn = (camera[0], camera[1], camera[2]), (camera[3], camera[4], camera[5]), (camera[6], camera[7], camera[8])
+    shift = camera[TRANSLATION], camera[TRANSLATION + 1], camera[TRANSLATION + 2]
+    fx, fy, cx, cy = camera[FOCAL], camera[FOCAL + 1], camera[CENTRE], camera[CENTRE + 1]
+    k1, k2, k3 = camera[DISTORTION], camera[DISTORTION + 1], camera[DISTORTION + 4]
+    lens = fx, fy, cx, cy, k1, k2, k3, camera[DISTORTION + 2], camera[DISTORTION + 3]
     for i in range(LANES):
         x_axis = _turn(turn, frame[i], frame[i + 3 * LANES], frame[i + 6 * LANES])
         y_axis = _turn(turn, frame[i + LANES], frame[i + 4 * LANES], frame[i + 7 * LANES])
@@ -76,7 +78,7 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
         out[i + COSINE] = cos_alpha if usable else 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: bool) -> None:
     """Write one coordinate of the patch with the corners a, b at its start and c, d at its end.
 
@@ -86,7 +88,7 @@ def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: boo
     out[i + WX], out[i + EX] = (b - a) / 2.0 if usable else 0.0, (d - c - b + a) / 2.0 if usable else 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
     """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth;
     and a box (6,) that holds it in every lane."""
@@ -117,7 +119,7 @@ def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
     _widen(patch, out, box)
 
 
-@numba.njit(cache=True, nogil=True)
+@inlined
 def _widen(patch: Any, covers: Any, box: Any) -> None:
     """Write what holds the limb in every lane, (6,): left, right, top, bottom, least and greatest depth of its axis."""
     for k in range(0, 6, 2):
@@ -130,12 +132,7 @@ def _widen(patch: Any, covers: Any, box: Any) -> None:
             box[4], box[5] = min(box[4], min(start, end)), max(box[5], max(start, end))
 
 
-@numba.njit(cache=True, nogil=True)
-def _boxes_meet(a: Any, b: Any) -> bool:
-    return bool(a[0] <= b[1] and a[1] >= b[0] and a[2] <= b[3] and a[3] >= b[2])
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: Any) -> None:
     """Mark the points of a patch that are not between the centres of the image's pixels.
 
@@ -150,7 +147,7 @@ def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: A
             marks[k * LANES + i] |= 0 if inside else OUTSIDE
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def mark_hidden(
     table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
 ) -> bool:
@@ -162,7 +159,8 @@ def mark_hidden(
     for k in range(covers.shape[0]):
         margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
         ahead = whole or boxes[k, 4] + margin < boxes[limb, 5]
-        if k != limb and ahead and _boxes_meet(boxes[k], boxes[limb]):
+        across = boxes[k, 0] <= boxes[limb, 1] and boxes[k, 1] >= boxes[limb, 0]
+        if k != limb and ahead and across and boxes[k, 2] <= boxes[limb, 3] and boxes[k, 3] >= boxes[limb, 2]:
             _pair(patches[limb], patches[k], covers[k], margin, sphere, pair)
             if whole:
                 for i in range(LANES):
@@ -181,7 +179,7 @@ def mark_hidden(
     return some_near
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def mark_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any, pair: Any, marks: Any) -> None:
     """Mark the points about a limb that any limb covers, itself included, whatever its depth."""
     span = _span(samples)
@@ -194,7 +192,7 @@ def mark_covered(table: Any, limb: int, samples: Any, patches: Any, covers: Any,
             _mark_covered(samples, pair, sphere, marks)
 
 
-@numba.njit(cache=True, nogil=True)
+@inlined
 def _span(samples: Any) -> tuple[float, float, float, float]:
     """The least and largest u and v."""
     u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
@@ -204,7 +202,7 @@ def _span(samples: Any) -> tuple[float, float, float, float]:
     return u0, u1, v0, v1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: Any) -> None:
     """Write how another limb sees the points of a limb's patch: one map from (u, v) instead of two."""
     for i in range(LANES):
@@ -221,7 +219,7 @@ def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: 
         out[i + DU] = limb[i + DZ]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
     """False where the other limb surely hides no point, since it lies beside the limb or behind it in every lane.
 
@@ -247,7 +245,7 @@ def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
     return n > 0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _mark_covered(samples: Any, pair: Any, sphere: bool, marks: Any) -> None:
     for k in range(samples.shape[1]):
         a, b, c = samples[0, k], samples[1, k], samples[0, k] * samples[1, k]
@@ -266,27 +264,14 @@ def _mark_covered(samples: Any, pair: Any, sphere: bool, marks: Any) -> None:
                 marks[k * LANES + i] |= HIDDEN if covered else 0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def place(patch: Any, i: int, u: float, v: float) -> tuple[float, float]:
     """The pixel of a point of the patch in lane i."""
     x = patch[i + AX] + u * patch[i + DX] + v * (patch[i + WX] + u * patch[i + EX])
     return x, patch[i + AY] + u * patch[i + AY + DX] + v * (patch[i + AY + WX] + u * patch[i + AY + EX])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _three(numbers: Any, first: int) -> tuple[float, float, float]:
-    return numbers[first], numbers[first + 1], numbers[first + 2]
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _lens(camera: Any) -> Any:
-    """fx, fy, cx, cy; k1, k2, k3; p1, p2."""
-    k1, k2, p1 = _three(camera, DISTORTION)
-    p2, k3 = camera[DISTORTION + 3], camera[DISTORTION + 4]
-    return camera[FOCAL], camera[FOCAL + 1], camera[CENTRE], camera[CENTRE + 1], k1, k2, k3, p1, p2
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _project(lens: Any, point: Any) -> tuple[float, float]:
     """Pixel of a point in the camera's frame, as `Camera.project` does."""
     fx, fy, cx, cy, k1, k2, k3, p1, p2 = lens
@@ -299,38 +284,38 @@ def _project(lens: Any, point: Any) -> tuple[float, float]:
     return cx + fx * bent_x, cy + fy * bent_y
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _turn(rows: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     v = (x, y, z)
     return _dot(rows[0], v), _dot(rows[1], v), _dot(rows[2], v)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _place(x_axis: Any, y_axis: Any, z_axis: Any, origin: Any, at: Any) -> Any:
     return _add(_add(_add(origin, at[0], x_axis), at[1], y_axis), at[2], z_axis)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _add(p: Any, length: float, direction: Any) -> tuple[float, float, float]:
     return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _cross(a: Any, b: Any) -> tuple[float, float, float]:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _dot(a: Any, b: Any) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _unit(a: Any) -> tuple[float, float, float]:
     scale = 1.0 / max(np.sqrt(_dot(a, a)), 1e-12)
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, forceinline=True)
+@inlined
 def _norm(x: float, y: float) -> Any:
     return np.sqrt(x * x + y * y)
