@@ -73,7 +73,7 @@ def test_frames_computed_before_are_loaded_as_they_are():
     poses = np.random.default_rng(1).standard_normal((LANES + 5, 25))
     expected = forward_reference(SKELETON, poses)
     frames = np.empty((len(SKELETON.parents), FRAME))
-    compiled_compiled_load_frames(expected.rotations, expected.positions, 5, frames)
+    compiled_load_frames(expected.rotations, expected.positions, 5, frames)
     rotations, positions = unpacked(frames)
     np.testing.assert_array_equal(rotations, expected.rotations[5:])
     np.testing.assert_array_equal(positions, expected.positions[5:])
