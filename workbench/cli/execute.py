@@ -78,8 +78,8 @@ def execute(config: DictConfig, experiment: str, folder: Path, quiet: bool = Fal
                 _study(config, summary)
             else:
                 parts = assemble(config, summary)
-                with _recorder(config, parts, summary) as recorder:
-                    _track(parts, recorder, config, summary, quiet)
+                with recorder_of(config, parts, summary) as recorder:
+                    track(parts, recorder, config, summary, quiet)
                     recorder.set_result(summary.metrics)
                     recorder.set_cost(summary.cost)
         summary.status = "complete"
@@ -194,7 +194,7 @@ def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
     return fit.pose
 
 
-def _track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summary, quiet: bool) -> None:
+def track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summary, quiet: bool) -> None:
     streams = rng_streams(int(config.seed))
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
@@ -223,7 +223,7 @@ def _postfix(step: Step, errors: dict[str, float]) -> str:
     return ", ".join(shown)
 
 
-def _recorder(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
+def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     space = parts.inference.space
     coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
     recorder: Recorder = build(
