@@ -11,6 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.datasets.frame import Truth
 from workbench.evaluation.calibration import covered, crps, log_score, rank_histogram, ranks
 from workbench.evaluation.errors import step_errors
+from workbench.evaluation.posterior import weighted_quantiles
 
 N = 20_001
 EVEN = np.full(N, 1.0 / N)
@@ -118,3 +119,28 @@ def test_where_one_particle_has_all_the_weight_there_is_no_log_score():
     alone = replace(step, log_weights=np.array([0.0, -np.inf, -np.inf]))
     assert "log_score" in step_errors(step, BODY)
     assert "log_score" not in step_errors(alone, BODY)
+
+
+def weighted(n, seed):
+    """Values (n, 4) with ties, weights some of which are 0, and truths inside, on a particle, and beyond."""
+    rng = np.random.default_rng(seed)
+    values = rng.standard_normal((n, 4)).round(1)
+    weights = rng.random(n) * (rng.random(n) < 0.8)
+    return values, weights / weights.sum(), np.array([0.05, values[0, 1], 9.0, values[:, 3].min()])
+
+
+@pytest.mark.parametrize("n", [3, 50, 1000])
+def test_the_score_is_that_of_all_pairs(n):
+    values, weights, truth = weighted(n, seed=n)
+    pairs = np.abs(values[:, None] - values[None])
+    expected = weights @ np.abs(values - truth) - 0.5 * np.einsum("i,j,ijd->d", weights, weights, pairs)
+    np.testing.assert_allclose(crps(values, weights, truth), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [20, 50, 1000])
+def test_bands_are_those_of_the_weighted_quantiles(n):
+    values, weights, truth = weighted(n, seed=n)
+    low, high = weighted_quantiles(values, weights, (0.05, 0.95))
+    (found,) = covered(values, weights, truth, (0.9,))
+    assert found.tolist() == ((low <= truth) & (truth <= high)).tolist()
+    assert 0 < found.sum() < 4

@@ -5,26 +5,40 @@ quantities, in their units. For particles from the true posterior coverage is th
 scores, which are proper, are smallest in the mean (Gneiting & Raftery, JASA 102, 2007).
 """
 
+from typing import Any
+
+import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.threads import over_threads
+
+_ROUNDING = 1e-12
+"""Of a sum of weights."""
 
 
 def covered(values: FloatArray, weights: FloatArray, truth: FloatArray, levels: tuple[float, ...]) -> BoolArray:
     """(L, D): whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile."""
-    ends = [0.5 + sign * 0.5 * level for level in levels for sign in (-1.0, 1.0)]
-    quantiles = weighted_quantiles(values, weights, tuple(ends)).reshape(len(levels), 2, -1)
-    inside: BoolArray = (quantiles[:, 0] <= truth) & (truth <= quantiles[:, 1])
+    quantile, see `posterior.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
+    below, equal = share_below(values, weights, truth)
+    tails = 0.5 - 0.5 * np.array(levels)[:, None]
+    inside: BoolArray = (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
     return inside
 
 
 def ranks(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """(D,) in 0..1: the weight of the particles below the truth, those equal to it counted half; the probability
     integral transform, which is evenly distributed for a calibrated posterior (Hamill 2001)."""
-    below = weights @ (values < truth) + 0.5 * (weights @ (values == truth))
-    return np.asarray(below, dtype=np.float64)
+    below, equal = share_below(values, weights, truth)
+    found: FloatArray = (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
+    return found
+
+
+def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
+    """(2, D): the weight of the particles below the truth, and of those equal to it."""
+    shares = np.zeros((2, len(truth)))
+    _add_shares(np.ascontiguousarray(values), weights, truth, shares)
+    return shares
 
 
 def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
@@ -36,12 +50,13 @@ def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
 def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """The continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq. 21), in
     the quantity's unit; the absolute error where all particles are equal."""
-    columns = np.ascontiguousarray(values.T)
-    order = np.argsort(columns, axis=1)
-    x, reached = np.take_along_axis(columns, order, axis=1), np.cumsum(weights[order], axis=1)[:, :-1]
-    # half of E|x − x'| = Σ over gaps between neighbours of gap · F (1 − F)
-    spread = (np.diff(x, axis=1) * reached * (1.0 - reached)).sum(axis=1)
-    score: FloatArray = (np.abs(columns - truth[:, None]) * weights).sum(axis=1) - spread
+    columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
+
+    def some(first: int, last: int) -> None:
+        order = np.argsort(columns[first:last], axis=1)
+        _score(columns[first:last], order, weights, truth[first:last], score[first:last])
+
+    over_threads(some, len(truth), 1)
     return score
 
 
@@ -53,3 +68,26 @@ def log_score(values: FloatArray, weights: FloatArray, truth: FloatArray) -> Flo
     with np.errstate(divide="ignore", invalid="ignore"):
         score = 0.5 * (np.log(2.0 * np.pi * variance) + (truth - mean) ** 2 / variance)
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_shares(values: Any, weights: Any, truth: Any, shares: Any) -> None:
+    for i in range(values.shape[0]):
+        for d in range(values.shape[1]):
+            shares[0, d] += weights[i] if values[i, d] < truth[d] else 0.0
+            shares[1, d] += weights[i] if values[i, d] == truth[d] else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _score(columns: Any, order: Any, weights: Any, truth: Any, score: Any) -> None:
+    """`crps` of columns (D, N) of which the order (D, N) is known."""
+    for d in range(columns.shape[0]):
+        apart, spread, reached, before = 0.0, 0.0, 0.0, columns[d, order[d, 0]]
+        for k in order[d]:
+            x = columns[d, k]
+            # half of E|x − x'| = Σ over gaps between neighbours of gap · F (1 − F)
+            spread += (x - before) * reached * (1.0 - reached)
+            apart += weights[k] * abs(x - truth[d])
+            reached += weights[k]
+            before = x
+        score[d] = apart - spread

@@ -192,7 +192,7 @@ def pose_ranks(step: Step) -> FloatArray:
 
 
 def _spread(step: Step) -> BoolArray:
-    differ: BoolArray = np.ptp(step.poses, axis=0) > 0.0
+    differ: BoolArray = (step.poses != step.poses[0]).any(axis=0)
     return differ
 
 
