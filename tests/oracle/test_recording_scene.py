@@ -22,14 +22,9 @@ def random_pose(seed=0):
     return pose
 
 
-def logged(entities):
-    """{entity path: {component: value}} of what a function of the scene returns."""
-    return {
-        path: {
-            batch.component_descriptor().component: batch.as_arrow_array() for batch in archetype.as_component_batches()
-        }
-        for path, archetype in entities
-    }
+def shown(rows):
+    """{entity path: {field: value}} of what a function of the scene returns."""
+    return {path: row.fields for path, row in rows}
 
 
 def test_chains_cover_every_bone_once():
@@ -68,9 +63,8 @@ def test_solids_have_the_limbs_sections_and_stay_inside_their_ends():
 
 def test_solids_move_with_their_joints():
     pose = random_pose()
-    body = logged(scene.estimate(scene.figure(BODY), pose))["world/estimate/body"]
-    centers = np.array(body["Ellipsoids3D:centers"].to_pylist())
-    quaternions = np.array(body["Ellipsoids3D:quaternions"].to_pylist())
+    body = shown(scene.estimate(scene.figure(BODY), pose))["world/estimate/body"]
+    centers, quaternions = body["centers"], body["quaternions"]
     figure, frames = scene.figure(BODY), forward(BODY.skeleton, pose[None])
     for e in range(len(centers)):
         x, y, z, w = quaternions[e]
@@ -89,12 +83,11 @@ def test_heavier_particles_are_brighter():
 
 def test_overlays_lie_where_the_undistorted_camera_sees_the_joints():
     camera = plain_camera(640, 480, 600.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
-    shown = images.picture(replace(camera, distortion=LENS))
+    picture = images.picture(replace(camera, distortion=LENS))
     positions = joints(BODY.skeleton, random_pose()[None])
     chains = scene.figure(BODY).chains
-    (drawn,) = logged(images.overlay(shown, "estimate", positions, chains)).values()
-    strips = np.array(drawn["LineStrips2D:strips"].to_pylist())
-    assert strips == pytest.approx(camera.project(positions)[0][chains], abs=1e-3)  # float32
+    (drawn,) = shown(images.overlay(picture, "estimate", positions, chains)).values()
+    assert drawn["strips"] == pytest.approx(camera.project(positions)[0][chains], abs=1e-3)  # float32
 
 
 def test_what_is_behind_the_camera_is_not_drawn():
@@ -104,9 +97,9 @@ def test_what_is_behind_the_camera_is_not_drawn():
     positions = joints(BODY.skeleton, np.stack([pose, random_pose()]))
     shades = np.array([[10, 20, 30], [40, 50, 60]], dtype=np.uint8)
     chains = scene.figure(BODY).chains
-    (drawn,) = logged(images.overlay(images.picture(camera), "particles", positions, chains, shades)).values()
-    assert len(drawn["LineStrips2D:strips"]) == len(drawn["LineStrips2D:colors"]) == len(chains)
-    assert set(drawn["LineStrips2D:colors"].to_pylist()) == {(40 << 24) + (50 << 16) + (60 << 8) + 255}
+    (drawn,) = shown(images.overlay(images.picture(camera), "particles", positions, chains, shades)).values()
+    assert len(drawn["strips"]) == len(drawn["colors"]) == len(chains)
+    assert {tuple(colour) for colour in drawn["colors"].tolist()} == {(40, 50, 60)}
 
 
 def test_straightened_pixels_undo_the_lens():

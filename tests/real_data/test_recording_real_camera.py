@@ -26,8 +26,7 @@ def test_a_real_image_is_straightened_as_its_marks_are(data):
     assert read
     shown = images.picture(camera)
     ((_, logged),) = images.image(shown, np.ascontiguousarray(frame[..., ::-1]), 95)
-    jpeg = np.frombuffer(logged.blob.as_arrow_array()[0].values.to_numpy(), dtype=np.uint8)
-    straight = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    straight = cv2.imdecode(logged.fields["blob"][0], cv2.IMREAD_COLOR)
     assert straight.shape == (camera.height, camera.width, 3)
     # The video is 8 px narrower than its calibration says; the recording has the calibrated size.
     reference = cv2.undistort(frame, camera.matrix, camera.distortion)

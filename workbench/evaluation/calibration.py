@@ -74,8 +74,9 @@ def log_score(values: FloatArray, weights: FloatArray, truth: FloatArray) -> Flo
 def _add_shares(values: Any, weights: Any, truth: Any, shares: Any) -> None:
     for i in range(values.shape[0]):
         for d in range(values.shape[1]):
-            shares[0, d] += weights[i] if values[i, d] < truth[d] else 0.0
-            shares[1, d] += weights[i] if values[i, d] == truth[d] else 0.0
+            # products, not a choice of sums, become vector instructions
+            shares[0, d] += weights[i] * (1.0 if values[i, d] < truth[d] else 0.0)
+            shares[1, d] += weights[i] * (1.0 if values[i, d] == truth[d] else 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

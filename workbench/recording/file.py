@@ -98,7 +98,11 @@ class RecordingFile:
         RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
         os.replace(self.part, self.path)
 
-    def send(self, entities: Iterable[tuple[str, rr.AsComponents]], static: bool = False) -> None:
+    def send(
+        self,
+        entities: Iterable[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]],
+        static: bool = False,
+    ) -> None:
         """Log pairs (entity path, archetype)."""
         for path, archetype in entities:
             self.stream.log(path, archetype, static=static)

@@ -17,6 +17,7 @@ from workbench.body.camera import Camera
 from workbench.datasets.frame import Truth
 from workbench.errors import InputError
 from workbench.recording import colours
+from workbench.recording.rows import Row, Rows
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
@@ -67,19 +68,19 @@ def fixed(shown: Picture) -> Entities:
         yield f"{shown.path}/image/{name}", looks
 
 
-def image(shown: Picture, pixels: ByteArray, jpeg_quality: int) -> Entities:
+def image(shown: Picture, pixels: ByteArray, jpeg_quality: int) -> Rows:
     """One image, (height, width) grey or (height, width, 3) RGB, straightened, as a JPEG."""
     if shown.maps is not None:
         pixels = np.asarray(cv2.remap(pixels, *shown.maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if pixels.ndim == 3:
         pixels = pixels[..., ::-1]  # OpenCV encodes BGR
     _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
-    yield f"{shown.path}/image", rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+    yield f"{shown.path}/image", Row(rr.EncodedImage, {"blob": [jpeg.ravel()], "media_type": ["image/jpeg"]})
 
 
 def overlay(
     shown: Picture, name: str, positions: FloatArray, chains: IntArray, shades: ByteArray | None = None
-) -> Entities:
+) -> Rows:
     """Skeletons with joints (n, J, 3), m, drawn as chains (C, longest) of joints; shades: (n, 3) colours.
 
     Chains that reach behind the camera are left out.
@@ -87,8 +88,8 @@ def overlay(
     pixels = shown.camera.project(positions)[:, chains]
     strips = pixels.reshape(-1, *pixels.shape[2:]).astype(np.float32)
     seen = np.isfinite(strips).all(axis=(1, 2))
-    colors = None if shades is None else np.repeat(shades, len(chains), axis=0)[seen]
-    yield f"{shown.path}/image/{name}", rr.LineStrips2D.from_fields(strips=strips[seen], colors=colors)
+    colors = {} if shades is None else {"colors": np.repeat(shades, len(chains), axis=0)[seen]}
+    yield f"{shown.path}/image/{name}", Row(rr.LineStrips2D, {"strips": strips[seen], **colors})
 
 
 def truth_marks(shown: Picture, known: Truth | None, names: tuple[str, ...]) -> Entities:

@@ -1,6 +1,6 @@
 """The posterior over frames: marginals as brightness plots, 5–95 % bands, histograms of coefficients."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,8 +14,9 @@ from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
 from workbench.recording import colours
 from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
+from workbench.recording.rows import Row, Rows
 
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 
 SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
@@ -97,20 +98,22 @@ class Posterior:
             reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
             edges = max(float(reach), 1e-6) * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
             self._edges.append(edges)
+            empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(edges, 1.0), color=colours.ESTIMATE)
+            values = rr.BarChart.descriptor_values()  # static ones would stand for those of every frame
+            yield f"coefficients/{k}", [b for b in empty.as_component_batches() if b.component_descriptor() != values]
             if self._scale is not None:
                 density = np.exp(-0.5 * ((edges[1:] + edges[:-1]) / (2.0 * self._scale[k - 1])) ** 2)
                 model = rr.BarChart(density / density.sum(), **_bars(edges, 0.25), color=colours.MODEL)
                 yield f"coefficients/{k}/model", model
 
-    def histograms(self, step: Step) -> Entities:
+    def histograms(self, step: Step) -> Rows:
         """The weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
         weights = np.exp(step.log_weights)
         for k, (column, edges) in enumerate(zip(self.coefficients, self._edges, strict=True), start=1):
-            mass = histogram(step.particles[:, column], weights, edges)
-            if len(self.frames) == 1:
-                yield f"coefficients/{k}", rr.BarChart(mass, **_bars(edges, 1.0), color=colours.ESTIMATE)
-            else:  # bins and colour hold from the first frame on
-                yield f"coefficients/{k}", rr.BarChart.from_fields(values=mass)
+            yield (
+                f"coefficients/{k}",
+                Row(rr.BarChart, {"values": histogram(step.particles[:, column], weights, edges)}),
+            )
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
         """The marginals over all frames so far, [parameter, bin, frame] log mass, and what their axes stand for."""

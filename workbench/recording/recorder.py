@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -17,6 +18,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
+from workbench.datasets.frame import Frame, View
 from workbench.errors import InputError
 from workbench.inference.step import Step
 from workbench.priors.state import StateSpace
@@ -25,6 +27,7 @@ from workbench.recording.file import RecordingFile
 from workbench.recording.marginals import systematic
 from workbench.recording.posterior import Posterior
 from workbench.recording.ranks import Ranks
+from workbench.recording.rows import Columns, Rows
 from workbench.recording.series import Series
 from workbench.recording.trails import Trails
 
@@ -69,7 +72,7 @@ class Recorder:
         self._body = body
         self._figure = scene.figure(body)
         self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._series, self._bands = Series(), Series()
+        self._series, self._bands, self._columns = Series(), Series(), Columns()
         self._trails, self._ranks = Trails(self._figure), Ranks()
         self._pictures: dict[str, images.Picture] = {}
         _check("n_particles_shown", n_particles_shown, 1, 10_000)
@@ -109,6 +112,7 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._send_pictures()
+        self._columns.write(self._stream)
         self._series.write(self._stream)
         self._file.__exit__(kind, error, trace)
 
@@ -135,8 +139,7 @@ class Recorder:
         if self._n_frames == 0:
             self._begin(step)
         self._lay_out(step, tuple(measured))
-        self._log_scene(step)
-        self._file.send(self._posterior.histograms(step))
+        self._columns.add(frame.index, time, chain(self._scene(step), self._posterior.histograms(step)))
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
@@ -158,37 +161,44 @@ class Recorder:
         """Record what the run took as the property `cost`, in which equal runs differ."""
         self._file.send_property("cost", {name: float(value) for name, value in cost.items()})
 
-    def _log_scene(self, step: Step) -> None:
-        figure, truth = self._figure, step.frame.truth
-        true = scene.true_joints(figure.skeleton, truth)
+    def _scene(self, step: Step) -> Rows:
+        """What the world and the images show. Meshes, marks and keypoints are logged on the way, frame by frame."""
+        figure, views = self._figure, step.frame.views
+        true = scene.true_joints(figure.skeleton, step.frame.truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
         drawn = np.unique(systematic(np.exp(step.log_weights), self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
-        self._file.send(scene.estimate(figure, step.expected_pose))
+        yield from scene.estimate(figure, step.expected_pose)
+        yield from scene.particles(figure, cloud, shades)
+        yield from scene.truth(figure, true)
+        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
+        for view in views:
+            shown = self._picture(view.camera)
+            yield from images.image(shown, view.image, self._jpeg_quality)
+            yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
+            yield from images.overlay(shown, "estimate", expected, figure.chains)
+            yield from images.overlay(shown, "truth", true, figure.chains)
+            self._log_keypoints(view)
+        if step.frame.points is not None:
+            yield from scene.points(step.frame.points, step.attachment)
+        elif not views:
+            self._trails.add(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._file.send(scene.particles(figure, cloud, shades))
-        self._file.send(scene.truth(figure, true))
-        expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
-        for view in step.frame.views:
-            shown = self._picture(view.camera)
-            self._file.send(images.image(shown, view.image, self._jpeg_quality))
-            self._file.send(images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every]))
-            self._file.send(images.overlay(shown, "estimate", expected, figure.chains))
-            self._file.send(images.overlay(shown, "truth", true, figure.chains))
-            if view.keypoints is not None:
-                self._with_keypoints.add(view.camera.name)
-            if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
-                self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
-        if step.frame.points is not None:
-            self._file.send(scene.points(step.frame.points, step.attachment))
-        if not step.frame.views and step.frame.points is None:
-            self._trails.add(expected[0])
-        if step.frame.views:
-            first = self._picture(step.frame.views[0].camera)
-            self._marks |= truth is not None and truth.marks is not None
+        self._log_marks(step.frame)
+
+    def _log_keypoints(self, view: View) -> None:
+        if view.keypoints is not None:
+            self._with_keypoints.add(view.camera.name)
+        if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
+            self._file.send(images.keypoints(self._picture(view.camera), view.keypoints, JOINT_NAMES))
+
+    def _log_marks(self, frame: Frame) -> None:
+        if frame.views:
+            self._marks |= frame.truth is not None and frame.truth.marks is not None
             if self._marks:  # from the first on in every frame, which clears those before
-                self._file.send(images.truth_marks(first, truth, figure.skeleton.names))
+                first = self._picture(frame.views[0].camera)
+                self._file.send(images.truth_marks(first, frame.truth, self._figure.skeleton.names))
 
     def _picture(self, camera: Camera) -> images.Picture:
         if camera.name not in self._pictures:
@@ -243,6 +253,7 @@ class Recorder:
             self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
+        self._columns.write(self._stream)
         self._series.write(self._stream)
         self._file.flush()
 

@@ -1,7 +1,7 @@
 """What a step looks like in the world: skeletons, the solid body, the particles.
 
-The functions return pairs (entity path, archetype). Looks and names never change and are logged once, static;
-the frames then carry positions only.
+Looks and names never change and are logged once, static, as pairs (entity path, archetype); the frames then carry
+positions only, as pairs (entity path, row).
 """
 
 from collections.abc import Iterator
@@ -21,6 +21,7 @@ from workbench.body.surface_mesh import surface_mesh
 from workbench.datasets.frame import Truth
 from workbench.inference.step import Step
 from workbench.recording import colours
+from workbench.recording.rows import Row, Rows
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
@@ -65,16 +66,17 @@ def fixed(drawn: Figure) -> Entities:
     solids = rr.Ellipsoids3D.from_fields(half_sizes=drawn.half_sizes, colors=[colours.BODY], fill_mode="solid")
     yield f"{ESTIMATE}/body", solids
     yield PARTICLES, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.15))
+    yield POINTS, rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.75))
 
 
-def estimate(drawn: Figure, pose: FloatArray) -> Entities:
+def estimate(drawn: Figure, pose: FloatArray) -> Rows:
     """The expected pose (P,) as joints, skeleton and solid body."""
     frames = forward(drawn.skeleton, pose[None])
     yield from _bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
     quaternions = Rotation.from_matrix(rotations @ drawn.axes).as_quat()
-    yield f"{ESTIMATE}/body", rr.Ellipsoids3D.from_fields(centers=centers, quaternions=quaternions)
+    yield f"{ESTIMATE}/body", Row(rr.Ellipsoids3D, {"centers": centers, "quaternions": quaternions})
 
 
 def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
@@ -118,23 +120,23 @@ def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
     return np.empty((0, len(skeleton.names), 3))
 
 
-def truth(drawn: Figure, positions: FloatArray) -> Entities:
+def truth(drawn: Figure, positions: FloatArray) -> Rows:
     """Joints (n, J, 3), m, of one true person or of none, which clears what an earlier frame showed."""
     yield from _bones(drawn, TRUTH, positions)
 
 
-def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Entities:
+def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Rows:
     """Particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
     colors = np.repeat(shades, len(drawn.chains), axis=0)
-    yield PARTICLES, rr.LineStrips3D.from_fields(strips=_strips(drawn, positions), colors=colors)
+    yield PARTICLES, Row(rr.LineStrips3D, {"strips": _strips(drawn, positions), "colors": colors})
 
 
-def points(positions: FloatArray, attachment: IntArray | None) -> Entities:
+def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
     """Observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
     numbers = np.full(len(positions), -1) if attachment is None else attachment
     shades = np.array([*colours.PARTS, colours.NO_PART], dtype=np.uint8)
     order = np.where(numbers < 0, len(colours.PARTS), numbers % len(colours.PARTS))
-    yield POINTS, rr.Points3D(positions, colors=shades[order], radii=rr.Radius.ui_points(1.75))
+    yield POINTS, Row(rr.Points3D, {"positions": positions, "colors": shades[order]})
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:
@@ -148,11 +150,11 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
     return shades
 
 
-def _bones(drawn: Figure, path: str, positions: FloatArray) -> Entities:
+def _bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
     strips = _strips(drawn, positions)
     known = np.isfinite(strips).all(axis=(1, 2))  # of the truth, not every joint is always
-    yield f"{path}/skeleton", rr.LineStrips3D.from_fields(strips=strips[known])
-    yield f"{path}/joints", rr.Points3D.from_fields(positions=positions.reshape(-1, 3))
+    yield f"{path}/skeleton", Row(rr.LineStrips3D, {"strips": strips[known]})
+    yield f"{path}/joints", Row(rr.Points3D, {"positions": positions.reshape(-1, 3)})
 
 
 def _strips(drawn: Figure, positions: FloatArray) -> Float32Array:

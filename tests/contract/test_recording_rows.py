@@ -1,0 +1,69 @@
+"""Rows written as columns are what archetypes logged frame by frame would have been."""
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from workbench.recording.rows import Columns, Row
+
+RNG = np.random.default_rng(0)
+
+
+def bars():
+    return {"values": RNG.random(32)}
+
+
+def strips(n):
+    return {"strips": RNG.random((n, 5, 3)).astype(np.float32), "colors": RNG.integers(0, 255, (n, 3), dtype=np.uint8)}
+
+
+def jpeg(size):
+    return {"blob": [RNG.integers(0, 255, size, dtype=np.uint8)], "media_type": ["image/jpeg"]}
+
+
+ROWS = {
+    "bars": (rr.BarChart, [bars(), bars(), bars()]),
+    "strips, none in one frame": (rr.LineStrips3D, [strips(4), strips(0), strips(1)]),
+    "points": (rr.Points3D, [{"positions": RNG.random((3, 3))}, {"positions": RNG.random((2, 3))}]),
+    "images": (rr.EncodedImage, [jpeg(100), jpeg(7)]),
+}
+
+
+def logged(path, write):
+    """{frame: {component: value}} of what `write(stream)` leaves at the entity `it` of a file."""
+    stream = rr.RecordingStream("test", recording_id="rows", batcher_config=rr.ChunkBatcherConfig.NEVER())
+    stream.set_sinks(rr.FileSink(path))
+    write(stream)
+    stream.disconnect()
+    found = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        if chunk.entity_path == "/it":
+            batch = chunk.to_record_batch()
+            frames = np.asarray(batch.column("frame"), dtype=np.int64).tolist()
+            for name in [name for name in batch.schema.names if ":" in name]:  # a component, no index
+                values = dict(zip(frames, batch.column(name).to_pylist(), strict=True))
+                for frame, value in values.items():
+                    found.setdefault(frame, {}).update({name: value} if value is not None else {})
+    return found
+
+
+@pytest.mark.parametrize(("kind", "fields"), ROWS.values(), ids=ROWS.keys())
+def test_columns_hold_what_archetypes_hold(tmp_path, kind, fields):
+    def one_by_one(stream):
+        for frame, given in enumerate(fields):
+            stream.set_time("frame", sequence=frame)
+            stream.set_time("time", duration=np.timedelta64(frame, "s"))
+            stream.log("it", kind.from_fields(**given))
+
+    def at_once(stream):
+        columns = Columns()
+        for frame, given in enumerate(fields):
+            columns.add(frame, np.timedelta64(frame * 10**9, "ns"), [("it", Row(kind, given))])
+        columns.write(stream)
+        columns.write(stream)  # nothing waits any more
+
+    expected, found = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (one_by_one, at_once))
+    assert len(expected) == len(fields)
+    assert all(expected.values())
+    assert found == expected
