@@ -37,6 +37,7 @@ from workbench.likelihoods.image_motion_patches import (
     COVER,
     DX,
     EX,
+    OUTSIDE,
     PAIR,
     PATCH,
     WX,
@@ -94,6 +95,12 @@ GREY_STEP = 255.0 / 65535.0
 BLOCK = 25 * LANES
 """Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
 
+SHARED = 16 * LANES
+"""Particles among which equal poses before are looked up once; what is kept of these fits into the second-level
+cache."""
+
+NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)
+"""What is known of a limb in the image before."""
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
 WIDTH, HEIGHT = 21, 22
 """Columns of a camera, after those that patches use."""
@@ -207,49 +214,79 @@ def _run(
     first: int, last: int, skeleton: Any, table: Any, joints: Any, samples: Any, samples32: Any, model: Any,
     cameras: Any, image_before: Any, poses_before: Any, image_now: Any, poses_now: Any, log_prob: Any, outside: Any,
 ) -> None:  # fmt: skip
-    """Particles `first` to `last`, LANES at a time; in place of those beyond the last, the last one is repeated."""
-    n_limbs, n = joints.shape[0], samples.shape[1]
-    patches = np.empty((2, n_limbs, PATCH))
-    covers, boxes, pair = np.empty((n_limbs, COVER)), np.empty((n_limbs, 6)), np.empty(PAIR)
-    marks = np.empty(n * LANES, dtype=np.int32)
-    frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((poses_now.shape[1] + 9) * LANES)
-    local, corners = np.empty((2, LOCAL), dtype=np.float32), np.empty((2, LANES), dtype=np.int32)
-    index, words = np.empty(2 * BLOCK, dtype=np.uint32), np.empty(2 * BLOCK, dtype=np.uint64)
-    fractions, levels = np.empty(4 * BLOCK, dtype=np.float32), np.empty(2 * BLOCK, dtype=np.float32)
+    """Particles `first` to `last`, SHARED at a time: of these the different poses before, then the poses now. Both go
+    LANES at a time through one place in the code, which compiles faster than two; the last one fills the lanes left."""
+    n_limbs, n, n_dofs = joints.shape[0], samples.shape[1], poses_now.shape[1]
+    patches, covers = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER))
+    boxes, pair, marks = np.empty((n_limbs, 6)), np.empty(PAIR), np.zeros(n * LANES, dtype=np.int32)
+    frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((n_dofs + 9) * LANES)
+    parents, parent = np.empty((SHARED, n_dofs)), np.empty(SHARED, dtype=np.int32)
+    known, states = np.empty((n_limbs, SHARED * n), dtype=np.float32), np.empty((n_limbs, SHARED), dtype=np.int32)
+    local, lanes = np.empty(LOCAL, dtype=np.float32), np.empty((6, LANES), dtype=np.int32)
+    corners, whole, family, starts, inside, seen = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5]
+    index, words = np.empty(BLOCK, dtype=np.uint32), np.empty(BLOCK, dtype=np.uint64)
+    fractions, before = np.empty(2 * BLOCK, dtype=np.float32), np.empty(n * LANES, dtype=np.float32)
+    there, still = np.empty(n * LANES, dtype=np.float32), np.empty(n * LANES * model.still_background, dtype=np.float32)
     squares, sums = np.zeros(2 * LANES), np.empty(3 * LANES)
-    inside, seen = np.empty(LANES, dtype=np.int32), np.empty(LANES, dtype=np.int32)
-    _clear(marks)
-    for chunk in range(first, last, LANES):
-        for t in range(2):  # one place in the code for both frames compiles faster than two
-            lane_frames(poses_now if t == 1 else poses_before, chunk, skeleton, values, frames)
-            for limb in range(n_limbs):
-                patch(table[limb], cameras[t], frames[joints[limb]], patches[t, limb])
-        for limb in range(n_limbs):
-            cover(table[limb], patches[1, limb], covers[limb], boxes[limb])
-        for i in range(LANES):
-            sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
-        for limb in range(n_limbs):
-            n_inside = 0
-            for t in range(2):
-                if _localise(patches[t, limb], cameras[t], local[t], corners[t]):
-                    n_inside += 1
-                else:
-                    mark_outside(patches[t, limb], samples, cameras[t, WIDTH], cameras[t, HEIGHT], marks)
-            tested = n_inside < 2
-            _count(marks, tested, inside)
-            if model.occlusion != NO_OCCLUSION:
-                whole = model.occlusion == LIMB_OCCLUSION
-                tested |= mark_hidden(table, limb, samples, patches[1], covers, boxes, whole, pair, marks)
-            if _count(marks, tested, seen) > 0:
-                _compare(
-                    local, corners, cameras[0, WIDTH], cameras[1, WIDTH], samples32, marks, tested,
-                    model.still_background, image_before, image_now, index, fractions, words, levels, squares,
-                )  # fmt: skip
-            _add_limb(model, patches[0, limb], patches[1, limb], squares, inside, seen, n, sums)
-            if tested:
-                _clear(marks)
-        for i in range(min(LANES, last - chunk)):
-            log_prob[chunk + i], outside[chunk + i] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
+    hiding, rule = model.occlusion != NO_OCCLUSION, model.occlusion == LIMB_OCCLUSION
+    for block in range(first, last, SHARED):
+        n_children = min(SHARED, last - block)
+        n_parents = _tell_parents(poses_before[block : block + n_children], parents, parent)
+        for now in range(2):
+            image, poses = (image_now, poses_now[block:last]) if now else (image_before, parents)
+            n_poses, camera = n_children if now else n_parents, cameras[now]
+            for chunk in range(0, n_poses, LANES):
+                lane_frames(poses[:n_poses], chunk, skeleton, values, frames)
+                for limb in range(n_limbs):
+                    patch(table[limb], camera, frames[joints[limb]], patches[limb])
+                    if now:
+                        cover(table[limb], patches[limb], covers[limb], boxes[limb])
+                for i in range(LANES):
+                    sums[i], sums[LANES + i], sums[2 * LANES + i] = 0.0, 1.0, 0.0
+                    family[i] = parent[min(chunk + i, n_children - 1)]
+                    starts[i] = family[i] // LANES * (n * LANES) + family[i] % LANES
+                for limb in range(n_limbs):
+                    tested = not _localise(patches[limb], camera, local, corners, whole)
+                    if tested:
+                        mark_outside(patches[limb], samples, camera[WIDTH], camera[HEIGHT], marks)
+                    if now:
+                        tested |= _recall(known[limb], states[limb], family, starts, before, marks, whole)
+                        _count(marks, tested, inside)
+                        if hiding:
+                            tested |= mark_hidden(table, limb, samples, patches, covers, boxes, rule, pair, marks)
+                    levels = there if now else known[limb, chunk * n : (chunk + LANES) * n]
+                    if _count(marks, tested, seen) > 0:
+                        _look_up(
+                            local, corners, camera[WIDTH], samples32, marks, tested, image, image_before,
+                            index, fractions, words, levels, still if now else still[:0],
+                        )  # fmt: skip
+                    if now:
+                        _add_differences(before, there, still, marks, tested, squares)
+                        _add_limb(model, whole, patches[limb], squares, inside, seen, n, sums)
+                    else:
+                        _keep(patches[limb], marks, tested, whole, chunk, levels, states[limb])
+                    if tested:
+                        _clear(marks)
+                if now:
+                    for i in range(min(LANES, n_children - chunk)):
+                        k = block + chunk + i
+                        log_prob[k], outside[k] = sums[i] + np.log(sums[LANES + i]), sums[2 * LANES + i]
+
+
+@inlined
+def _tell_parents(poses: Any, parents: Any, parent: Any) -> int:
+    """Write the poses (N, P) without repetitions in a row, and which of these each of them is; their number."""
+    n = -1
+    for i in range(poses.shape[0]):
+        new = i == 0
+        for p in range(poses.shape[1]):
+            new |= i > 0 and poses[i, p] != poses[i - 1, p]
+        if new:
+            n += 1
+            for p in range(poses.shape[1]):
+                parents[n, p] = poses[i, p]
+        parent[i] = n
+    return n + 1
 
 
 @inlined
@@ -274,11 +311,9 @@ def _count(marks: Any, some: bool, unmarked: Any) -> int:
 
 
 @inlined
-def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
-    """Write the patch as float32, from a pixel of the image near its own corner, and that pixel's index.
-
-    True if the patches of all lanes lie between the centres of the image's pixels.
-    """
+def _localise(patch: Any, camera: Any, local: Any, corners: Any, whole: Any) -> bool:
+    """Write the patch as float32, from a pixel of the image near its own corner; that pixel's index; and per lane
+    whether the patch lies between the centres of the image's pixels. True if all do."""
     width, height = camera[WIDTH], camera[HEIGHT]
     n = 0
     for i in range(LANES):
@@ -286,7 +321,8 @@ def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
         y, dy, wy, ey = patch[i + AY], patch[i + AY + DX], patch[i + AY + WX], patch[i + AY + EX]
         left, right = min(x - abs(wx), x + dx - abs(wx + ex)), max(x + abs(wx), x + dx + abs(wx + ex))
         top, bottom = min(y - abs(wy), y + dy - abs(wy + ey)), max(y + abs(wy), y + dy + abs(wy + ey))
-        n += 1 if (left >= 0.0) & (right < width - 1.0) & (top >= 0.0) & (bottom < height - 1.0) else 0
+        whole[i] = 1 if (left >= 0.0) & (right < width - 1.0) & (top >= 0.0) & (bottom < height - 1.0) else 0
+        n += whole[i]
         column = np.floor(min(max(left, 0.0), width - 1.0))
         row = np.floor(min(max(top, 0.0), height - 1.0))
         corners[i] = np.int32(row * width + column)
@@ -296,30 +332,49 @@ def _localise(patch: Any, camera: Any, local: Any, corners: Any) -> bool:
 
 
 @inlined
-def _compare(
-    local: Any, corners: Any, width_before: float, width_now: float, samples: Any, marks: Any, tested: bool,
-    still: bool, image_before: Any, image_now: Any, index: Any, fractions: Any, words: Any, levels: Any, squares: Any,
+def _keep(patch: Any, marks: Any, tested: bool, whole: Any, chunk: int, levels: Any, states: Any) -> None:
+    """Keep the state, see NO_PATCH, of a limb of LANES parents from `chunk` on; marked grey levels become NaN."""
+    if tested:
+        for j in range(levels.shape[0]):
+            levels[j] = levels[j] if marks[j] == 0 else np.float32(np.nan)
+    for i in range(LANES):
+        states[chunk + i] = NO_PATCH if patch[i + COSINE] <= 0.0 else WHOLE if whole[i] else PARTLY_OUTSIDE
+
+
+@inlined
+def _recall(known: Any, states: Any, family: Any, starts: Any, levels: Any, marks: Any, patched: Any) -> bool:
+    """Write the grey levels that were kept of each lane's parent, mark those outside, and write whether the parent's
+    limb has a patch. True if any is marked."""
+    n, some = levels.shape[0] // LANES, 0
+    for k in range(n):
+        for i in range(LANES):
+            levels[k * LANES + i] = known[np.uint32(starts[i] + k * LANES)]
+    for i in range(LANES):
+        patched[i] = 0 if states[family[i]] == NO_PATCH else 1
+        some += 0 if states[family[i]] == WHOLE else 1
+    if some > 0:
+        for j in range(levels.shape[0]):
+            marks[j] |= OUTSIDE if levels[j] != levels[j] else 0
+    return some > 0
+
+
+@inlined
+def _look_up(
+    local: Any, corners: Any, width: float, samples: Any, marks: Any, tested: bool, image: Any, image_before: Any,
+    index: Any, fractions: Any, words: Any, levels: Any, still: Any,
 ) -> None:  # fmt: skip
-    """Sums (2 rows) of the squared differences over the points that are not marked: between the images, and (if
-    `still`) to the same pixel of the image before."""
-    for i in range(2 * LANES):
-        squares[i] = 0.0
+    """The grey levels of a limb's points, and, where `still` is not empty, of the same pixels of the image before."""
     u, v = samples[0], samples[1]
     for first in range(0, u.shape[0], BLOCK // LANES):
-        n = min(BLOCK // LANES, u.shape[0] - first)
-        us, vs, left_out = u[first : first + n], v[first : first + n], marks[first * LANES :]
-        for t in range(2):
-            width, at, within = width_now if t == 1 else width_before, index[t * BLOCK :], fractions[2 * t * BLOCK :]
-            _indices(local[t], corners[t], width, us, vs, left_out, tested, at, within)
-        _fetch(image_before, index, words, n)
-        _fetch(image_now, index[BLOCK:], words[BLOCK:], n)
-        _interpolate(words, fractions, n, levels)
-        _interpolate(words[BLOCK:], fractions[2 * BLOCK :], n, levels[BLOCK:])
-        _add_squares(levels, levels[BLOCK:], left_out, tested, n, squares[:LANES])
-        if still:
-            _fetch(image_before, index[BLOCK:], words, n)
-            _interpolate(words, fractions[2 * BLOCK :], n, levels)
-            _add_squares(levels, levels[BLOCK:], left_out, tested, n, squares[LANES:])
+        n, at = min(BLOCK // LANES, u.shape[0] - first), first * LANES
+        _indices(
+            local, corners, width, u[first : first + n], v[first : first + n], marks[at:], tested, index, fractions
+        )
+        _fetch(image, index, words, n)
+        _interpolate(words, fractions, n, levels[at:])
+        if still.shape[0] > 0:
+            _fetch(image_before, index, words, n)
+            _interpolate(words, fractions, n, still[at:])
 
 
 @inlined
@@ -362,25 +417,33 @@ def _interpolate(words: Any, fractions: Any, n: int, levels: Any) -> None:
 
 
 @inlined
-def _add_squares(before: Any, now: Any, marks: Any, tested: bool, n: int, squares: Any) -> None:
-    """Add the squared differences of the points that are not marked."""
-    for j in range(n * LANES):
+def _add_differences(before: Any, now: Any, still: Any, marks: Any, tested: bool, squares: Any) -> None:
+    """Sums (2 rows) of the squared differences over the points that are not marked: between the images, and to the same
+    pixel of the image before, of which `still` holds the levels or nothing."""
+    for i in range(2 * LANES):
+        squares[i] = 0.0
+    for j in range(now.shape[0]):
         residual = now[j] - before[j]
         if tested:
             residual = residual if marks[j] == 0 else np.float32(0.0)
         before[j] = residual * residual
-    for k in range(n):
-        for i in range(squares.shape[0]):
+    for k in range(now.shape[0] // LANES):
+        for i in range(LANES):
             squares[i] += before[k * LANES + i]
+    for k in range(still.shape[0] // LANES):
+        for i in range(LANES):
+            j = k * LANES + i
+            residual = now[j] - still[j] if marks[j] == 0 else np.float32(0.0)
+            squares[LANES + i] += residual * residual
 
 
 @inlined
-def _add_limb(model: Any, before: Any, now: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
+def _add_limb(model: Any, patched: Any, patch: Any, squares: Any, inside: Any, seen: Any, n: int, sums: Any) -> None:
     """Count a limb in (A eq. 10–12). Rows of the sums: a part of the log likelihood, the product of likelihoods whose
     logarithm is the rest, and how many points lay outside the images."""
     flat, peak = model.epsilon / 256.0, (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma)
     for i in range(LANES):
-        cos_alpha = now[i + COSINE] if before[i + COSINE] > 0.0 else 0.0
+        cos_alpha = patch[i + COSINE] if patched[i] else 0.0
         if cos_alpha == 0.0:
             sums[2 * LANES + i] += n
             _multiply(model.p_occluded, i, sums)
