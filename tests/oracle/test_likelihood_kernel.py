@@ -146,3 +146,18 @@ def test_one_and_two_threads_give_the_same_bits():
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(results[0], results[1])
+
+
+@pytest.mark.parametrize("camera", ["front", "cut off"])
+def test_what_children_of_one_parent_share_changes_no_bit(camera):
+    """Runs of equal poses before, of all lengths, across the particles that are handled together."""
+    likelihood, n = ImageMotion(scenes.PERSON), 2 * image_motion_kernel.SHARED + 7
+    previous, frame, previous_poses, poses = scene(CAMERAS[camera], n)
+    lengths = np.random.default_rng(0).integers(1, 40, n)
+    shared = np.repeat(previous_poses, lengths, axis=0)[:n]
+    together = likelihood.log_prob(previous, frame, shared, poses)
+    order = np.random.default_rng(1).permutation(n)
+    apart = np.empty(n)
+    apart[order] = likelihood.log_prob(previous, frame, shared[order], poses[order])
+    np.testing.assert_array_equal(together, apart)
+    assert len(np.unique(together)) > n / 2
