@@ -13,17 +13,24 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import cyclic, draws, filters
+from analysis.benchmarks import cyclic, draws, filters, likelihood, start, step
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
 
 BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
+    "kernel_vs_numpy": likelihood.kernel_figures,
+    "kernel_vs_lookups": likelihood.kernel_figures,
+    "step_fps": step.speed_figures,
+    "two_threads": likelihood.thread_figures,
     "tree_draw_us": draws.tree_figures,
     "exact_draw_us": draws.exact_figures,
     "tree_vs_ckdtree": draws.tree_figures,
     "filter_overhead_vs_peers": filters.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
+    "recording_share": step.recording_figures,
+    "start_compile_s": start.figures,
+    "start_cached_s": start.figures,
 }
 """What measures each figure."""
 

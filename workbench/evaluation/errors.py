@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray
+from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
@@ -171,7 +171,7 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
 def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
     """coverage_50, coverage_90, crps_mm, crps_deg and log_score over the true pose's (P,) numbers, but those that the
     prior holds fixed: no spread among the particles. log_score is left out where only one particle has a weight."""
-    spread = _spread(step)
+    spread = step.spread
     if not spread.any():
         return {"coverage_90": float("nan")}
     values, weights, true = step.poses[:, spread], np.exp(step.log_weights), pose[spread]
@@ -185,15 +185,10 @@ def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
 
 def pose_ranks(step: Step) -> FloatArray:
     """The ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where the pose is unknown."""
-    truth, spread = step.frame.truth, _spread(step)
+    truth, spread = step.frame.truth, step.spread
     if truth is None or truth.pose is None:
         return np.zeros(0)
     return ranks(step.poses[:, spread], np.exp(step.log_weights), truth.pose[spread])
-
-
-def _spread(step: Step) -> BoolArray:
-    differ: BoolArray = (step.poses != step.poses[0]).any(axis=0)
-    return differ
 
 
 def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.datasets.frame import Frame
 from workbench.priors.state import StateSpace
 
@@ -38,3 +39,9 @@ class Step:
     warnings: tuple[str, ...] = ()
     evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def spread(self) -> BoolArray:
+        """(P,): the pose's numbers in which the particles differ; the others are held fixed by the prior."""
+        differ: BoolArray = (self.poses != self.poses[0]).any(axis=0)
+        return differ

@@ -7,6 +7,8 @@ import rerun as rr
 
 from workbench.arrays import FloatArray
 
+_SCALARS = rr.Scalars.descriptor_scalars()
+
 
 class Series:
     """Rows of numbers per entity path, waiting to be written."""
@@ -28,6 +30,7 @@ class Series:
             if frames not in indexes:
                 time = rr.TimeColumn("time", duration=np.array(times))
                 indexes[frames] = [rr.TimeColumn("frame", sequence=frames), time]
-            columns = rr.Scalars.columns(scalars=np.concatenate(values)).partition([len(row) for row in values])
-            stream.send_columns(path, indexes=indexes[frames], columns=columns)
+            batch = rr.components.ScalarBatch(np.concatenate(values))
+            column = rr.ComponentColumn(_SCALARS, batch, lengths=[len(row) for row in values])
+            stream.send_columns(path, indexes=indexes[frames], columns=[column])
         self._rows.clear()
