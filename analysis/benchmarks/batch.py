@@ -73,7 +73,8 @@ def figures() -> list[Figure]:
     """Milliseconds a frame, and how many times as long scipy takes."""
     with threadpool_limits(limits=1, user_api="blas"):
         scene = _scene()
-        states, fit = scene.start(), scene.fit(scene.start())
+        states = scene.start()
+        fit = scene.fit(states)
         ours, start = fastest_s([partial(scene.fit, states), scene.start], clock=time.thread_time)
         problem = scene.problem()
         began = time.thread_time()

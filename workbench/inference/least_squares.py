@@ -283,6 +283,7 @@ class LeastSquares:
         frames = forward(self.skeleton, pose[None])
         parts = attach(self.surface, frames, points, self.kind)
         arguments = (self.skeleton, self.surface, pose, points, self.kind, parts)
+        residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
         began = perf_counter()
         residuals(*arguments)
         between = perf_counter()
