@@ -99,13 +99,13 @@ def figures() -> list[Figure]:
 
 def by_scipy(problem: FitProblem, states: FloatArray) -> OptimizeResult:
     """The same minimum by scipy, from states (T, D)."""
-    asked = _Dense(problem)
+    asked = Dense(problem)
     return least_squares(
         asked.residuals, problem.unknowns(states), asked.jacobian, ftol=TOLERANCE, xtol=None, gtol=None
     )
 
 
-class _Dense:
+class Dense:
     """A problem's cost as ½ |r|², with r (m,) and its derivative (m, n) as dense arrays, kept for the last x."""
 
     def __init__(self, problem: FitProblem) -> None:
@@ -114,10 +114,12 @@ class _Dense:
         self.x = np.full(self.penalty.shape[1], np.nan)
 
     def residuals(self, x: FloatArray) -> FloatArray:
+        """r (m,) at x (n,)."""
         self._evaluate(x)
         return self.found
 
     def jacobian(self, x: FloatArray) -> FloatArray:
+        """Its derivative (m, n)."""
         self._evaluate(x)
         return self.slopes
 
