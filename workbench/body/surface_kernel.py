@@ -159,7 +159,8 @@ def _nearest(
 ) -> Any:  # fmt: skip
     """The nearest part of a point, its log(f / C) and scale, and which half of `terms` (2, …) they were weighed in.
 
-    The likeliest part is weighed first, then those that may be as near by their bounds.
+    The likeliest part is weighed first, and is it where squares overflow; then those that may be as near by their
+    bounds.
     """
     likely = 0
     for part in range(1, least.shape[0]):
