@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import cyclic, draws, filters, likelihood, start, step
+from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, start, step
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -27,6 +27,8 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "exact_draw_us": draws.exact_figures,
     "tree_vs_ckdtree": draws.tree_figures,
     "filter_overhead_vs_peers": filters.figures,
+    "batch_ms_per_frame": batch.figures,
+    "batch_vs_scipy": batch.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
     "recording_share": step.recording_figures,
     "start_compile_s": start.figures,

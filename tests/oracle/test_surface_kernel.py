@@ -6,7 +6,15 @@ import surface_scenes as scenes
 
 from workbench.body import surface_reference
 from workbench.body.kinematics import forward
-from workbench.body.surface import KINDS, attach, residual_jacobian, residuals, skeleton_surface
+from workbench.body.surface import (
+    KINDS,
+    attach,
+    nearest_residual_jacobian,
+    residual_jacobian,
+    residuals,
+    skeleton_surface,
+)
+from workbench.errors import InputError
 
 TREES = [scenes.tree(seed) for seed in range(3)]
 SCENES = {
@@ -32,6 +40,35 @@ def test_kernels_agree_with_the_reference(scene, kind):
             np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
             np.testing.assert_allclose(residuals(*arguments), found, rtol=1e-13, atol=1e-15)
             np.testing.assert_allclose(jacobian, expected_jacobian, rtol=1e-9, atol=1e-10 * np.abs(jacobian).max())
+
+
+@pytest.mark.parametrize("n", [0, 1, 32, 100])  # none, one, one block of the search, and some that end inside one
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
+def test_the_search_and_the_derivative_at_once_agree_with_one_after_the_other(scene, kind, n):
+    pose, frames, points = scenes.pose_and_points(np.random.default_rng(6), *scene, n)
+    attachment = surface_reference.attach(scene[1], frames, points, kind)
+    expected, expected_jacobian = residual_jacobian(*scene, pose, points, kind, attachment)
+    found, jacobian = nearest_residual_jacobian(*scene, pose, points, kind)
+    # the same formulas, which another kernel's compiler may round otherwise
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(jacobian, expected_jacobian, rtol=1e-11, atol=1e-12)
+
+
+def test_points_far_beyond_every_part_still_have_one():
+    """Where squares overflow all parts are equally far, and the residual is not that of another point."""
+    pose, _, points = scenes.pose_and_points(np.random.default_rng(3), *scenes.PERSON, 2)
+    points[1] = 1e200
+    attachment = attach(scenes.PERSON[1], forward(scenes.PERSON[0], pose[None]), points)
+    assert 0 <= attachment[1] < len(scenes.PERSON[1].part_names)
+    found, _ = nearest_residual_jacobian(*scenes.PERSON, pose, points, "distance")
+    np.testing.assert_array_equal(np.isnan(found), [False, True])
+
+
+def test_points_that_are_not_finite_are_refused():
+    points = np.array([[0.0, 0.0, 1.0], [0.0, np.nan, 0.0]])
+    with pytest.raises(InputError, match="expected finite points, found 1 others"):
+        nearest_residual_jacobian(*scenes.PERSON, np.zeros(25), points, "distance")
 
 
 def test_the_scenes_hold_what_they_should():

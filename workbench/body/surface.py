@@ -87,10 +87,11 @@ class Surface:
 
     @cached_property
     def table(self) -> FloatArray:
-        """The kernel's table (E, 16): centre, the axes as rows, 1 / half size², and the largest of these."""
-        inverse = 1.0 / self.half_sizes**2
-        rows = self.axes.swapaxes(1, 2).reshape(-1, 9)
-        return np.column_stack([self.centers, rows, inverse, inverse.max(axis=1)])
+        """The kernel's table (E, 19): centre, the axes over the half sizes as rows, 1 / half size² and half size² along
+        each, and the largest 1 / half size²."""
+        square = self.half_sizes**2
+        rows = (self.axes / self.half_sizes[:, None]).swapaxes(1, 2).reshape(-1, 9)
+        return np.column_stack([self.centers, rows, 1.0 / square, square, 1.0 / square.min(axis=1)])
 
     @cached_property
     def bounds(self) -> IntArray:
@@ -103,9 +104,7 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 
     frames: of one pose, (1, J, ...). Of equals it is the first part. Raises InputError for a point that is not finite.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    if not np.isfinite(points).all():
-        raise InputError(f"surface: expected finite points, found {np.sum(~np.isfinite(points).all(axis=1))} others")
+    points = np.ascontiguousarray(_finite(points), dtype=np.float64)
     attachment = np.empty(len(points), dtype=np.int64)
     surface_kernel.attach(
         *(surface.table, surface.joints, surface.bounds, surface.sharpness, KINDS.index(kind)),
@@ -135,18 +134,34 @@ def residual_jacobian(
     return found, jacobian
 
 
+def nearest_residual_jacobian(
+    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind
+) -> tuple[FloatArray, FloatArray]:
+    """Those of points attached as by `attach` in the same pose; raises as it does."""
+    found, jacobian = np.empty(len(points)), np.empty((len(points), len(pose)))
+    arguments = _arguments(skeleton, surface, pose, _finite(points), kind, found, jacobian)
+    surface_kernel.nearest_residual_jacobian(*arguments)
+    return found, jacobian
+
+
+def _finite(points: FloatArray) -> FloatArray:
+    if not np.isfinite(points).all():
+        raise InputError(f"surface: expected finite points, found {np.sum(~np.isfinite(points).all(axis=1))} others")
+    return points
+
+
 def _arguments(
-    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray,
-    *results: FloatArray,
-) -> tuple[Any, ...]:  # fmt: skip
+    skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, *rows: FloatArray | IntArray
+) -> tuple[Any, ...]:
+    """rows: an attachment, residuals (K,) and what else has a row for every point."""
     n_dofs, n = len(skeleton.dof_names), len(points)
-    if pose.shape != (n_dofs,) or points.shape != (n, 3) or attachment.shape != (n,):
-        found = f"{pose.shape}, {points.shape} and {attachment.shape}"
+    if pose.shape != (n_dofs,) or points.shape != (n, 3) or rows[0].shape != (n,):
+        found = f"{pose.shape}, {points.shape} and {rows[0].shape}"
         raise ValueError(f"pose, points and attachment must be ({n_dofs},), (K, 3) and (K,), found {found}")
     return (
         *(np.ascontiguousarray(pose), skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(surface.table, surface.joints, surface.bounds, surface.sharpness, surface.level, KINDS.index(kind)),
-        *(np.ascontiguousarray(points), attachment, *results),
+        *(np.ascontiguousarray(points), *rows),
     )
 
 

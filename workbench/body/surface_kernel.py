@@ -12,23 +12,25 @@ from typing import Any
 import numba
 import numpy as np
 
-# Every reordering that keeps NaN and infinity meaningful. With NumPy's error model a division does not branch.
-FAST = {"reassoc", "contract", "nsz", "arcp"}
+from workbench.body.lanes import FAST, inlined
+
 FIELD, DISTANCE = 0, 1
 MARGIN = 1e-9
 """Bounds may be above the nearest by this part, so that rounding never hides a part."""
 NEGLIGIBLE = -40.0
 """log(f_i / f) below which an ellipsoid's share is zero to double precision."""
+POINTS = 32
+"""Points whose lower bounds are computed at once; 16 would be unrolled too early for vector square roots."""
 
-# Columns of the ellipsoids' table on their joints, and in the world: the centre, the axes (rows of three), 1 / half
-# size² along each, and the largest of these.
-CENTRE, AXES, INVERSE, STEEPEST = 0, 3, 12, 15
-N_COLUMNS = 16
-# Columns of the work space, a row for each ellipsoid of a part: the point in the ellipsoid's axes, its algebraic
-# distance, its share in the part's field, the metres per unit of normalised radius and their derivatives with respect
-# to d, n and m of `_scale`.
-Y, D, SHARE, SCALE, SCALE_D, SCALE_N, SCALE_M = 0, 3, 4, 5, 6, 7, 8
-N_TERMS = 9
+# Columns of the ellipsoids' table on their joints, and in the world: the centre, the axes over the half sizes (rows of
+# three, which take a point to where the ellipsoid is the unit sphere), 1 / half size² and half size² along each, and
+# the largest 1 / half size².
+CENTRE, AXES, INVERSE, SQUARE, STEEPEST = 0, 3, 12, 15, 18
+N_COLUMNS = 19
+# Columns of the work space, a row for each ellipsoid of a part: the point where the ellipsoid is the unit sphere, its
+# algebraic distance and its share in the part's field.
+Q, D, SHARE = 0, 3, 4
+N_TERMS = 5
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -36,34 +38,15 @@ def attach(
     table: Any, joints: Any, parts: Any, sharpness: float, kind: int, rotations: Any, positions: Any,
     points: Any, attachment: Any,
 ) -> None:  # fmt: skip
-    """attachment (K,): the part with the smallest |log(f / C)| or |pseudo-distance|; the first of equals.
-
-    Only parts whose lower bound allows it are weighed: a part's scale is never below its smallest half size.
-    """
+    """attachment (K,): the part with the smallest |log(f / C)| or |pseudo-distance|; the first of equals."""
     world = np.empty_like(table)
     _to_world(table, joints, rotations, positions, world)
-    n_parts = parts.shape[0] - 1
-    terms, least = np.empty((table.shape[0], N_TERMS)), np.empty(n_parts)
-    most, thinnest = np.empty(n_parts), np.empty(n_parts)
-    for part in range(n_parts):
-        most[part] = math.log(parts[part + 1] - parts[part])
-        thinnest[part] = 1.0 / math.sqrt(table[parts[part] : parts[part + 1], STEEPEST].max())
+    most, thinnest = _looseness(table, parts)
+    least, terms = np.empty((most.shape[0], POINTS)), np.empty((2, table.shape[0], N_TERMS))
     for k in range(points.shape[0]):
-        x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        likely = 0
-        for part in range(n_parts):
-            log_field = min(0.0, most[part] + _largest(world, parts[part], parts[part + 1], x, y, z, sharpness))
-            least[part] = -log_field if kind == FIELD else thinnest[part] * _steps(log_field, sharpness)
-            if least[part] < least[likely]:
-                likely = part
-        nearest = _away(world, parts[likely], parts[likely + 1], x, y, z, sharpness, kind, terms)
-        attachment[k] = likely
-        for part in range(n_parts):
-            if part != likely and least[part] <= nearest * (1.0 + MARGIN):
-                away = _away(world, parts[part], parts[part + 1], x, y, z, sharpness, kind, terms)
-                if away < nearest or (away == nearest and part < attachment[k]):
-                    nearest = away
-                    attachment[k] = part
+        if k % POINTS == 0:
+            _lower_bounds(world, parts, most, thinnest, sharpness, kind, points, k, least)
+        attachment[k] = _nearest(world, parts, least, k % POINTS, points[k], sharpness, kind, terms)[0]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -78,11 +61,8 @@ def residuals(
     terms = np.empty((table.shape[0], N_TERMS))
     for k in range(points.shape[0]):
         low, high = parts[attachment[k]], parts[attachment[k] + 1]
-        log_field = _log_field(world, low, high, points[k, 0], points[k, 1], points[k, 2], sharpness, terms)
-        if kind == FIELD:
-            found[k] = level * math.expm1(log_field)
-        else:
-            found[k] = _steps(log_field, sharpness) * _part_scale(world, low, high, terms)
+        log_field, scale = _weigh(world, low, high, points[k], sharpness, kind, terms)
+        found[k] = level * math.expm1(log_field) if kind == FIELD else _steps(log_field, sharpness) * scale
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -95,68 +75,151 @@ def residual_jacobian(
     screws = np.zeros((parents.shape[0], 6, pose.shape[0]))
     world = _posed(pose, parents, offsets, dof_joints, dof_axes, table, joints, screws)
     terms = np.empty((table.shape[0], N_TERMS))
-    gradient = np.empty(3)
     for k in range(points.shape[0]):
-        x, y, z = points[k, 0], points[k, 1], points[k, 2]
         low, high = parts[attachment[k]], parts[attachment[k] + 1]
-        log_field = _log_field(world, low, high, x, y, z, sharpness, terms)
-        if kind == FIELD:
-            ratio = level * math.exp(log_field)
-            found[k] = level * math.expm1(log_field)
-            steps, slope, scale = 0.0, ratio, 1.0
-        else:
-            steps, slope = _steps(log_field, sharpness), _slope(log_field, sharpness)
-            scale = _part_scale(world, low, high, terms)
-            found[k] = steps * scale
-        gradient[:] = 0.0
-        first = True
-        for i in range(low, high):
-            _add_gradient(world, i, terms, i - low, sharpness, kind, steps, slope, scale, gradient)
-            if i + 1 == high or joints[i + 1] != joints[i]:
-                _add_row(screws, joints[i], x, y, z, gradient, first, jacobian, k)
-                gradient[:] = 0.0
-                first = False
+        log_field, scale = _weigh(world, low, high, points[k], sharpness, kind, terms)
+        found[k] = _row(
+            world, joints, screws, low, high, points[k], log_field, scale, sharpness, level, kind, terms, jacobian[k]
+        )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _away(
-    world: Any, low: int, high: int, x: float, y: float, z: float, sharpness: float, kind: int, terms: Any
-) -> float:
-    """|log(f / C)| or |pseudo-distance| of one part at a point."""
-    log_field = _log_field(world, low, high, x, y, z, sharpness, terms)
+def nearest_residual_jacobian(
+    pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
+    table: Any, joints: Any, parts: Any, sharpness: float, level: float, kind: int,
+    points: Any, found: Any, jacobian: Any,
+) -> None:  # fmt: skip
+    """The same of points attached as by `attach`, whose search has weighed the part already."""
+    screws = np.zeros((parents.shape[0], 6, pose.shape[0]))
+    world = _posed(pose, parents, offsets, dof_joints, dof_axes, table, joints, screws)
+    most, thinnest = _looseness(table, parts)
+    least, terms = np.empty((most.shape[0], POINTS)), np.empty((2, table.shape[0], N_TERMS))
+    for k in range(points.shape[0]):
+        if k % POINTS == 0:
+            _lower_bounds(world, parts, most, thinnest, sharpness, kind, points, k, least)
+        part, log_field, scale, side = _nearest(world, parts, least, k % POINTS, points[k], sharpness, kind, terms)
+        found[k] = _row(
+            world, joints, screws, parts[part], parts[part + 1], points[k], log_field, scale, sharpness, level, kind,
+            terms[side], jacobian[k],
+        )  # fmt: skip
+
+
+@inlined
+def _looseness(table: Any, parts: Any) -> Any:
+    """Of each part (B,): by how much log(f / C) may be above its largest term's, and the smallest half size, below
+    which the part's scale never is."""
+    n_parts = parts.shape[0] - 1
+    most, thinnest = np.empty(n_parts), np.empty(n_parts)
+    for part in range(n_parts):
+        most[part] = math.log(parts[part + 1] - parts[part])
+        thinnest[part] = 1.0 / math.sqrt(table[parts[part] : parts[part + 1], STEEPEST].max())
+    return most, thinnest
+
+
+@inlined
+def _lower_bounds(
+    world: Any, parts: Any, most: Any, thinnest: Any, sharpness: float, kind: int, points: Any, first: int, least: Any
+) -> None:
+    """least (B, POINTS): what |log(f / C)| or |pseudo-distance| of POINTS points from `first` on are at least.
+
+    Innermost loops run over points without a branch, so that the compiler makes vector instructions of them.
+    """
+    x, y, z = np.empty(POINTS), np.empty(POINTS), np.empty(POINTS)
+    for lane in range(POINTS):
+        k = min(first + lane, points.shape[0] - 1)
+        x[lane], y[lane], z[lane] = points[k, 0], points[k, 1], points[k, 2]
+    for part in range(most.shape[0]):
+        row = least[part]
+        for lane in range(POINTS):
+            row[lane] = np.inf
+        for i in range(parts[part], parts[part + 1]):
+            _nearer(world[i], x, y, z, row)
+        loose, thin = most[part], thinnest[part]
+        for lane in range(POINTS):
+            log_field = min(0.0, loose + sharpness * (1.0 - row[lane]))
+            row[lane] = -log_field if kind == FIELD else thin * (np.sqrt(1.0 - log_field / sharpness) - 1.0)
+
+
+@inlined
+def _nearer(ellipsoid: Any, x: Any, y: Any, z: Any, d: Any) -> None:
+    """Lower d (POINTS,) to the algebraic distance of an ellipsoid in the world where that is less."""
+    c0, c1, c2 = ellipsoid[CENTRE], ellipsoid[CENTRE + 1], ellipsoid[CENTRE + 2]
+    a0, a1, a2 = ellipsoid[AXES], ellipsoid[AXES + 1], ellipsoid[AXES + 2]
+    b0, b1, b2 = ellipsoid[AXES + 3], ellipsoid[AXES + 4], ellipsoid[AXES + 5]
+    e0, e1, e2 = ellipsoid[AXES + 6], ellipsoid[AXES + 7], ellipsoid[AXES + 8]
+    for lane in range(POINTS):
+        u, v, w = x[lane] - c0, y[lane] - c1, z[lane] - c2
+        p, q, r = a0 * u + a1 * v + a2 * w, b0 * u + b1 * v + b2 * w, e0 * u + e1 * v + e2 * w
+        d[lane] = min(d[lane], p * p + q * q + r * r)
+
+
+@inlined
+def _nearest(
+    world: Any, parts: Any, least: Any, lane: int, point: Any, sharpness: float, kind: int, terms: Any
+) -> Any:  # fmt: skip
+    """The nearest part of a point, its log(f / C) and scale, and which half of `terms` (2, …) they were weighed in.
+
+    The likeliest part is weighed first, and is it where squares overflow; then those that may be as near by their
+    bounds.
+    """
+    likely = 0
+    for part in range(1, least.shape[0]):
+        if least[part, lane] < least[likely, lane]:
+            likely = part
+    nearest, best, best_field, best_scale, side = np.inf, likely, 0.0, 0.0, 0
+    for turn in range(-1, least.shape[0]):
+        part = likely if turn < 0 else turn
+        if turn == likely or least[part, lane] > nearest * (1.0 + MARGIN):
+            continue
+        log_field, scale = _weigh(world, parts[part], parts[part + 1], point, sharpness, kind, terms[1 - side])
+        away = abs(log_field) if kind == FIELD else abs(_steps(log_field, sharpness) * scale)
+        if turn < 0 or away < nearest or (away == nearest and part < best):
+            nearest, best, best_field, best_scale, side = away, part, log_field, scale, 1 - side
+    return best, best_field, best_scale, side
+
+
+@inlined
+def _row(
+    world: Any, joints: Any, screws: Any, low: int, high: int, point: Any, log_field: float, scale: float,
+    sharpness: float, level: float, kind: int, terms: Any, row: Any,
+) -> Any:  # fmt: skip
+    """The residual of a point whose part was weighed; fills its row (P,) of the Jacobian."""
     if kind == FIELD:
-        return abs(log_field)
-    return abs(_steps(log_field, sharpness) * _part_scale(world, low, high, terms))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _largest(world: Any, low: int, high: int, x: float, y: float, z: float, sharpness: float) -> float:
-    """The largest log(f_i / C) in one part at a point: log(f / C) is above it by log n at most."""
-    d = np.inf
+        found, steps, slope = level * math.expm1(log_field), 0.0, level * math.exp(log_field)
+    else:
+        steps, slope = _steps(log_field, sharpness), _slope(log_field, sharpness)
+        found = steps * scale
+    gradient = (0.0, 0.0, 0.0)
+    first = True
     for i in range(low, high):
-        ax, ay, az = x - world[i, CENTRE], y - world[i, CENTRE + 1], z - world[i, CENTRE + 2]
-        here = 0.0
-        for axis in range(3):
-            m = AXES + 3 * axis
-            along = world[i, m] * ax + world[i, m + 1] * ay + world[i, m + 2] * az
-            here += along * along * world[i, INVERSE + axis]
-        d = min(d, here)
-    return sharpness * (1.0 - d)
+        gradient = _add_gradient(world[i], terms[i - low], sharpness, kind, steps, slope, scale, gradient)
+        if i + 1 == high or joints[i + 1] != joints[i]:
+            _add_row(screws[joints[i]], point, gradient, first, row)
+            gradient = (0.0, 0.0, 0.0)
+            first = False
+    return found
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _log_field(world: Any, low: int, high: int, x: float, y: float, z: float, sharpness: float, terms: Any) -> float:
-    """log(f / C) of one part at a point; fills Y, D and SHARE."""
+@inlined
+def _weigh(world: Any, low: int, high: int, point: Any, sharpness: float, kind: int, terms: Any) -> Any:
+    """log(f / C) of one part at a point and the part's scale, 1 for the field; fills the part's terms."""
+    log_field = _log_field(world, low, high, point, sharpness, terms)
+    return log_field, _part_scale(world, low, high, terms) if kind == DISTANCE else 1.0
+
+
+@inlined
+def _log_field(world: Any, low: int, high: int, point: Any, sharpness: float, terms: Any) -> float:
+    """log(f / C) of one part at a point; fills the part's terms."""
     top = -np.inf
     for i in range(low, high):
         row = i - low
-        ax, ay, az = x - world[i, CENTRE], y - world[i, CENTRE + 1], z - world[i, CENTRE + 2]
+        x, y, z = point[0] - world[i, CENTRE], point[1] - world[i, CENTRE + 1], point[2] - world[i, CENTRE + 2]
         d = 0.0
         for axis in range(3):
             m = AXES + 3 * axis
-            along = world[i, m] * ax + world[i, m + 1] * ay + world[i, m + 2] * az
-            terms[row, Y + axis] = along
-            d += along * along * world[i, INVERSE + axis]
+            q = world[i, m] * x + world[i, m + 1] * y + world[i, m + 2] * z
+            terms[row, Q + axis] = q
+            d += q * q
         terms[row, D] = d
         top = max(top, sharpness * (1.0 - d))
     if high == low + 1:
@@ -172,7 +235,7 @@ def _log_field(world: Any, low: int, high: int, x: float, y: float, z: float, sh
     return top + math.log(total)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _steps(log_field: float, sharpness: float) -> float:
     """How far the part's normalised radius is above 1."""
     if log_field > 0.0:
@@ -180,7 +243,7 @@ def _steps(log_field: float, sharpness: float) -> float:
     return math.sqrt(1.0 - log_field / sharpness) - 1.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _slope(log_field: float, sharpness: float) -> float:
     """Derivative of `_steps` with respect to log(f / C)."""
     if log_field > 0.0:
@@ -188,88 +251,76 @@ def _slope(log_field: float, sharpness: float) -> float:
     return -0.5 / (sharpness * math.sqrt(1.0 - log_field / sharpness))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _part_scale(world: Any, low: int, high: int, terms: Any) -> float:
-    """Metres per unit of the part's normalised radius; fills SCALE and its derivatives."""
+    """Metres per unit of the part's normalised radius."""
     scale = 0.0
     for i in range(low, high):
         if terms[i - low, SHARE] > 0.0:
-            scale += terms[i - low, SHARE] * _scale(world, i, terms, i - low)
+            scale += terms[i - low, SHARE] * _scale(world[i], terms[i - low])[0]
     return scale
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _scale(world: Any, i: int, terms: Any, row: int) -> float:
-    """Metres per unit of one ellipsoid's normalised radius; d = Σ (y/h)², n = Σ y²/h⁴, m = Σ y²."""
-    d, n, m = terms[row, D], 0.0, 0.0
+@inlined
+def _scale(ellipsoid: Any, terms: Any) -> Any:
+    """Metres per unit of one ellipsoid's normalised radius, and its derivatives by d, n and m.
+
+    With q = y / h: d = Σ q², n = Σ q² / h², m = Σ q² h². Who asks for the first alone does not pay for the others.
+    """
+    d, n, m = terms[D], 0.0, 0.0
     for axis in range(3):
-        square, inverse = terms[row, Y + axis] ** 2, world[i, INVERSE + axis]
-        n += square * inverse * inverse
-        m += square
-    inside = max(0.0, 1.0 - d)
-    steepest = world[i, STEEPEST]
+        square = terms[Q + axis] ** 2
+        n += square * ellipsoid[INVERSE + axis]
+        m += square * ellipsoid[SQUARE + axis]
+    inside, steepest = max(0.0, 1.0 - d), ellipsoid[STEEPEST]
     below = n + inside * inside * steepest
     near = math.sqrt((d + inside * inside) / below)
     near_d = (1.0 - 2.0 * inside + 2.0 * near * near * inside * steepest) / (2.0 * near * below)
     near_n = -0.5 * near / below
-    scale: float = near
-    scale_d, scale_n, scale_m = near_d, near_n, 0.0
-    if d > 1.0:
-        radius = math.sqrt(d)
-        far = math.sqrt(m) / radius
-        beyond = 1.0 - 1.0 / radius
-        weight = beyond * beyond
-        scale = near + weight * (far - near)
-        scale_d = (1.0 - weight) * near_d - weight * 0.5 * far / d + (far - near) * beyond / (radius * d)
-        scale_n = (1.0 - weight) * near_n
-        scale_m = weight * 0.5 * far / m
-    terms[row, SCALE], terms[row, SCALE_D], terms[row, SCALE_N], terms[row, SCALE_M] = scale, scale_d, scale_n, scale_m
-    return scale
+    if d <= 1.0:
+        return near, near_d, near_n, 0.0
+    radius = math.sqrt(d)
+    far = math.sqrt(m) / radius
+    beyond = 1.0 - 1.0 / radius
+    weight = beyond * beyond
+    by_d = (1.0 - weight) * near_d - weight * 0.5 * far / d + (far - near) * beyond / (radius * d)
+    return near + weight * (far - near), by_d, (1.0 - weight) * near_n, weight * 0.5 * far / m
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _add_gradient(
-    world: Any, i: int, terms: Any, row: int, sharpness: float, kind: int,
-    steps: float, slope: float, scale: float, gradient: Any,
-) -> None:  # fmt: skip
-    """Add what ellipsoid i contributes to the residual's gradient with respect to the point, in the world's axes."""
-    share = terms[row, SHARE]
+    ellipsoid: Any, terms: Any, sharpness: float, kind: int, steps: float, slope: float, scale: float, gradient: Any
+) -> Any:
+    """With what one ellipsoid contributes to the residual's gradient with respect to the point, in the world's axes."""
+    g0, g1, g2 = gradient
+    share = terms[SHARE]
     if share == 0.0:
-        return
+        return g0, g1, g2
     by_d, by_n, by_m = -sharpness * share * slope * scale, 0.0, 0.0
     if kind == DISTANCE:
-        by_d += share * steps * (terms[row, SCALE_D] - sharpness * (terms[row, SCALE] - scale))
-        by_n = share * steps * terms[row, SCALE_N]
-        by_m = share * steps * terms[row, SCALE_M]
+        own, own_d, own_n, own_m = _scale(ellipsoid, terms)
+        by_d += share * steps * (own_d - sharpness * (own - scale))
+        by_n, by_m = share * steps * own_n, share * steps * own_m
     for axis in range(3):
-        inverse = world[i, INVERSE + axis]
-        along = 2.0 * terms[row, Y + axis] * (by_m + inverse * (by_d + inverse * by_n))
-        for a in range(3):
-            gradient[a] += along * world[i, AXES + 3 * axis + a]
+        m = AXES + 3 * axis
+        by_q = 2.0 * terms[Q + axis] * (by_d + by_n * ellipsoid[INVERSE + axis] + by_m * ellipsoid[SQUARE + axis])
+        g0, g1, g2 = g0 + by_q * ellipsoid[m], g1 + by_q * ellipsoid[m + 1], g2 + by_q * ellipsoid[m + 2]
+    return g0, g1, g2
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _add_row(
-    screws: Any, joint: int, x: float, y: float, z: float, gradient: Any, first: bool, jacobian: Any, k: int
-) -> None:
-    """Add −(w · (X × g) + v · g) for the screws of a joint to row k, or write it if it is the first."""
-    g0, g1, g2 = gradient[0], gradient[1], gradient[2]
+@inlined
+def _add_row(screws: Any, point: Any, gradient: Any, first: bool, row: Any) -> None:
+    """Add −(w · (X × g) + v · g) for the screws (6, P) of a joint to a row (P,), or write it if it is the first."""
+    (g0, g1, g2), (x, y, z) = gradient, (point[0], point[1], point[2])
     t0, t1, t2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
-    if first:
-        for p in range(jacobian.shape[1]):
-            jacobian[k, p] = -(
-                screws[joint, 0, p] * t0 + screws[joint, 1, p] * t1 + screws[joint, 2, p] * t2
-                + screws[joint, 3, p] * g0 + screws[joint, 4, p] * g1 + screws[joint, 5, p] * g2
-            )  # fmt: skip
-    else:
-        for p in range(jacobian.shape[1]):
-            jacobian[k, p] -= (
-                screws[joint, 0, p] * t0 + screws[joint, 1, p] * t1 + screws[joint, 2, p] * t2
-                + screws[joint, 3, p] * g0 + screws[joint, 4, p] * g1 + screws[joint, 5, p] * g2
-            )  # fmt: skip
+    for p in range(row.shape[0]):
+        row[p] = (0.0 if first else row[p]) - (
+            screws[0, p] * t0 + screws[1, p] * t1 + screws[2, p] * t2
+            + screws[3, p] * g0 + screws[4, p] * g1 + screws[5, p] * g2
+        )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _posed(
     pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, table: Any, joints: Any, screws: Any
 ) -> Any:
@@ -281,7 +332,7 @@ def _posed(
     return world
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _to_world(table: Any, joints: Any, rotations: Any, positions: Any, world: Any) -> None:
     for i in range(table.shape[0]):
         joint = joints[i]
@@ -301,7 +352,7 @@ def _to_world(table: Any, joints: Any, rotations: Any, positions: Any, world: An
             world[i, c] = table[i, c]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _forward(
     pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, rotations: Any, positions: Any, screws: Any
 ) -> None:
@@ -329,7 +380,7 @@ def _forward(
             p += 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _first_screws(j: int, parent: int, p: int, dof_axes: Any, screws: Any) -> None:
     """The screws that move a joint's parent move the joint too; the root's are the translations."""
     if parent >= 0:
@@ -342,7 +393,7 @@ def _first_screws(j: int, parent: int, p: int, dof_axes: Any, screws: Any) -> No
                 screws[j, 3 + a, q] = dof_axes[q, a]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _add_screw(j: int, p: int, dof_axes: Any, rotations: Any, positions: Any, screws: Any) -> None:
     """Degree of freedom p turns joint j, whose frame the turns before p have turned so far."""
     for a in range(3):
@@ -356,7 +407,7 @@ def _add_screw(j: int, p: int, dof_axes: Any, rotations: Any, positions: Any, sc
     screws[j, 3, p], screws[j, 4, p], screws[j, 5, p] = o1 * w2 - o2 * w1, o2 * w0 - o0 * w2, o0 * w1 - o1 * w0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _turn(rotations: Any, j: int, x: float, y: float, z: float, s: float, c: float) -> None:
     """Multiply joint j's frame by the rotation about a unit axis with sine s and cosine c (Rodrigues' formula)."""
     t = 1.0 - c

@@ -7,7 +7,7 @@ a style that stays the same, meet every other one: the border, eliminated by a S
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded, solve_triangular
 
 from workbench.arrays import FloatArray, IntArray
 
@@ -131,19 +131,24 @@ class Factor:
 def selected_inverse(root: FloatArray) -> FloatArray:
     """The band (w + 1, n) of A⁻¹ from the banded Cholesky factor `root` (w + 1, n) of A, both as lower diagonals.
 
-    Column by column from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973): with l the
-    part of a column of the factor below its diagonal and Z the inverse's block beyond it, z = −Z l / l₀ and
-    z₀ = 1 / l₀² − lᵀ z / l₀. For a band that is one chain of frames this is the Rauch–Tung–Striebel smoother.
+    Block of w + 1 columns by block from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973):
+    with L the factor's block on the diagonal, M the one below, and Z the inverse's block beyond it, the inverse has
+    −Z G below and L⁻ᵀ L⁻¹ + Gᵀ Z G on the diagonal, G = M L⁻¹. For a band that is one chain of frames this is the
+    Rauch–Tung–Striebel smoother.
     """
     width, n = root.shape[0] - 1, root.shape[1]
-    inverse = np.zeros_like(root)
-    window = np.zeros((width + 1, width + 1))  # the inverse's block of this column and the `width` after it
-    for k in range(n - 1, -1, -1):
-        window[1:, 1:] = window[:-1, :-1].copy()
-        below = root[1:, k] / root[0, k]
-        below[n - 1 - k :] = 0.0
-        beside = -window[1:, 1:] @ below
-        window[1:, 0] = window[0, 1:] = beside
-        window[0, 0] = 1.0 / root[0, k] ** 2 - below @ beside
-        inverse[:, k] = window[:, 0]
+    inverse, beyond = np.empty_like(root), np.zeros((width, width))
+    for end in range(n, 0, -(width + 1)):
+        first = max(end - width - 1, 0)
+        columns = np.arange(end - first)
+        rows = columns + np.arange(width + 1)[:, None]  # of the diagonals' entries
+        factor = np.zeros((len(columns) + width, len(columns)))
+        factor[rows, columns] = root[:, first:end]
+        factor[n - first :] = 0.0
+        inverted = solve_triangular(factor[: len(columns)], np.eye(len(columns)), lower=True, check_finite=False)
+        gain = factor[len(columns) :] @ inverted
+        beside = -beyond @ gain
+        block = np.concatenate([inverted.T @ inverted - gain.T @ beside, beside])
+        inverse[:, first:end] = block[rows, columns]
+        beyond = np.block([[block[: len(columns)], beside.T], [beside, beyond]])[:width, :width]
     return inverse

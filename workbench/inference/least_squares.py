@@ -16,7 +16,7 @@ from workbench.datasets.frame import Frame
 from workbench.errors import InputError
 from workbench.inference.decoding import Decoder, MotionDecoder, MotionModel, PoseDecoder
 from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, follow, global_motion, pose_prior, track_poses
-from workbench.inference.motion_fit import fit_motion, fit_problem
+from workbench.inference.motion_fit import FitProblem, fit_motion, fit_problem
 from workbench.inference.observed import UPRIGHT_SIGMA_RAD, Observed, kinds_seen, observe, views_residual
 from workbench.inference.phase_grid import find_phase, roots_from_points
 from workbench.inference.residuals import Loss, Residual, upright_residual
@@ -93,19 +93,24 @@ def fit_sequence(
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
     far, wide = (residuals, loss) if coarse is None else coarse
     if phases is None:
-        states = _start(decoder, far, times_s, wide, smoothness, roots)
+        states = find_states(decoder, far, times_s, wide, smoothness, roots)
     else:
         part = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9)
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, wide, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
     problem = fit_problem(decoder, residuals, times_s, loss, smoothness, frames_per_style)
+    fit = fit_batch(problem, states, max_iterations=max_iterations, tolerance=tolerance)
+    return replace(fit, timing_s={"start": started - clock, "least_squares": perf_counter() - started})
+
+
+def fit_batch(problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4) -> Fit:
+    """All frames of a problem fitted at once from states (T, D) near enough."""
     states, covariances, found = fit_motion(problem, states, max_iterations=max_iterations, tolerance=tolerance)
-    timing_s = {"start": started - clock, "least_squares": perf_counter() - started}
-    return _fit(decoder, residuals, loss, states, covariances, found.iterations, found.costs, timing_s)
+    return _fit(problem.decoder, problem.residuals, problem.loss, states, covariances, found.iterations, found.costs)
 
 
-def _start(
+def find_states(
     decoder: MotionDecoder,
     residuals: Sequence[Residual],
     times_s: FloatArray,
@@ -141,8 +146,8 @@ def fit_poses(
     poses, covariances, searches = track_poses(decoder, residuals, loss, start, prior)
     iterations = float(np.mean([search.iterations for search in searches]))
     costs = tuple(search.costs[-1] for search in searches)
-    timing_s = {"least_squares": perf_counter() - clock}
-    return _fit(decoder, residuals, loss, poses, covariances, iterations, costs, timing_s)
+    fit = _fit(decoder, residuals, loss, poses, covariances, iterations, costs)
+    return replace(fit, timing_s={"least_squares": perf_counter() - clock})
 
 
 def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
@@ -278,6 +283,7 @@ class LeastSquares:
         frames = forward(self.skeleton, pose[None])
         parts = attach(self.surface, frames, points, self.kind)
         arguments = (self.skeleton, self.surface, pose, points, self.kind, parts)
+        residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
         began = perf_counter()
         residuals(*arguments)
         between = perf_counter()
@@ -358,9 +364,9 @@ class LeastSquares:
             camera=next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(seen) else None,
             ground_m=self.ground_m,
         )  # fmt: skip
-        timing_s = {"least_squares": perf_counter() - clock}
         decoder = PoseDecoder(self.skeleton)
-        return _fit(decoder, residuals, self.loss, poses, covariances, found.iterations, found.costs, timing_s)
+        fit = _fit(decoder, residuals, self.loss, poses, covariances, found.iterations, found.costs)
+        return replace(fit, timing_s={"least_squares": perf_counter() - clock})
 
     def _residuals(self, seen: Sequence[Observed]) -> list[Residual]:
         """Of every frame. Where keypoints are all there is, a person is upright in the frames between them too."""
@@ -404,7 +410,6 @@ def _fit(
     covariances: FloatArray,
     iterations: float,
     costs: tuple[float, ...],
-    timing_s: Mapping[str, float],
 ) -> Fit:
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
     near = [np.abs(residual(pose)[0]) < loss.scale for residual, pose in zip(residuals, poses, strict=True)]
@@ -415,7 +420,7 @@ def _fit(
         alpha=states[:, slices.get("coefficients", slice(0))], mu=phases, states=states,
         state_covariance=covariances, pose_jacobian=jacobian,
         inliers=np.array([hits.mean() if len(hits) else np.nan for hits in near]),
-        iterations=iterations, costs=costs, timing_s=timing_s,
+        iterations=iterations, costs=costs,
     )  # fmt: skip
 
 

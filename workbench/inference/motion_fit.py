@@ -84,9 +84,10 @@ class FitProblem:
         for t, residual in enumerate(self.residuals):
             misses, slopes = residual(poses[t])
             rho, weights = self.loss(misses)
-            slopes = slopes @ decoding[t]
-            weighted = weights[:, None] * slopes
-            gradients[t], blocks[t] = weighted.T @ misses, weighted.T @ slopes
+            slopes, size = slopes @ decoding[t], np.sqrt(weights)
+            slopes *= size[:, None]
+            # a matrix's product with itself takes half the work of one with another
+            gradients[t], blocks[t] = slopes.T @ (size * misses), slopes.T @ slopes
             cost += float(rho.sum())
         rough = self.penalty @ x
         gradient = np.bincount(self.columns.ravel(), gradients.ravel()) + self.penalty.T @ rough

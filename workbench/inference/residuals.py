@@ -14,7 +14,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import Skeleton
-from workbench.body.surface import Kind, Surface, attach, residual_jacobian
+from workbench.body.surface import Kind, Surface, nearest_residual_jacobian
 from workbench.inference.robust import LOSSES
 
 UPRIGHT = slice(4, 6)
@@ -50,9 +50,10 @@ def surface_residual(skeleton: Skeleton, surface: Surface, points: FloatArray, k
         return _nothing
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        attachment = attach(surface, forward(skeleton, pose[None]), points, kind)
-        misses, slopes = residual_jacobian(skeleton, surface, pose, points, kind, attachment)
-        return misses / sigma, slopes / sigma
+        misses, slopes = nearest_residual_jacobian(skeleton, surface, pose, points, kind)
+        misses /= sigma
+        slopes *= 1.0 / sigma
+        return misses, slopes
 
     return residual
 

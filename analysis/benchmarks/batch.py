@@ -1,0 +1,160 @@
+"""Paper D's batch fit: its time a frame, and that of `scipy.optimize.least_squares` from the same start.
+
+28 frames of 400 points, a style for every frame: roots, phases and coefficients of all frames are the unknowns. With
+the recordings of $WORKBENCH_DATA the body is a recorded skeleton with every joint, as in
+conf/experiment/points_full.yaml; without them it is the person of 25 degrees of freedom, and a generated walk.
+Processor time, which other load on the machine changes little, with one thread of BLAS.
+
+scipy gets the same residuals, made robust one by one, their derivatives as one dense Jacobian, and the same relative
+tolerance of the cost. What it asks for twice is computed once, and it computes no covariances.
+"""
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+from threadpoolctl import threadpool_limits
+
+from analysis.benchmarks.figure import Figure
+from analysis.benchmarks.timing import fastest_s
+from workbench.arrays import FloatArray
+from workbench.body.limbs import person
+from workbench.body.surface import Surface, person_surface
+from workbench.datasets.points import Points
+from workbench.inference.decoding import MotionDecoder
+from workbench.inference.frame_fit import Smoothness
+from workbench.inference.least_squares import START_LOSS, START_POINTS, Fit, find_states, fit_batch
+from workbench.inference.motion_fit import FitProblem, fit_problem
+from workbench.inference.phase_grid import roots_from_points
+from workbench.inference.residuals import Loss, Residual, robust, surface_residual
+from workbench.priors.from_motions import activity
+
+CLIP, N_COMPONENTS = "dataset-2_walk_normal_001", 30
+SIGMA_M, LOSS, SMOOTHNESS = 0.02, Loss("geman_mcclure", 1.5), Smoothness()
+TOLERANCE = 1e-4
+"""Of the cost, relative: the fit's default, and scipy's ftol."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is fitted. points: (K, 3), m, of each of T frames; times_s: (T,)."""
+
+    what: str
+    decoder: MotionDecoder
+    surface: Surface
+    points: Sequence[FloatArray]
+    times_s: FloatArray
+
+    def residuals(self, every: int = 1) -> list[Residual]:
+        """Of all frames, of every so many of their points."""
+        skeleton = self.decoder.skeleton
+        return [surface_residual(skeleton, self.surface, seen[::every], "distance", SIGMA_M) for seen in self.points]
+
+    def start(self) -> FloatArray:
+        """States (T, D) found in some of the points, as `LeastSquares` finds them."""
+        roots = roots_from_points(self.decoder.skeleton, self.points, self.times_s)
+        some = self.residuals(every=max(1, len(self.points[0]) // START_POINTS))
+        return find_states(self.decoder, some, self.times_s, START_LOSS, SMOOTHNESS, roots)
+
+    def problem(self) -> FitProblem:
+        """With a style for every frame."""
+        return fit_problem(self.decoder, self.residuals(), self.times_s, LOSS, SMOOTHNESS, frames_per_style=1)
+
+    def fit(self, states: FloatArray) -> Fit:
+        """From points to poses with their covariances, near states (T, D)."""
+        return fit_batch(self.problem(), states, tolerance=TOLERANCE)
+
+
+def figures() -> list[Figure]:
+    """Milliseconds a frame, and how many times as long scipy takes."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        scene = _scene()
+        states = scene.start()
+        fit = scene.fit(states)
+        ours, start = fastest_s([partial(scene.fit, states), scene.start], clock=time.thread_time)
+        problem = scene.problem()
+        began = time.thread_time()
+        found = by_scipy(problem, states)
+        theirs = time.thread_time() - began
+    per_frame = 1e3 / len(states)
+    reached = problem.expand(found.x).cost
+    n_dofs, n_points = len(scene.decoder.rest), round(np.mean([len(seen) for seen in scene.points]))
+    return [
+        Figure(
+            "batch_ms_per_frame", per_frame * ours, "ms a frame", 30.0, "lower",
+            f"{scene.what}; {len(states)} frames, {n_points} points, {n_dofs} dof, {found.x.size} unknowns, "
+            f"{fit.iterations:.0f} iterations; finding the start {per_frame * start:.1f} ms a frame more; one thread",
+        ),
+        Figure(
+            "batch_vs_scipy", theirs / ours, "× faster", 5.0, "higher",
+            f"scipy's least_squares: {theirs:.1f} s, {found.njev} Jacobians, from cost {fit.costs[0]:.1f} to "
+            f"{reached:.1f}, ours {fit.costs[-1]:.1f}; both to {TOLERANCE:g} of the cost",
+        ),
+    ]  # fmt: skip
+
+
+def by_scipy(problem: FitProblem, states: FloatArray) -> OptimizeResult:
+    """The same minimum by scipy, from states (T, D)."""
+    asked = Dense(problem)
+    return least_squares(
+        asked.residuals, problem.unknowns(states), asked.jacobian, ftol=TOLERANCE, xtol=None, gtol=None
+    )
+
+
+class Dense:
+    """A problem's cost as ½ |r|², with r (m,) and its derivative (m, n) as dense arrays, kept for the last x."""
+
+    def __init__(self, problem: FitProblem) -> None:
+        self.problem, self.penalty = problem, problem.penalty.toarray()
+        self.robust = [robust(residual, problem.loss) for residual in problem.residuals]
+        self.x = np.full(self.penalty.shape[1], np.nan)
+
+    def residuals(self, x: FloatArray) -> FloatArray:
+        """r (m,) at x (n,)."""
+        self._evaluate(x)
+        return self.found
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Its derivative (m, n)."""
+        self._evaluate(x)
+        return self.slopes
+
+    def _evaluate(self, x: FloatArray) -> None:
+        if np.array_equal(x, self.x):
+            return
+        states, decoder, columns = x[self.problem.columns], self.problem.decoder, self.problem.columns
+        rows, found, slopes = [], [], decoder.jacobian(states)
+        for t, pose in enumerate(decoder.poses(states)):
+            misses, by_pose = self.robust[t](pose)
+            block = np.zeros((len(misses), len(x)))
+            block[:, columns[t]] = by_pose @ slopes[t]
+            rows.append(block)
+            found.append(misses)
+        self.x = x.copy()
+        self.found = np.concatenate([*found, self.penalty @ x])
+        self.slopes = np.concatenate([*rows, self.penalty])
+
+
+def _scene() -> Scene:
+    data, cache = os.environ.get("WORKBENCH_DATA"), os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
+    if data:
+        dataset = Points(motion=CLIP, data=data, first_frame=10, skeleton="full")
+        prior = activity(
+            motions="bandai", data=data, cache=cache, n_components=N_COMPONENTS, skeleton="full", leave_out=[CLIP]
+        )
+    else:
+        dataset = Points(first_frame=10)
+        prior = activity(motions="builtin", data=None, cache=cache, n_components=N_COMPONENTS)
+    body = dataset.full_body or person(dataset.shape)
+    frames = list(dataset.frames())
+    return Scene(
+        what="a recorded walk with every joint" if data else "a generated walk",
+        decoder=MotionDecoder(body.skeleton, prior.model, np.zeros(len(body.skeleton.dof_names))),
+        surface=person_surface(body),
+        points=[frame.points for frame in frames if frame.points is not None],
+        times_s=np.array([frame.time_s for frame in frames]),
+    )
