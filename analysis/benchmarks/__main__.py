@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import cyclic, draws, filters
+from analysis.benchmarks import cyclic, draws, filters, memory
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -24,6 +24,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "tree_vs_ckdtree": draws.tree_figures,
     "filter_overhead_vs_peers": filters.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
+    "memory_1e5_gb": memory.figures,
 }
 """What measures each figure."""
 
