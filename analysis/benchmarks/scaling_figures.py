@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 
 from analysis.benchmarks.curve import Curve
 from analysis.benchmarks.machine import cores, processor
-from analysis.figures.style import DASHES, GREY, SERIES, STYLE, canvas, label_ends
+from analysis.figures.style import DASHES, GREY, HALO, SERIES, STYLE, canvas, label_ends
 from workbench.errors import InputError
 
 VIDEO_MS = 1e3 / 30.0
@@ -19,20 +19,19 @@ _FAR = 1000.0  # sizes that differ by more get a mark at each power of ten, othe
 
 def write(folder: Path, name: str, curves: Sequence[Curve]) -> None:
     """Draw curves of one size and unit as `folder`/`name`.png; raises InputError where that cannot be written."""
-    with context(STYLE):
-        figure = drawn(name, curves)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(folder / f"{name}.png")
+        with context(STYLE):
+            drawn(name, curves).savefig(folder / f"{name}.png")
     except OSError as error:
         raise InputError(f"{folder}: the figure cannot be written: {error}") from None
 
 
 def drawn(name: str, curves: Sequence[Curve]) -> Figure:
     """The curves of one figure, labelled at their ends; over particles with the time that a frame of video lasts."""
-    machine = f"{processor()}, {cores()} cores."
-    fitted = "Exponents p of time ∝ sizeᵖ are fitted to the upper half of the sizes."
-    figure = canvas(name.replace("_", " ").capitalize(), 3.4, f"{machine} {fitted}")
+    machine, law = f"{processor()}, {cores()} cores", f"{curves[0].unit.partition(' ')[0]} ∝ sizeᵖ"
+    caption = f"{machine}. Exponents p of {law} are fitted to the upper half of the sizes."
+    figure = canvas(name.replace("_", " ").capitalize(), 3.4, caption)
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel=curves[0].size, ylabel=curves[0].unit)
     for curve, colour, dashes in zip(curves, SERIES, DASHES, strict=False):
@@ -44,12 +43,23 @@ def drawn(name: str, curves: Sequence[Curve]) -> Figure:
             "video rate: 33 ms", (0.0, VIDEO_MS), (3.0, 3.0), xycoords=("axes fraction", "data"),
             textcoords="offset points", color=GREY, fontsize=7.5,
         )  # fmt: skip
-    ends = [
-        (f"{curve.name}\np = {curve.exponent:.2f}", colour, curve.sizes[-1], curve.values[-1])
-        for curve, colour in zip(curves, SERIES, strict=False)
-    ]
-    label_ends(axes, ends, gap=0.14)
+    _label(axes, curves)
     return figure
+
+
+def _label(axes: Axes, curves: Sequence[Curve]) -> None:
+    """Name every curve: right of its end, or above it where another curve goes on from there."""
+    ends, last = [], max(curve.sizes[-1] for curve in curves)
+    for curve, colour in zip(curves, SERIES, strict=False):
+        text, end = f"{curve.name}\np = {curve.exponent:.2f}", (curve.sizes[-1], curve.values[-1])
+        if end[0] == last:
+            ends.append((text, colour, *end))
+        else:
+            axes.annotate(
+                text, end, (0.0, 5.0), textcoords="offset points", ha="right", color=colour, fontsize=7.5,
+                path_effects=[HALO],
+            )  # fmt: skip
+    label_ends(axes, ends, gap=0.14)
 
 
 def _tick(axes: Axes, curves: Sequence[Curve]) -> None:
