@@ -11,7 +11,6 @@ close other programs. An exponent is fitted to the upper half of the sizes.
 import argparse
 import os
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -28,6 +27,8 @@ from analysis.benchmarks.curve import Curve, told, write_curves
 from analysis.benchmarks.implicit import N_CHILDREN, N_PARENTS
 from analysis.benchmarks.likelihood import N_PARTICLES, N_SAMPLES, people, scene
 from analysis.benchmarks.machine import cores, processor, versions
+from analysis.benchmarks.timing import fastest_s
+from workbench.arrays import FloatArray
 from workbench.body.limbs import Limbs, person
 from workbench.datasets.frame import Frame, View
 from workbench.datasets.points import Points
@@ -40,8 +41,8 @@ from workbench.priors.from_motions import activity
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree
 
-SECONDS, FEWEST = 1.5, 3
-"""A function is timed for so long, and so often at least."""
+REPEATS, REPEATS_OF_LONG = 12, 4
+"""Runs of each function, of which the fastest counts; they take turns, so that other load hits all sizes alike."""
 NOISE_GB = 0.02
 """Equal runs differ in their peaks by half as much."""
 T = TypeVar("T")
@@ -51,9 +52,8 @@ STEP_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
 
 def particles(sizes: Sequence[int] = PARTICLES, step_sizes: Sequence[int] = STEP_PARTICLES) -> list[Curve]:
     """The likelihood alone, and the whole step of the default experiment, recorded."""
-    rng = np.random.default_rng(0)
-    likelihood, before, now = scene(rng, N_SAMPLES)
-    alone = [_likelihood_ms(likelihood, before, now, n) for n in _bar(sizes, "likelihood")]
+    seen = scene(np.random.default_rng(0), N_SAMPLES)
+    alone = _fastest_ms([_likelihood(*seen, n) for n in sizes], REPEATS_OF_LONG)
     whole = [step.fastest(n, max(1, min(4, 30_000 // n))).whole for n in _bar(step_sizes, "step")]
     return [
         _curve("whole step", "particles", "ms a frame", step_sizes, whole),
@@ -76,36 +76,33 @@ def limbs(sizes: Sequence[int] = (1, 2, 4, 6, 8, 10, 12), n_particles: int = N_P
 
     The kinematics are always those of the whole skeleton. Every limb may hide every other.
     """
-    rng = np.random.default_rng(0)
-    likelihood, before, now = scene(rng, N_SAMPLES)
+    likelihood, before, now = scene(np.random.default_rng(0), N_SAMPLES)
     body = likelihood.body
-    times = []
-    for size in _bar(sizes, "limbs"):
-        part = replace(likelihood, body=replace(body, limbs=_first(body.limbs, size)))
-        times.append(_likelihood_ms(part, before, now, n_particles))
+    parts = [replace(likelihood, body=replace(body, limbs=_first(body.limbs, size))) for size in sizes]
+    times = _fastest_ms([_likelihood(part, before, now, n_particles) for part in parts], REPEATS)
     return [_curve("likelihood", "limbs", "ms a frame", sizes, times)]
 
 
 def samples(sizes: Sequence[int] = (10, 20, 50, 100, 200), n_particles: int = N_PARTICLES) -> list[Curve]:
     """The likelihood with that many points a limb."""
-    times = []
-    for size in _bar(sizes, "samples"):
-        times.append(_likelihood_ms(*scene(np.random.default_rng(0), size), n_particles))
-    return [_curve("likelihood", "points a limb", "ms a frame", sizes, times)]
+    likelihood, before, now = scene(np.random.default_rng(0), N_SAMPLES)
+    each = [_likelihood(replace(likelihood, n_samples=size), before, now, n_particles) for size in sizes]
+    return [_curve("likelihood", "points a limb", "ms a frame", sizes, _fastest_ms(each, REPEATS))]
 
 
 def pixels(scales: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 3.0), n_particles: int = N_PARTICLES) -> list[Curve]:
     """The likelihood, and what it does once with an image, of 640×480 px times these scales."""
-    sizes, looking, preparing = [], [], []
-    for scale in _bar(scales, "pixels"):
+    sizes, times = [], []
+    for scale in _bar(scales, "pixels"):  # not in turns: the likelihood keeps the last few images only
         likelihood, before, now = scene(np.random.default_rng(0), N_SAMPLES, scale)
-        sizes.append(1e-6 * now.views[0].image.size)
-        looking.append(_likelihood_ms(likelihood, before, now, n_particles))
-        preparing.append(fastest_ms(partial(_prepare_anew, now.views[0], likelihood.blur_px)))
-    size = "image size, 10⁶ px"
+        view = now.views[0]
+        looking = _likelihood(likelihood, before, now, n_particles)
+        times.append(_fastest_ms([looking, partial(_prepare_anew, view, likelihood.blur_px)], REPEATS))
+        sizes.append(1e-6 * view.image.size)
+    size, (looking_ms, preparing_ms) = "image size, 10⁶ px", zip(*times, strict=True)
     return [
-        _curve("likelihood", size, "ms a frame", sizes, looking),
-        _curve("preparing the image", size, "ms a frame", sizes, preparing),
+        _curve("likelihood", size, "ms a frame", sizes, looking_ms),
+        _curve("preparing the image", size, "ms a frame", sizes, preparing_ms),
     ]
 
 
@@ -119,16 +116,13 @@ def database(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000)) -> list
     c, probes = draws.database(max(sizes), library, others, n_draws)
     uniforms, order = rng.random((n_draws, c.shape[1] + 1)), rng.permutation(len(c))
     counts, one_each = np.full(N_PARENTS, N_CHILDREN), np.ascontiguousarray(uniforms[:, 0])
-    paper, exact = [], []
-    for size in _bar(sizes, "database"):
-        part = c[order[:size]]
-        tree, boxes = sign_tree(part), kd_tree(part)
-        paper.append(fastest_ms(partial(draw, tree, probes, draws.BETA, uniforms, "uniform")))
-        exact.append(fastest_ms(partial(search, boxes, probes[:N_PARENTS], counts, draws.BETA, one_each)))
-    curves = {"exact search": exact, "paper C's tree": paper}
+    parts = [c[order[:size]] for size in sizes]
+    paper = [partial(draw, sign_tree(part), probes, draws.BETA, uniforms, "uniform") for part in parts]
+    exact = [partial(search, kd_tree(part), probes[:N_PARENTS], counts, draws.BETA, one_each) for part in parts]
+    times = [1e3 * ms / n_draws for ms in _fastest_ms([*exact, *paper], REPEATS)]
     return [
-        _curve(name, "windows in the database", "µs a draw", sizes, [1e3 * ms / n_draws for ms in times])
-        for name, times in curves.items()
+        _curve("exact search", "windows in the database", "µs a draw", sizes, times[: len(sizes)]),
+        _curve("paper C's tree", "windows in the database", "µs a draw", sizes, times[len(sizes) :]),
     ]
 
 
@@ -139,7 +133,9 @@ def frames(sizes: Sequence[int] = (7, 14, 28, 56, 112)) -> list[Curve]:
     """
     cache = os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
     model = activity(motions="builtin", data=None, cache=cache, n_components=30).model
-    whole, single = zip(*(_fit_ms(model, size) for size in _bar(sizes, "frames")), strict=True)
+    evaluations_ms: list[list[float]] = [[] for _ in sizes]
+    fits = [partial(_fit, *_walk(model, n), kept) for n, kept in zip(sizes, evaluations_ms, strict=True)]
+    whole, single = _fastest_ms(fits, REPEATS_OF_LONG), [min(kept) for kept in evaluations_ms]
     return [
         _curve("whole fit", "frames", "ms", sizes, whole),
         _curve("one evaluation", "frames", "ms", sizes, single),
@@ -158,36 +154,28 @@ MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
 """What measures each NAME."""
 
 
-def fastest_ms(function: Callable[[], object]) -> float:
-    """Milliseconds of the function's fastest run, after one that compiles and fills caches."""
-    function()
-    times: list[float] = []
-    while len(times) < FEWEST or sum(times) < SECONDS:
-        began = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - began)
-    return 1e3 * min(times)
+def _fastest_ms(timed: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    return [1e3 * seconds for seconds in fastest_s(timed, repeats)]
 
 
-def _likelihood_ms(likelihood: ImageMotion, before: Frame, now: Frame, n_particles: int) -> float:
+def _likelihood(likelihood: ImageMotion, before: Frame, now: Frame, n_particles: int) -> Callable[[], FloatArray]:
     rng = np.random.default_rng(1)
-    return fastest_ms(partial(likelihood.log_prob, before, now, people(rng, n_particles), people(rng, n_particles)))
+    return partial(likelihood.log_prob, before, now, people(rng, n_particles), people(rng, n_particles))
 
 
 def _prepare_anew(view: View, blur_px: float) -> Packed:
     return packed_levels(replace(view), blur_px)  # which is kept for the same view
 
 
-def _fit_ms(model: MotionModel, n_frames: int) -> tuple[float, float]:
-    """Milliseconds of a fit, and of one of its evaluations."""
+def _walk(model: MotionModel, n_frames: int) -> tuple[LeastSquares, list[Frame], FloatArray | None]:
+    """What fits a walk, its frames, and the start that paper D sets by hand."""
     dataset = Points(motion="builtin", path="circle", n_frames=n_frames, start="given")
-    inference = LeastSquares(person(dataset.shape), model, dataset.phase_ends)
-    seen, fits = list(dataset.frames()), []
+    return LeastSquares(person(dataset.shape), model, dataset.phase_ends), list(dataset.frames()), dataset.start_pose
 
-    def fit() -> None:
-        fits.append(inference.fit_frames(seen, dataset.start_pose, np.random.default_rng(0))[0])
 
-    return fastest_ms(fit), 1e3 * min(found.timing_s["least_squares"] / found.iterations for found in fits)
+def _fit(inference: LeastSquares, seen: Sequence[Frame], start: FloatArray | None, evaluation_ms: list[float]) -> None:
+    fit = inference.fit_frames(seen, start, np.random.default_rng(0))[0]
+    evaluation_ms.append(1e3 * fit.timing_s["least_squares"] / fit.iterations)
 
 
 def _first(limbs: Limbs, n: int) -> Limbs:

@@ -26,8 +26,8 @@ TINY = {
 @pytest.fixture(autouse=True)
 def brief(tmp_path_factory, monkeypatch):
     """One timed run of each function, two frames of the step, and a cache that the tests share."""
-    monkeypatch.setattr(scaling, "SECONDS", 0.0)
-    monkeypatch.setattr(scaling, "FEWEST", 1)
+    monkeypatch.setattr(scaling, "REPEATS", 1)
+    monkeypatch.setattr(scaling, "REPEATS_OF_LONG", 1)
     monkeypatch.setattr(step, "N_FRAMES", 2)
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
 
