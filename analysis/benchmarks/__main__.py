@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, start, step
+from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, memory, start, step
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -31,6 +31,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "batch_vs_scipy": batch.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
     "recording_share": step.recording_figures,
+    "memory_1e5_gb": memory.figures,
     "start_compile_s": start.figures,
     "start_cached_s": start.figures,
 }

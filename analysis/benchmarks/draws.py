@@ -31,10 +31,10 @@ SMALL, MEDIUM, LARGE = 10_000, 100_000, 1_000_000
 
 def tree_figures() -> list[Figure]:
     """The paper's tree: its time, how that grows with the database, and a search for nearest neighbours beside it."""
-    source, library, others = _motions()
+    source, library, others = motions()
     times = {}
     for size in (SMALL, LARGE):
-        c, probes = _database(size, library, others, N_DRAWS)
+        c, probes = database(size, library, others, N_DRAWS)
         tree, uniforms = sign_tree(c), np.random.default_rng(1).random((N_DRAWS, c.shape[1] + 1))
         timed = [partial(draw, tree, probes, BETA, uniforms, leaf) for leaf in ("uniform", "gaussian")]
         times[size] = [1e6 * seconds / N_DRAWS for seconds in fastest_s(timed, REPEATS)]
@@ -58,8 +58,8 @@ def tree_figures() -> list[Figure]:
 
 def exact_figures() -> list[Figure]:
     """The exact search at the prior's default temperature, and how exact it is."""
-    source, library, others = _motions()
-    c, probes = _database(MEDIUM, library, others, N_PARENTS)
+    source, library, others = motions()
+    c, probes = database(MEDIUM, library, others, N_PARENTS)
     tree, counts = kd_tree(c), np.full(N_PARENTS, N_CHILDREN)
     uniforms, threads = np.random.default_rng(1).random(N_DRAWS), numba.get_num_threads()
     seconds = fastest_s([partial(search, tree, probes, counts, BETA, uniforms)], REPEATS)[0]
@@ -73,7 +73,7 @@ def exact_figures() -> list[Figure]:
     ]  # fmt: skip
 
 
-def _motions() -> tuple[str, Sequence[Motion], Sequence[Motion]]:
+def motions() -> tuple[str, Sequence[Motion], Sequence[Motion]]:
     """What they are, the library's clips, and clips to take probes from."""
     cache = os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
     if data := os.environ.get("WORKBENCH_DATA"):
@@ -84,7 +84,7 @@ def _motions() -> tuple[str, Sequence[Motion], Sequence[Motion]]:
     return "generated people", [m for i, m in enumerate(resampled) if i % 10], resampled[::10]
 
 
-def _database(
+def database(
     size: int, library: Sequence[Motion], others: Sequence[Motion], n_probes: int
 ) -> tuple[Float32Array, FloatArray]:
     """The coefficients (n, b) of a library of about `size` windows, and probes (K, b) from other clips."""

@@ -57,9 +57,10 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float, float]], gap: f
 
     After the axes' limits are set.
     """
-    low, high = axes.get_ylim()
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(axes.get_ylim())
     ordered = sorted(ends, key=lambda end: end[3])
-    heights = [(y - low) / (high - low) for _, _, _, y in ordered]
+    heights = [float((scale.transform([y])[0] - low) / (high - low)) for _, _, _, y in ordered]
     placed: list[float] = []
     for height in heights:
         placed.append(max(height, placed[-1] + gap) if placed else height)

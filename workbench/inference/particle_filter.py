@@ -74,10 +74,7 @@ def filtered(
     for frame in frames:
         clock = Stopwatch()
         if previous is None:
-            state = started_at(prior, np.atleast_2d(start), n_particles, rng_streams["start"])
-            even = np.full(n_particles, -np.log(n_particles))
-            at_first = Particles(state, prior.pose(state), even, np.arange(n_particles))
-            advanced = Advanced(at_first, 0.0, 0.0, diagnostics=first)
+            advanced = _at_first(prior, np.atleast_2d(start), n_particles, rng_streams["start"], first)
             clock.lap("prior")
         else:
             advanced = advance(advanced.particles, previous, frame, rng_streams, clock)
@@ -93,6 +90,15 @@ def started_at(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random
     """States (N, D), as evenly as possible around the poses (n, P)."""
     shares = np.bincount(np.arange(n_particles) % len(poses), minlength=len(poses))
     return np.concatenate([prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
+
+
+def _at_first(
+    prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator, diagnostics: Mapping[str, float]
+) -> Advanced:
+    """Even particles around the poses (n, P). Names in `filtered` would hold them until the last frame."""
+    state, even = started_at(prior, poses, n_particles, rng), np.full(n_particles, -np.log(n_particles))
+    particles = Particles(state, prior.pose(state), even, np.arange(n_particles))
+    return Advanced(particles, 0.0, 0.0, diagnostics=diagnostics)
 
 
 class ParticleFilter:
