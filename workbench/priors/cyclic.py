@@ -79,6 +79,7 @@ class Cyclic:
         )
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
         self._table = np.ascontiguousarray(resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
+        self._speed = np.ascontiguousarray(self._table[:, :, :1])
         self._slope = TABLE_PHASES / 2.0 * (np.roll(self._table, -1, axis=0) - np.roll(self._table, 1, axis=0))
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
@@ -114,7 +115,7 @@ class Cyclic:
     def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
         """`moved`, which is `state` with its noise, after the drift of `dt_s` seconds."""
         slices = self.space.slices
-        speed = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
+        speed = decode(self._speed, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
         heading = state[:, slices["root_rotation"]][:, 0]
         kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self.sigma_coefficients**2))
         moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
