@@ -222,10 +222,13 @@ def _run(
     patches, covers = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER))
     boxes, pair, marks = np.empty((n_limbs, 6)), np.empty(PAIR), np.zeros(n * LANES, dtype=np.int32)
     frames, values = np.empty((skeleton[0].shape[0], FRAME)), np.empty((n_dofs + 9) * LANES)
+    # The different poses before, which of them is each child's, and what is known of their limbs in the image before.
     parents, parent = np.empty((SHARED, n_dofs)), np.empty(SHARED, dtype=np.int32)
     known, states = np.empty((n_limbs, SHARED * n), dtype=np.float32), np.empty((n_limbs, SHARED), dtype=np.int32)
+    # Of one limb: where its patch is, and per lane: is it wholly inside, whose child is it, how many points are seen?
     local, lanes = np.empty(LOCAL, dtype=np.float32), np.empty((6, LANES), dtype=np.int32)
     corners, whole, family, starts, inside, seen = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5]
+    # Of its points: grey levels in the image before, in that of now, and in that before at the place of now.
     index, words = np.empty(BLOCK, dtype=np.uint32), np.empty(BLOCK, dtype=np.uint64)
     fractions, recalled = np.empty(2 * BLOCK, dtype=np.float32), np.empty(n * LANES, dtype=np.float32)
     there, still = np.empty(n * LANES, dtype=np.float32), np.empty(n * LANES * model.still_background, dtype=np.float32)
