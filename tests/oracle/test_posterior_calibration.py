@@ -9,7 +9,16 @@ from test_evaluation import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.datasets.frame import Truth
-from workbench.evaluation.calibration import covered, crps, log_score, rank_histogram, ranks
+from workbench.evaluation.calibration import (
+    covered,
+    crps,
+    crps_reference,
+    log_score,
+    rank_histogram,
+    ranks,
+    share_below,
+    share_below_reference,
+)
 from workbench.evaluation.errors import step_errors
 from workbench.evaluation.posterior import weighted_quantiles
 
@@ -126,15 +135,17 @@ def weighted(n, seed):
     rng = np.random.default_rng(seed)
     values = rng.standard_normal((n, 4)).round(1)
     weights = rng.random(n) * (rng.random(n) < 0.8)
-    return values, weights / weights.sum(), np.array([0.05, values[0, 1], 9.0, values[:, 3].min()])
+    return values, weights / weights.sum(), np.array([0.05, values[weights.argmax(), 1], 9.0, values[:, 3].min()])
 
 
 @pytest.mark.parametrize("n", [3, 50, 1000])
-def test_the_score_is_that_of_all_pairs(n):
+def test_kernels_agree_with_their_references(n):
     values, weights, truth = weighted(n, seed=n)
-    pairs = np.abs(values[:, None] - values[None])
-    expected = weights @ np.abs(values - truth) - 0.5 * np.einsum("i,j,ijd->d", weights, weights, pairs)
+    expected = crps_reference(values, weights, truth)
     np.testing.assert_allclose(crps(values, weights, truth), expected, rtol=1e-12, atol=1e-12)
+    shares = share_below_reference(values, weights, truth)
+    np.testing.assert_allclose(share_below(values, weights, truth), shares, rtol=0.0, atol=1e-13)
+    assert shares[1, 1] > 0.0  # equal to the heaviest
 
 
 @pytest.mark.parametrize("n", [20, 50, 1000])

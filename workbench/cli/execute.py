@@ -195,6 +195,7 @@ def _start(dataset: Dataset, body: Body, prior: Prior) -> FloatArray:
 
 
 def track(parts: Parts, recorder: Recorder, config: DictConfig, summary: Summary, quiet: bool) -> None:
+    """Track frame by frame, measure and record every step, and count it in the summary; quiet: no progress bar."""
     streams = rng_streams(int(config.seed))
     steps = parts.inference.run(parts.dataset.frames(), parts.start, streams)
     disable = True if quiet else None
@@ -224,6 +225,7 @@ def _postfix(step: Step, errors: dict[str, float]) -> str:
 
 
 def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
+    """What records a run of these parts into `summary.recording`, not yet open; InputError for numbers out of range."""
     space = parts.inference.space
     coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
     recorder: Recorder = build(

@@ -41,6 +41,11 @@ def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> F
     return shares
 
 
+def share_below_reference(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
+    """The same as `share_below` in plain NumPy."""
+    return np.stack([weights @ (values < truth), weights @ (values == truth)])
+
+
 def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
     """How many of all ranks lie in each of n_bins even bins (n_bins,): flat when calibrated, U-shaped when too sure,
     a hump when too unsure, a slope when biased."""
@@ -57,6 +62,13 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
         _score(columns[first:last], order, weights, truth[first:last], score[first:last])
 
     over_threads(some, len(truth), 1)
+    return score
+
+
+def crps_reference(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
+    """The same as `crps` in plain NumPy, from the definition: over all pairs of particles."""
+    spread = np.array([weights @ np.abs(np.subtract.outer(x, x)) @ weights for x in values.T])
+    score: FloatArray = weights @ np.abs(values - truth) - 0.5 * spread
     return score
 
 
