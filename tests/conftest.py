@@ -7,6 +7,11 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 
+def pytest_addoption(parser):
+    parser.addoption("--data", metavar="DIR", help="the real recordings ($WORKBENCH_DATA)")
+    parser.addoption("--require-data", action="store_true", help="a test without the real recordings it needs fails")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread():
     """As in a run: results do not depend on the number of threads, and small products are not slowed by many."""
@@ -15,9 +20,12 @@ def one_blas_thread():
 
 
 @pytest.fixture(scope="session")
-def data() -> Path:
-    """The folder with the real recordings; the test is skipped where there is none."""
-    folder = Path(os.environ.get("WORKBENCH_DATA", Path(__file__).parents[1] / ".." / "shared" / "data")).resolve()
-    if not (folder / "cmu" / "index.csv").is_file():
-        pytest.skip(f"no real recordings: set WORKBENCH_DATA (looked in {folder})")
-    return folder
+def data(pytestconfig) -> Path:
+    """The folder with the real recordings; where there is none, the test is skipped, or fails by --require-data."""
+    place = pytestconfig.getoption("--data") or os.environ.get("WORKBENCH_DATA")
+    if place and (Path(place) / "cmu" / "index.csv").is_file():
+        return Path(place).resolve()
+    sentence = f"no real recordings: expected --data DIR or $WORKBENCH_DATA with cmu/index.csv, found {place}"
+    if pytestconfig.getoption("--require-data"):
+        pytest.fail(sentence)
+    pytest.skip(sentence)

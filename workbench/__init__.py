@@ -1,7 +1,9 @@
 """A workbench for tracking articulated people in 3-D."""
 
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from workbench.kernel_cache import use_kernel_cache
 
@@ -11,3 +13,27 @@ except PackageNotFoundError:  # imported from a source tree that was never insta
     __version__ = "0+unknown"
 
 use_kernel_cache(Path(__file__).parent)  # before any kernel is defined
+
+_HOMES = {
+    "Clip": "core.clip",
+    "Cyclic": "priors.cyclic",
+    "ImageMotion": "likelihoods.image_motion",
+    "ParticleFilter": "inference.particles.filter",
+    "Parts": "experiment.tracking",
+    "Recorder": "recording.write.recorder",
+    "Smooth": "priors.smooth",
+    "Synthetic": "datasets.synthetic",
+    "person": "body.limbs",
+    "read": "recording.read.reader",
+    "track": "experiment.tracking",
+    "walking_model": "learning.training",
+}
+"""What `from workbench import …` gives, and the module it is from, which is imported when it is asked for."""
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'workbench' has no attribute {name!r}")
+    return getattr(import_module(f"workbench.{_HOMES[name]}"), name)

@@ -22,15 +22,18 @@ from threadpoolctl import threadpool_limits
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.timing import fastest_s
 from workbench.arrays import FloatArray
-from workbench.body.limbs import person
 from workbench.body.surface import Surface, person_surface
+from workbench.core.observation_residuals import surface_residual
+from workbench.core.residual import Loss, ResidualFunction, robust
+from workbench.core.smoothness import Smoothness
+from workbench.datasets.person import of_dataset
 from workbench.datasets.points import Points
-from workbench.inference.decoding import MotionDecoder
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.least_squares import START_LOSS, START_POINTS, Fit, find_states, fit_batch
-from workbench.inference.motion_fit import FitProblem, fit_problem
-from workbench.inference.phase_grid import roots_from_points
-from workbench.inference.residuals import Loss, Residual, robust, surface_residual
+from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.first_guess import START_LOSS, START_POINTS
+from workbench.inference.fit.motion import FitProblem, fit_problem
+from workbench.inference.fit.motion_fit import find_states, fit_batch
+from workbench.inference.fit.phase_grid import roots_from_points
+from workbench.inference.fit.task import Fit
 from workbench.priors.from_motions import activity
 
 CLIP, N_COMPONENTS = "dataset-2_walk_normal_001", 30
@@ -49,7 +52,7 @@ class Scene:
     points: Sequence[FloatArray]
     times_s: FloatArray
 
-    def residuals(self, every: int = 1) -> list[Residual]:
+    def residuals(self, every: int = 1) -> list[ResidualFunction]:
         """Of all frames, of every so many of their points."""
         skeleton = self.decoder.skeleton
         return [surface_residual(skeleton, self.surface, seen[::every], "distance", SIGMA_M) for seen in self.points]
@@ -149,7 +152,7 @@ def _scene() -> Scene:
     else:
         dataset = Points(first_frame=10)
         prior = activity(motions="builtin", data=None, cache=cache, n_components=N_COMPONENTS)
-    body = dataset.full_body or person(dataset.shape)
+    body = of_dataset(dataset.known)
     frames = list(dataset.frames())
     return Scene(
         what="a recorded walk with every joint" if data else "a generated walk",

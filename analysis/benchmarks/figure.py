@@ -8,8 +8,10 @@ from pathlib import Path
 
 from workbench.errors import InputError
 from workbench.files import whole_file
+from workbench.report.tables import Table, text
 
 BETTER = ("lower", "higher")
+_COLUMNS = ("name", "figure", "bar", "unit", "reached", "reference or peer")
 
 
 @dataclass(frozen=True)
@@ -44,15 +46,14 @@ def not_measured(name: str, unit: str, bar: float, better: str, why: str) -> Fig
 
 
 def table(figures: Sequence[Figure]) -> str:
-    """One line a figure."""
-    width = max([len("name"), *(len(figure.name) for figure in figures)])
-    lines = [f"{'name':<{width}}{'figure':>10}{'bar':>11}  {'unit':<14}{'reached':<9}reference or peer"]
-    for figure in figures:
-        value = "-" if math.isnan(figure.value) else f"{figure.value:.3g}"
-        bar = f"{'≤' if figure.better == 'lower' else '≥'} {figure.bar:.3g}"
-        reached = "yes" if figure.reached else "no"
-        lines.append(f"{figure.name:<{width}}{value:>10}{bar:>11}  {figure.unit:<14}{reached:<9}{figure.reference}")
-    return "\n".join(lines)
+    """Lay the figures out as text, one a line."""
+    return text(Table(_COLUMNS, tuple(map(_row, figures)), frozenset(("figure", "bar"))))
+
+
+def _row(figure: Figure) -> tuple[str, ...]:
+    value = "-" if math.isnan(figure.value) else f"{figure.value:.3g}"
+    bar = f"{'≤' if figure.better == 'lower' else '≥'} {figure.bar:.3g}"
+    return figure.name, value, bar, figure.unit, "yes" if figure.reached else "no", figure.reference
 
 
 def write_figures(path: Path, figures: Sequence[Figure]) -> None:

@@ -24,8 +24,8 @@ from workbench.arrays import FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, View
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.core.frame import Frame, View
+from workbench.inference.particles.filter import ParticleFilter
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.priors.from_motions import walking
 
@@ -48,7 +48,7 @@ class Clock:
 
 
 class Timed:
-    """Another object, the seconds of whose methods go to a clock."""
+    """Another object; the seconds of its methods, and of those of looks and likelihoods it gives, go to a clock."""
 
     def __init__(self, inner: object, clock: Clock) -> None:
         self._inner, self._clock = inner, clock
@@ -60,7 +60,8 @@ class Timed:
 
         def timed(*arguments: object) -> object:
             with self._clock.running():
-                return value(*arguments)
+                result = value(*arguments)
+            return Timed(result, self._clock) if name in ("look", "remember") else result
 
         return timed
 
@@ -86,7 +87,8 @@ class Plugged:
 
     def log_prob(self, t: int, before: FloatArray, now: FloatArray) -> FloatArray:
         with self.clock.running():
-            return self.likelihood.log_prob(self.frames[t - 1], self.frames[t], self.poses(before), self.poses(now))
+            look = self.likelihood.look(self.frames[t - 1], self.frames[t])
+            return look.evaluate(self.poses(before), self.poses(now)).log_prob
 
     def poses(self, particles: FloatArray) -> FloatArray:
         return particles[:, len(self.prior.space) :]

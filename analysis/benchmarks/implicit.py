@@ -35,6 +35,7 @@ from tqdm import tqdm
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton, person_skeleton
+from workbench.core.prior import Prior
 from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.training import database_motions
 from workbench.learning.windows import Windows, learn_windows
@@ -45,7 +46,6 @@ from workbench.priors.implicit_fidelity import fidelity, total_variation
 from workbench.priors.implicit_search import KdTree, exact_log_prob, kd_tree, search
 from workbench.priors.implicit_tree import Tree, draw, median_tree, sign_tree
 from workbench.priors.smooth import SIGMA, Smooth
-from workbench.priors.state import Prior
 
 LEFT_OUT_PEOPLE = ("35", "38", "39")
 RATE_HZ, N_PARENTS, N_CHILDREN, REPEATS = 30.0, 500, 20, 5

@@ -21,10 +21,12 @@ from workbench.body.kinematics import forward
 from workbench.body.lanes import LANES
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, View
-from workbench.likelihoods import image_motion_reference
-from workbench.likelihoods.image_motion import ImageMotion, smoothed
-from workbench.likelihoods.image_motion_kernel import PosedView, packed, place_points
+from workbench.core.frame import Frame, View
+from workbench.core.likelihood import Look
+from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.image_motion import reference as image_motion_reference
+from workbench.likelihoods.image_motion.kernel import PosedView, packed, place_points
 
 N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
 CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
@@ -36,11 +38,11 @@ def kernel_figures() -> list[Figure]:
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
     few = poses[0][:N_REFERENCE], poses[1][:N_REFERENCE]
-    image = smoothed(now.views[0], likelihood.blur_px)
+    image = grey_levels(now.views[0], likelihood.blur_px)
     places, words = _places(likelihood, poses[1]), packed(image)
     one, reference, float32, plain8, plain16 = fastest_s(
         [
-            partial(on_threads, 1, likelihood, before, now, *poses),
+            partial(on_threads, 1, likelihood.look(before, now), *poses),
             partial(_reference, likelihood, before, now, *few),
             partial(float32_lookups, image, *places),
             partial(packed_lookups, packed_bytes(image), *places, 8),
@@ -72,7 +74,7 @@ def thread_figures() -> list[Figure]:
     rng = np.random.default_rng(0)
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
-    one, two = fastest_s([partial(on_threads, n, likelihood, before, now, *poses) for n in (1, 2)], repeats=30)
+    one, two = fastest_s([partial(on_threads, n, likelihood.look(before, now), *poses) for n in (1, 2)], repeats=30)
     what = f"the likelihood of {N_PARTICLES} particles: {1e3 * one:.1f} ms on one, {1e3 * two:.1f} ms on two"
     return [Figure("two_threads", one / two, "× faster", 1.7, "higher", what)]
 
@@ -92,14 +94,12 @@ def people(rng: np.random.Generator, n: int) -> FloatArray:
     return middle + spread * rng.standard_normal((n, 25))
 
 
-def on_threads(
-    threads: int, likelihood: ImageMotion, before: Frame, now: Frame, poses_before: FloatArray, poses_now: FloatArray
-) -> FloatArray:
-    """The likelihood on a number of threads; numba is set back to what it was."""
+def on_threads(threads: int, look: Look, poses_before: FloatArray, poses_now: FloatArray) -> FloatArray:
+    """The log likelihoods on a number of threads; numba is set back to what it was."""
     usual = numba.get_num_threads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     try:
-        return likelihood.log_prob(before, now, poses_before, poses_now)
+        return look.evaluate(poses_before, poses_now).log_prob
     finally:
         numba.set_num_threads(usual)
 
@@ -119,7 +119,7 @@ def _reference(
     body, posed = likelihood.body, []
     for frame, poses in ((before, poses_before), (now, poses_now)):
         view = frame.views[0]
-        image = smoothed(view, likelihood.blur_px)
+        image = grey_levels(view, likelihood.blur_px)
         posed.append(PosedView(view.camera, image, forward(body.skeleton, poses)))
     model, samples = likelihood.model, likelihood.samples
     return image_motion_reference.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -23,9 +24,11 @@ from analysis.benchmarks.machine import processor, versions
 from workbench.body.limbs import Body, person
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
-from workbench.inference.hybrid import Hybrid
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.fit.frame_by_frame import FrameByFrame
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.motion_fit import MotionFit
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.guided import Hybrid
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.activity import Activity
 from workbench.priors.from_motions import activity
@@ -71,7 +74,7 @@ def main() -> None:
 def _print_methods(source: Source) -> None:
     print(f"{'method':<40}{'error mm':>10}{'worst':>8}{'ms a frame':>12}{'evaluations':>13}")
     dataset = Points(motion=source.walks[0], data=source.data, first_frame=10)
-    body = person(dataset.shape)
+    body = person(dataset.known.shape)
     for name, inference, given in _methods(source, body):
         errors, times, evaluations = [], [], 0.0
         for seed in tqdm(range(SEEDS), desc=name, disable=None, leave=False):
@@ -85,13 +88,15 @@ def _print_methods(source: Source) -> None:
 def _methods(source: Source, body: Body) -> Iterator[tuple[str, Method, bool]]:
     """Name, inference, and whether it is given the start."""
     full, small, likelihood = source.prior(30), source.prior(8), SurfacePoints(body)
-    yield "least squares, style per frame", LeastSquares(body, full.model), False
-    yield "least squares, steady", LeastSquares(body, full.model, style="steady"), False
-    yield "least squares, no model", LeastSquares(body, style="none"), True
-    yield "least squares, Gaussian of poses", LeastSquares(body, full.model, style="none", pose_prior=True), True
+    fit = partial(LeastSquares, body, likelihood)
+    yield "least squares, style per frame", fit(full), False
+    yield "least squares, steady", fit(full, problem=MotionFit(frames_per_style=None)), False
+    yield "least squares, no model", fit(problem=FrameByFrame()), True
+    yield "least squares, Gaussian of poses", fit(full, problem=FrameByFrame(pose_prior=True)), True
     for n in (30, 100, 300, 1000, 3000):
         yield f"particle filter, {n}", ParticleFilter(small, likelihood, n_particles=n), True
-    yield "hybrid, 500", Hybrid(small, SurfacePoints(body, temper=0.3), body, widen=2.0), False
+    tempered = ParticleFilter(small, SurfacePoints(body, temper=0.3), n_particles=500)
+    yield "hybrid, 500", Hybrid(tempered, fit(small), widen=2.0), False
 
 
 def _track(inference: Method, dataset: Points, body: Body, seed: int) -> tuple[float, float, float]:
@@ -99,25 +104,26 @@ def _track(inference: Method, dataset: Points, body: Body, seed: int) -> tuple[f
     streams = dict(zip(("start", "resampling", "prior"), np.random.default_rng(seed).spawn(3), strict=True))
     frames = list(dataset.frames())
     began = time.perf_counter()
-    steps = list(inference.run(frames, dataset.start_pose, streams))
+    steps = list(inference.run(frames, dataset.known.start_pose, streams))
     seconds = (time.perf_counter() - began) / len(frames)
     errors = [step_errors(step, body)["error_abs_mm"] for step in steps]
     iterations = steps[-1].diagnostics.get("iterations", 0.0)
-    particles = inference.n_particles if isinstance(inference, ParticleFilter | Hybrid) else 0
+    particles = 0 if isinstance(inference, LeastSquares) else inference.n_particles or 0
     return float(np.mean(errors[1:])), seconds, iterations + particles
 
 
 def _print_starts(source: Source) -> None:
-    model = source.prior(30).model
+    prior = source.prior(30)
     held = {"wrong phases as given": 0, "automatic start": 0}
     clips = [*source.walks, *source.runs]
     for trial in tqdm(range(TRIALS), desc="starts", disable=None, leave=False):
         dataset = Points(motion=clips[trial % len(clips)], data=source.data, first_frame=10, start="given", seed=trial)
-        wrong = _wrong(dataset.phase_ends, np.random.default_rng(trial))
+        wrong = _wrong(dataset.known.phase_ends, np.random.default_rng(trial))
         for name, phases in (("wrong phases as given", wrong), ("automatic start", None)):
-            body = person(dataset.shape)
-            known = dataset if phases else replace(dataset, start="auto")
-            error, _, _ = _track(LeastSquares(body, model, phases=phases), known, body, trial)
+            body = person(dataset.known.shape)
+            shown = dataset if phases else replace(dataset, start="auto")
+            fit = LeastSquares(body, SurfacePoints(body), prior, problem=MotionFit(phases=phases))
+            error, _, _ = _track(fit, shown, body, trial)
             held[name] += error < HELD_MM
     print(f"\nphases off by half a cycle, speed by 20 %: held of {TRIALS} trials over {len(clips)} clips")
     for name, count in held.items():

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
@@ -30,13 +29,13 @@ from analysis.benchmarks.machine import cores, processor, versions
 from analysis.benchmarks.timing import fastest_s
 from workbench.arrays import FloatArray
 from workbench.body.limbs import Limbs, person
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame
+from workbench.core.prior import Prior
 from workbench.datasets.points import Points
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionModel
-from workbench.inference.least_squares import LeastSquares
+from workbench.inference.fit.least_squares import LeastSquares
 from workbench.likelihoods.image_motion import ImageMotion, packed_levels
-from workbench.likelihoods.image_motion_kernel import Packed
+from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.from_motions import activity
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree
@@ -94,11 +93,11 @@ def samples(sizes: Sequence[int] = (10, 20, 50, 100, 200), n_particles: int = N_
 def pixels(scales: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 3.0), n_particles: int = N_PARTICLES) -> list[Curve]:
     """The likelihood, and what it does once with an image, of 640×480 px times these scales."""
     sizes, times = [], []
-    for scale in _bar(scales, "pixels"):  # not in turns: the likelihood keeps the last few images only
+    for scale in _bar(scales, "pixels"):
         likelihood, before, now = scene(np.random.default_rng(0), N_SAMPLES, scale)
         view = now.views[0]
         looking = _likelihood(likelihood, before, now, n_particles)
-        times.append(_fastest_ms([looking, partial(_prepare_anew, view, likelihood.blur_px)], REPEATS))
+        times.append(_fastest_ms([looking, partial(packed_levels, view, likelihood.blur_px)], REPEATS))
         sizes.append(1e-6 * view.image.size)
     size, (looking_ms, preparing_ms) = "image size, 10⁶ px", zip(*times, strict=True)
     return [
@@ -133,9 +132,9 @@ def frames(sizes: Sequence[int] = (7, 14, 28, 56, 112)) -> list[Curve]:
     How often a fit is evaluated varies from walk to walk; so the time of one evaluation is told beside.
     """
     cache = os.environ.get("WORKBENCH_CACHE", "~/.cache/workbench")
-    model = activity(motions="builtin", data=None, cache=cache, n_components=30).model
+    prior = activity(motions="builtin", data=None, cache=cache, n_components=30)
     evaluations_ms: list[list[float]] = [[] for _ in sizes]
-    fits = [partial(_fit, *_walk(model, n), kept) for n, kept in zip(sizes, evaluations_ms, strict=True)]
+    fits = [partial(_fit, *_walk(prior, n), kept) for n, kept in zip(sizes, evaluations_ms, strict=True)]
     whole, single = _fastest_ms(fits, REPEATS_OF_LONG), [min(kept) for kept in evaluations_ms]
     return [
         _curve("whole fit", "frames", "ms", sizes, whole),
@@ -159,19 +158,18 @@ def _fastest_ms(timed: Sequence[Callable[[], object]], repeats: int) -> list[flo
     return [1e3 * seconds for seconds in fastest_s(timed, repeats)]
 
 
-def _likelihood(likelihood: ImageMotion, before: Frame, now: Frame, n_particles: int) -> Callable[[], FloatArray]:
+def _likelihood(likelihood: ImageMotion, before: Frame, now: Frame, n_particles: int) -> Callable[[], object]:
     rng = np.random.default_rng(1)
-    return partial(likelihood.log_prob, before, now, people(rng, n_particles), people(rng, n_particles))
+    return partial(likelihood.look(before, now).evaluate, people(rng, n_particles), people(rng, n_particles))
 
 
-def _prepare_anew(view: View, blur_px: float) -> Packed:
-    return packed_levels(replace(view), blur_px)  # which is kept for the same view
-
-
-def _walk(model: MotionModel, n_frames: int) -> tuple[LeastSquares, list[Frame], FloatArray | None]:
+def _walk(prior: Prior, n_frames: int) -> tuple[LeastSquares, list[Frame], FloatArray | None]:
     """What fits a walk, its frames, and the start that paper D sets by hand."""
     dataset = Points(motion="builtin", path="circle", n_frames=n_frames, start="given")
-    return LeastSquares(person(dataset.shape), model, dataset.phase_ends), list(dataset.frames()), dataset.start_pose
+    known = dataset.known
+    body = person(known.shape)
+    inference = LeastSquares(body, SurfacePoints(body), prior, known.phase_ends)
+    return inference, list(dataset.frames()), known.start_pose
 
 
 def _fit(inference: LeastSquares, seen: Sequence[Frame], start: FloatArray | None, evaluation_ms: list[float]) -> None:
@@ -218,8 +216,6 @@ def measure(names: Sequence[str], out: Path | None) -> list[Curve]:
     """All curves of these names, printed and drawn as they come; raises InputError before anything is measured."""
     if unknown := [name for name in names if name not in MEASURES]:
         raise InputError(f"{unknown[0]}: expected one of {', '.join(MEASURES)}")
-    if out is not None and find_spec("matplotlib") is None:
-        raise InputError("--out: the figures need matplotlib, found none; install it by pip install -e '.[report]'")
     curves: list[Curve] = []
     with threadpool_limits(limits=1, user_api="blas"):
         for name in names:
@@ -227,7 +223,7 @@ def measure(names: Sequence[str], out: Path | None) -> list[Curve]:
             print("", name, *map(told, found), sep="\n", flush=True)
             curves += found
             if out is not None:
-                from analysis.benchmarks.scaling_figures import write  # matplotlib is an extra
+                from analysis.benchmarks.scaling_figures import write
 
                 write(out, name, found)
     return curves

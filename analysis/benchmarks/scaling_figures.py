@@ -10,8 +10,9 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 
 from analysis.benchmarks.curve import Curve
 from analysis.benchmarks.machine import cores, processor
-from analysis.figures.style import DASHES, GREY, HALO, SERIES, STYLE, canvas, label_ends
+from analysis.figures.style import canvas
 from workbench.errors import InputError
+from workbench.recording.study.drawing import DASHES, GREY, HALO, SERIES, STYLE, label_ends
 
 VIDEO_MS = 1e3 / 30.0
 _FAR = 1000.0  # sizes that differ by more get a mark at each power of ten, others one at each size

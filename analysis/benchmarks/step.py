@@ -6,6 +6,7 @@ repeats counts; it is by the clock, and so wants a quiet machine.
 
 import tempfile
 import warnings
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -17,9 +18,11 @@ from threadpoolctl import threadpool_limits
 from tqdm import trange
 
 from analysis.benchmarks.figure import Figure
-from workbench.cli.execute import Parts, assemble, recorder_of, track
-from workbench.cli.run import prepare_hydra
-from workbench.cli.summary import Summary
+from workbench.experiment.assembly import assemble
+from workbench.experiment.execute import record, recorder_of
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.summary import Summary
+from workbench.experiment.tracking import Parts
 
 N_FRAMES, REPEATS = 50, 10
 
@@ -54,7 +57,7 @@ def fastest(n_particles: int, repeats: int, *overrides: str) -> Times:
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"), tempfile.TemporaryDirectory() as to:
         warnings.simplefilter("ignore")
-        parts = assemble(config, Summary("step", 0, Path(to) / "run.rrd"))
+        parts = assemble(config, lambda stage: nullcontext())
         runs = [_once(parts, config, Path(to)) for _ in trange(repeats + 1, disable=None, leave=False)]
     return min(runs[1:], key=lambda times: times.whole)
 
@@ -63,7 +66,7 @@ def _once(parts: Parts, config: DictConfig, folder: Path) -> Times:
     summary = Summary("step", 0, folder / "run.rrd")
     with recorder_of(config, parts, summary) as recorder:
         began = perf_counter()
-        track(parts, recorder, config, summary, quiet=True)
+        record(parts, recorder, int(config.seed), summary, quiet=True)
         whole = perf_counter() - began
     summary.recording.unlink()
     return Times(1e3 * whole / N_FRAMES, {stage: 1e3 * s / N_FRAMES for stage, s in summary.timing.items()})

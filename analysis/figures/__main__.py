@@ -17,9 +17,9 @@ from types import ModuleType
 from matplotlib.style import context
 
 from analysis.figures.recordings import Source, recording
-from analysis.figures.style import STYLE
 from workbench.errors import InputError
-from workbench.recording.reader import Run, open_runs
+from workbench.recording.read.reader import Run, open_runs
+from workbench.recording.study.drawing import STYLE
 
 
 def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:

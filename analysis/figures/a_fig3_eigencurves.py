@@ -7,10 +7,11 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import curves, curves_named
+from analysis.figures.studies import curves_named
 from analysis.figures.style import canvas
-from workbench.recording.reader import Run
-from workbench.studies.study import Curves
+from workbench.core.study import Curves
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("learn_walk",)
 ANGLE = "left knee flexion"
@@ -28,12 +29,12 @@ def draw(runs: Mapping[str, Run]) -> Figure:
         "The paper: five components, 13 cycles of 4 people, cut by hand.",
     )
     cycles, modes, shares = figure.subplots(1, 3)
-    curves(cycles, curves_named(run, f"cycles/{ANGLE}"))
+    draw_curves(cycles, curves_named(run, f"cycles/{ANGLE}"))
     cycles.set_title(f"(a, b) {ANGLE}")
-    curves(modes, alone(curves_named(run, f"eigencurves/{ANGLE}")), dashed=True)
+    draw_curves(modes, alone(curves_named(run, f"eigencurves/{ANGLE}")), dashed=True)
     modes.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     modes.set_title("(c) eigencurves, times λ")
-    curves(shares, curves_named(run, "model/explained variance"), marks_at=0.5)
+    draw_curves(shares, curves_named(run, "model/explained variance"), marks_at=0.5)
     shares.set_title("variance explained")
     shares.set_ylim(0.0, 1.02)
     return figure

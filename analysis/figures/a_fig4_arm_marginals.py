@@ -13,7 +13,7 @@ from analysis.figures.sequences import KEY, N_FRAMES
 from analysis.figures.style import canvas, rows
 from analysis.figures.told import accuracy, setup
 from workbench.arrays import FloatArray
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("arm_twist",)
 ANGLES = {

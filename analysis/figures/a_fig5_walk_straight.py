@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from analysis.figures.sequences import tracked
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("walk_straight",)
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import draw as draw_figure
 from analysis.figures.style import canvas
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("period_snr",)
 

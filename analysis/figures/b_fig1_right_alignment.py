@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import curves, curves_named
+from analysis.figures.studies import curves_named
 from analysis.figures.style import canvas
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("align_cycles",)
 ANGLES = ("left hip flexion", "left knee flexion", "left shoulder flexion")
@@ -29,6 +30,6 @@ def draw(runs: Mapping[str, Run]) -> Figure:
     )
     for row, when in zip(figure.subplots(2, len(ANGLES), sharex=True), ("before", "after"), strict=True):
         for axes, angle in zip(row, ANGLES, strict=True):
-            curves(axes, curves_named(run, f"alignment/{angle} {when}"), labels=False)
+            draw_curves(axes, curves_named(run, f"alignment/{angle} {when}"), labels=False)
             axes.set_title(f"{angle}, {when}")
     return figure

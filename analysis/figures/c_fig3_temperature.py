@@ -7,10 +7,11 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import curves, sticks
+from analysis.figures.studies import sticks
 from analysis.figures.style import canvas, rows
-from workbench.recording.reader import Run
-from workbench.studies.study import Curves, Sticks
+from workbench.core.study import Curves, Sticks
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("temperature",)
 
@@ -34,6 +35,6 @@ def draw(runs: Mapping[str, Run]) -> Figure:
         sticks(axes, drawn)
         axes.set_title(drawn.name.partition("/")[2])
     for axes, shown in zip(lower.subplots(1, len(fidelity)), fidelity, strict=True):
-        curves(axes, shown, marks_at=0.62)
+        draw_curves(axes, shown, marks_at=0.62)
         axes.set_title(shown.name.partition("/")[2])
     return figure

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import bars
 from analysis.figures.style import canvas
-from workbench.recording.reader import Run
-from workbench.studies.study import Bars
+from workbench.core.study import Bars
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw_bars
 
 EXPERIMENTS = ("coefficient_histograms",)
 
@@ -27,7 +27,7 @@ def draw(runs: Mapping[str, Run]) -> Figure:
         "sign tree, follow the Gaussian roughly; no numbers given.",
     )
     for axes, histogram in zip(figure.subplots(2, len(shown) // 2).flat, shown, strict=True):
-        bars(axes, histogram)
+        draw_bars(axes, histogram)
         search, _, coefficient = histogram.name.partition("/")[2].rpartition(", ")
         metric = f"tv_{coefficient}_{'sign_tree' if search == 'sign tree' else 'search'}"
         axes.set_title(f"{search}, {coefficient}: TV {run.result[metric]:.2f}")

@@ -10,9 +10,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from analysis.figures.studies import seen
-from analysis.figures.style import SERIES, bare, canvas
-from workbench.recording.pictures import scenes
-from workbench.recording.reader import Run
+from analysis.figures.style import bare, canvas
+from workbench.recording.read.frames import scenes
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import SERIES
 
 EXPERIMENTS = ("synthesize_run",)
 EVERY = 3

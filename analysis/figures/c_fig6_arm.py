@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from analysis.figures.sequences import compared
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("arm_implicit", "arm_smooth_300", "arm_smooth_3000")
 NAMES = ("(a) implicit prior", "(b) constant velocity", "constant velocity, more particles")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from analysis.figures.sequences import compared
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("body_implicit", "body_smooth")
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from analysis.figures.panels import activity_lanes, bodies, evenly
 from analysis.figures.style import canvas, rows
 from analysis.figures.told import accuracy, setup
-from workbench.recording.pictures import activities
-from workbench.recording.reader import Run
+from workbench.recording.read.frames import activities
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_transition",)
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.studies import draw as draw_figure
 from analysis.figures.studies import figure_named
 from analysis.figures.style import canvas
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("learn_walk_run",)
 ANGLE = "eigenvectors/left knee flexion"

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from analysis.figures.panels import flexion
 from analysis.figures.style import canvas
 from analysis.figures.told import legs, setup
-from workbench.recording.pictures import flexions
-from workbench.recording.reader import Run
+from workbench.recording.read.frames import flexions
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_walk_steady",)
 JOINTS = ("right_hip", "left_hip", "right_knee", "left_knee")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.sequences import fitted
 from analysis.figures.told import accuracy, legs
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_run_variable",)
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from analysis.figures.style import ESTIMATE, SERIES, canvas
+from analysis.figures.style import canvas
 from analysis.figures.told import setup
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import ESTIMATE, SERIES
 
 NAMES = {
     "points_no_model": "no motion model",

@@ -7,12 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from analysis.figures.studies import seen
-from analysis.figures.style import ESTIMATE, FAINT, ON_IMAGE, POINTS, SERIES, TRUTH, bare, label_ends
+from analysis.figures.style import ON_IMAGE, POINTS, bare
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
-from workbench.recording.chunks import Curve
-from workbench.recording.pictures import Picture, Scene, pictures, scenes
-from workbench.recording.reader import Run
+from workbench.recording.read.chunks import Curve
+from workbench.recording.read.frames import Picture, Scene, pictures, scenes
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import ESTIMATE, FAINT, SERIES, TRUTH, label_ends
 
 _MARGIN_PX, _MOVES_PX = 18.0, 3.0
 _IMAGE_SHAPE = 0.7  # width of an image over its height

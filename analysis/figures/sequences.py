@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from analysis.figures.panels import bodies, evenly, images, over_frames, skeletons
-from analysis.figures.style import ESTIMATE, SERIES, canvas, rows
+from analysis.figures.style import canvas, rows
 from analysis.figures.told import accuracy, setup
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.drawing import ESTIMATE, SERIES
 
 N_FRAMES = 6
 """As in the papers: frames 0, 10, …, 50 or 5, 10, …, 30."""

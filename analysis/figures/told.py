@@ -1,6 +1,6 @@
 """What a figure says of a run in words: how it was made, and its numbers."""
 
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 GENERATED = {"builtin": "a generated walker", "builtin_run": "a generated runner", "builtin_arm": "a generated arm"}
 

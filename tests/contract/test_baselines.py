@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from workbench.cli.run import prepare_hydra
-from workbench.cli.stored import own_defaults, runnable, tolerances
-from workbench.recording.reader import open_runs
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.stored import own_defaults, runnable, tolerances
+from workbench.recording.read.reader import open_runs
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 
@@ -27,7 +27,7 @@ def test_each_is_made_by_a_line_of_the_readme(baselines):
 def test_they_are_small(baselines):
     sizes = [run.path.stat().st_size for run in baselines.values()]
     assert max(sizes) <= 1.5e6
-    assert sum(sizes) <= 12e6
+    assert sum(sizes) <= 6e6
 
 
 def test_they_are_complete_and_may_be_run_by_anybody(baselines):

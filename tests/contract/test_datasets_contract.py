@@ -1,16 +1,24 @@
 """What every dataset promises, whatever it is made of."""
 
+from dataclasses import fields
+
 import cv2
 import numpy as np
 import pytest
+from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
-from workbench.datasets.frame import Dataset
+from workbench.core.dataset import Dataset, Known
+from workbench.datasets.blank import Blank
+from workbench.datasets.multi_view import MultiView
+from workbench.datasets.point_files import PointFiles
+from workbench.datasets.points import Points
+from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
 
 CAMERA = """
-[one]
+[{name}]
 size = [40, 32]
 matrix = [[50.0, 0.0, 19.5], [0.0, 50.0, 15.5], [0.0, 0.0, 1.0]]
 distortions = [0.0, 0.0, 0.0, 0.0]
@@ -19,35 +27,97 @@ translation = [0.0, 1.0, 4.0]
 """
 
 
-@pytest.fixture(params=["synthetic", "video"])
+def images(folder, n_frames=5):
+    folder.mkdir()
+    for number in range(n_frames):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((32, 40, 3), number, np.uint8))
+    return str(folder)
+
+
+def cameras(folder, *names):
+    (folder / "cameras.toml").write_text("".join(CAMERA.format(name=name) for name in names))
+    return str(folder / "cameras.toml")
+
+
+def video(folder):
+    (folder / "marks.csv").write_text("frame,joint,u,v,visible\n1,neck,3,4,1\n")
+    files = {name: str(folder / "marks.csv") for name in ("start_marks", "keypoints", "eval_marks")}
+    return Video(images(folder / "film"), cameras(folder, "one"), first_frame=1, scale=0.5, rate_hz=30.0, **files)
+
+
+def unmarked(folder):
+    (folder / "marks.csv").write_text("frame,joint,u,v,visible\n0,neck,3,4,1\n")  # not in the frames used
+    return Video(
+        images(folder / "film"), cameras(folder, "one"), first_frame=1, last_frame=3, rate_hz=30.0,
+        keypoints=str(folder / "marks.csv"),
+    )  # fmt: skip
+
+
+def multi_view(folder):
+    sources = {name: images(folder / name, n) for name, n in (("left", 4), ("right", 5))}
+    write(folder / "found", {t: [points("COCO_17", standing(10.0 + t, 4.0))] for t in range(5)})
+    return MultiView(
+        sources, cameras(folder, "left", "right"), rate_hz=10.0, keypoints={"left": str(folder / "found")}
+    )  # fmt: skip
+
+
+def point_files(folder, **given):
+    for i in range(3):
+        np.savez(folder / f"frame_{i}.npz", points=np.random.default_rng(i).standard_normal((20, 3)))
+    return PointFiles(str(folder), most_points=20, **given)
+
+
+SMALL = {"n_frames": 3, "width": 40, "height": 32, "focal_px": 50.0}
+MADE = {
+    "synthetic": lambda _: Synthetic(**SMALL, person_px=20.0, first_frame=2, keypoint_sigma_px=1.0),
+    "synthetic_unseen": lambda _: Synthetic(**SMALL, person_px=20.0),
+    "points": lambda _: Points(n_frames=3, n_points=20),
+    "points_given": lambda _: Points(**SMALL, n_points=20, images=True, start="given", first_frame=4),
+    "stereo": lambda _: Stereo(n_frames=2, width=320, height=240, focal_px=350.0, baseline_m=0.4, n_points=20),
+    "point_files": point_files,
+    "point_files_given": lambda folder: point_files(folder, truth="builtin", start="given"),
+    "video": video,
+    "video_unmarked": unmarked,
+    "multi_view": multi_view,
+    "blank": lambda _: Blank(n_frames=4, first_frame=3),
+}
+
+
+@pytest.fixture(params=MADE)
 def dataset(request, tmp_path) -> Dataset:
-    if request.param == "synthetic":
-        return Synthetic(
-            n_frames=3, width=40, height=32, person_px=20.0, focal_px=50.0, first_frame=2, keypoint_sigma_px=1.0
+    return MADE[request.param](tmp_path)
+
+
+def equal(first, second):
+    """Whether two of anything that frames carry are the same to the bit."""
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        both = isinstance(first, np.ndarray) and isinstance(second, np.ndarray)
+        return both and np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
+    if isinstance(first, tuple):
+        return len(first) == len(second) and all(map(equal, first, second))
+    if hasattr(first, "__dataclass_fields__"):
+        return type(first) is type(second) and all(
+            equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first)
         )
-    for number in range(5):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((32, 40, 3), number, np.uint8))
-    (tmp_path / "camera.toml").write_text(CAMERA)
-    (tmp_path / "marks.csv").write_text("frame,joint,u,v,visible\n1,neck,3,4,1\n")
-    files = {name: str(tmp_path / "marks.csv") for name in ("start_marks", "keypoints", "eval_marks")}
-    return Video(str(tmp_path), str(tmp_path / "camera.toml"), first_frame=1, scale=0.5, rate_hz=30.0, **files)
+    return first == second
 
 
 def test_frames_come_in_order_as_many_as_promised_and_again_alike(dataset):
     frames, again = list(dataset.frames()), list(dataset.frames())
-    assert len(frames) == len(dataset) == len(again) > 0
+    assert len(frames) == dataset.known.n_frames == len(again) > 0
     assert np.all(np.diff([frame.index for frame in frames]) == 1)
-    assert np.all(np.diff([frame.time_s for frame in frames]) > 0.0)
-    assert any(frame.views[0].keypoints is not None for frame in frames)
-    for first, second in zip(frames, again, strict=True):
-        seen, seen_again = first.views[0].keypoints, second.views[0].keypoints
-        assert np.array_equal(seen, seen_again, equal_nan=seen is not None)
-        assert (first.index, first.time_s) == (second.index, second.time_s)
-        assert np.array_equal(first.views[0].image, second.views[0].image)
+    np.testing.assert_allclose(np.diff([frame.time_s for frame in frames]), 1.0 / dataset.known.rate_hz, rtol=1e-9)
+    assert all(map(equal, frames, again))
 
 
-def test_images_fit_their_camera(dataset):
+def test_what_is_known_is_one_record_made_once(dataset):
+    assert isinstance(dataset.known, Known)
+    assert dataset.known is dataset.known
+
+
+def test_the_cameras_known_are_those_of_the_views_whose_images_fit_them(dataset):
     for frame in dataset.frames():
+        assert equal(tuple(view.camera for view in frame.views), dataset.known.cameras)
         for view in frame.views:
             assert view.image.dtype == np.uint8
             assert view.image.shape in (
@@ -56,19 +126,35 @@ def test_images_fit_their_camera(dataset):
             )
 
 
-def test_what_is_known_has_the_promised_shape(dataset):
-    assert isinstance(dataset.name, str)
-    assert dataset.name
-    assert 0.0 < dataset.scale <= 1.0
-    assert dataset.start_pose is not None or dataset.start_marks is not None
-    if dataset.start_pose is not None:
-        assert dataset.start_pose.shape == (len(POSE_NAMES),)
-    if dataset.start_marks is not None:
-        assert dataset.start_marks.keypoints.shape == (len(dataset.start_marks.times_s), len(JOINT_NAMES), 3)
-        assert dataset.start_marks.times_s[0] == next(dataset.frames()).time_s
+def test_keypoints_and_points_are_promised_where_some_frame_shows_them(dataset):
+    frames = list(dataset.frames())
+    assert dataset.known.has_keypoints == any(view.keypoints is not None for frame in frames for view in frame.views)
+    assert dataset.known.has_points == any(frame.points is not None for frame in frames)
+
+
+def test_what_is_known_of_the_start_has_the_promised_shape(dataset):
+    known, first = dataset.known, next(dataset.frames())
+    assert known.name
+    assert 0.0 < known.scale <= 1.0
+    if known.start_pose is not None:
+        assert known.start_pose.shape == (len(POSE_NAMES),)
+    if known.start_marks is not None:
+        assert known.start_marks.keypoints.shape == (len(known.start_marks.times_s), len(JOINT_NAMES), 3)
+        assert known.start_marks.times_s[0] == first.time_s
+    if known.phase_ends is not None:
+        assert known.phase_ends[1] > known.phase_ends[0]
+    if known.lead_in is not None:
+        assert np.array_equal(known.lead_in[-1], known.start_pose)
+        assert known.lead_in_activity is not None
+
+
+def test_what_frames_carry_has_the_promised_shape(dataset):
     for frame in dataset.frames():
+        assert frame.points is None or frame.points.shape == (len(frame.points), 3)
         assert all(view.keypoints is None or view.keypoints.shape == (len(JOINT_NAMES), 3) for view in frame.views)
         truth = frame.truth
+        if truth is not None and truth.pose is not None:
+            assert truth.pose.shape == (len(POSE_NAMES),)
         if truth is not None and truth.joints is not None:
             assert truth.joints.shape == (len(JOINT_NAMES), 3)
         if truth is not None and truth.marks is not None:

@@ -1,15 +1,106 @@
-"""An experiment sets keys of the prior it is run with, and none of another's."""
+"""Any prior, likelihood and inference can be chosen in any experiment, which sets keys of its own choices alone."""
 
 import pytest
 from hydra import compose, initialize_config_module
+from omegaconf import OmegaConf
 
-from workbench.cli.run import prepare_hydra
+from workbench.experiment.build import resolved
+from workbench.experiment.parts import folder, options
+from workbench.experiment.schema import keys_of, prepare_hydra
+
+TRACKING = sorted(name for name, each in options("experiment").items() if "_study" not in each.text)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def hydra_is_ready():
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        yield
+
+
+def composed(*overrides):
+    return compose("config", overrides=[*overrides, "paths.data=somewhere"])
+
+
+def choose(experiment, k):
+    """Compose with the k-th prior, likelihood and inference, each on its own list again and again."""
+    names = {group: sorted(options(group)) for group in ("prior", "likelihood", "inference")}
+    chosen = {group: each[k % len(each)] for group, each in names.items()}
+    config = composed(f"experiment={experiment}", *(f"{group}={name}" for group, name in chosen.items()))
+    plain = OmegaConf.to_container(config, resolve=True)
+    for group, name in chosen.items():
+        assert plain[group]["_target_"] == options(group)[name].target
+
+
+@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
+def test_parts_can_be_chosen_in_every_experiment(k, experiment):
+    choose(experiment, k)
+
+
+@pytest.mark.slow  # half a second for each of five hundred
+@pytest.mark.parametrize("experiment", TRACKING)
+def test_every_part_can_be_chosen_in_every_experiment(experiment):
+    for k in range(len(options("prior"))):
+        choose(experiment, k)
+
+
+WHEN = [
+    (experiment, place, keys)
+    for experiment, option in sorted(options("experiment").items())
+    for place, keys in (OmegaConf.create(option.text).get("when") or {}).items()
+]
+
+
+def test_what_an_experiment_sets_of_a_part_are_keys_of_that_part():
+    """Hydra refuses any other, see below, but only where the part is chosen."""
+    for experiment, place, keys in WHEN:
+        group, _, name = place.partition(".")
+        assert set(keys) <= set(keys_of(resolved(options(group)[name].target))), (experiment, place)
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_prior_only"])
-@pytest.mark.parametrize(("prior", "fixed"), [("walking", True), ("cyclic", True), ("smooth", False)])
+@pytest.mark.parametrize(("prior", "fixed"), [("walking", True), ("cyclic", True), ("gait", True), ("smooth", False)])
 def test_the_straight_walk_can_be_run_with_any_prior(experiment, prior, fixed):
-    prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=[f"experiment={experiment}", f"prior={prior}"])
-    assert config.prior.get("sigma_rotation") == ([0.0, 0.0, 0.0] if fixed else None)
+    config = composed(f"experiment={experiment}", f"prior={prior}")
+    assert (config.prior.get("sigma_rotation") == [0.0, 0.0, 0.0]) == fixed
+
+
+LEARNED = ["walking", "gait", "cyclic", "activity", "implicit"]
+
+
+@pytest.mark.parametrize("prior", LEARNED)
+def test_any_learned_prior_leaves_out_who_is_tracked(prior):
+    config = composed("experiment=walk_best", f"prior={prior}").prior
+    assert (config.motions, config.leave_out) == ("recorded", ["35", "38", "39"])
+    within = composed("experiment=walk_best", f"prior@prior.base={prior}", "prior=jitter").prior.base
+    assert (within.motions, within.leave_out) == ("recorded", ["35", "38", "39"])
+    own = composed("experiment=custom", f"prior={prior}").prior
+    assert (own.motions, own.leave_out) == ("recorded" if prior == "implicit" else "builtin", [])
+    other = composed("experiment=walk_best", f"prior={prior}", "learn.motions=bandai", "prior.leave_out=[x]").prior
+    assert (other.motions, other.leave_out) == ("bandai", ["x"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "motions"),
+    [
+        (["experiment=walk_video", "prior=cyclic"], "recorded"),
+        (["experiment=ablation_inference", "dataset.motion=35_02", "prior=walking"], "recorded"),
+        (["experiment=ablation_inference", "prior=walking"], "builtin"),
+    ],
+)
+def test_recorded_people_are_followed_by_what_was_learned_from_recorded_people(overrides, motions):
+    assert composed(*overrides).prior.motions == motions
+
+
+def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_begins_with():
+    chosen = ["experiment=coverage", "inference=gauss_newton"]
+    assert composed(*chosen).inference.n_particles == 1400
+    assert composed(*chosen, "inference.n_particles=7").inference.n_particles == 7
+    assert composed("experiment=arm_smooth_300").inference.n_particles == 300
+    assert composed("experiment=arm_smooth_3000").inference.n_particles == 3000
+    assert composed("experiment=balance_1cam").inference.problem.ground_m == 0.14
+    assert composed("experiment=balance_1cam").likelihood.loss == "huber"
+
+
+def test_there_are_few_files():
+    assert len(list(folder("workbench").rglob("*.yaml"))) <= 94

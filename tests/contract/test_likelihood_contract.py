@@ -1,39 +1,42 @@
-"""What every likelihood promises: (N,) log likelihoods, no NaN, clear errors, and warnings that are told once."""
+"""What every likelihood promises, each of `conf/likelihood`: (N,) log likelihoods, and nothing that mutates."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
+from still_clips import of_frames
 
 from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
+from workbench.core.likelihood import Likelihood
 from workbench.errors import InputError
 from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
-from workbench.likelihoods.edge_model import BINS, EdgeModel
 from workbench.likelihoods.edges import Edges
+from workbench.likelihoods.edges.model import BINS, EdgeModel
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.likelihoods.likelihood import Likelihood, remember
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.silhouette import Silhouette
+from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 
 BODY = person(from_height(1.75))
 LEFT = plain_camera(160, 120, 150.0, (3.0, -2.0, 1.0), (0.0, 0.0, 0.0), name="left")
 RIGHT = plain_camera(160, 120, 150.0, (3.0, 2.0, 1.0), (0.0, 0.0, 0.0), name="right")
+CONF = Path(__file__).parents[2] / "conf" / "likelihood"
 
 
-class Empty:
+def walls():
     """A clip of two cameras that see grey walls."""
-
-    def __len__(self):
-        return 3
-
-    def frames(self):
-        for i in range(3):
-            yield Frame(i, i / 30, tuple(View(c, np.full((c.height, c.width), 128, np.uint8)) for c in (LEFT, RIGHT)))
+    views = tuple(View(c, np.full((c.height, c.width), 128, np.uint8)) for c in (LEFT, RIGHT))
+    return of_frames([Frame(i, i / 30, views) for i in range(3)])
 
 
 def edges():
@@ -44,124 +47,192 @@ def edges():
     return likelihood
 
 
-LIKELIHOODS: tuple[Likelihood, ...] = (
-    Uniform(),
-    ImageMotion(BODY),
-    ImageMotion(BODY, occlusion="limb", exponent="sum"),
-    ImageMotion(BODY, background="still"),
-    Background(BODY, Empty()),
-    Appearance(BODY),
-    edges(),
-    Silhouette(BODY, Empty()),
-    KeypointLikelihood(BODY),
-    Product({"motion": ImageMotion(BODY), "background": Background(BODY, Empty())}, {"motion": 0.5, "background": 1.0}),
-)
+def product():
+    terms = {"image_motion": ImageMotion(BODY), "appearance": Appearance(BODY), "silhouette": Silhouette(BODY, walls())}
+    return Product(terms, {"image_motion": 0.5, "appearance": 1.0, "silhouette": 0.5})
 
 
-def frames(rng, *cameras):
-    def views():
-        return tuple(View(c, rng.integers(0, 256, (c.height, c.width)).astype(np.uint8)) for c in cameras)
-
-    return Frame(0, 0.0, views()), Frame(1, 1 / 30, views())
-
-
-def poses(rng, n):
-    return 0.2 * rng.standard_normal((n, 25))
-
-
-@pytest.mark.parametrize("likelihood", LIKELIHOODS, ids=lambda x: type(x).__name__)
-def test_one_finite_number_per_particle(likelihood):
-    rng = np.random.default_rng(0)
-    for n in (0, 1, 33):
-        before, now = frames(rng, LEFT, RIGHT)
-        remember(likelihood, before, np.zeros(25), first=True)
-        found = likelihood.log_prob(before, now, poses(rng, n), poses(rng, n))
-        assert found.shape == (n,)
-        assert found.dtype == np.float64
-        assert np.isfinite(found).all()
+BUILDERS: dict[str, Callable[[], Likelihood]] = {
+    "uniform": Uniform,
+    "image_motion": lambda: ImageMotion(BODY),
+    "image_motion, limbs hide": lambda: ImageMotion(BODY, occlusion="limb", exponent="sum"),
+    "image_motion, still": lambda: ImageMotion(BODY, background="still"),
+    "background": lambda: Background(BODY, walls()),
+    "appearance": lambda: Appearance(BODY),
+    "edges": edges,
+    "silhouette": lambda: Silhouette(BODY, walls()),
+    "keypoints": lambda: KeypointLikelihood(BODY),
+    "surface_points": lambda: SurfacePoints(BODY),
+    "product": product,
+}
 
 
-@pytest.mark.parametrize("likelihood", LIKELIHOODS, ids=lambda x: type(x).__name__)
-def test_the_same_question_has_the_same_answer(likelihood):
-    rng = np.random.default_rng(0)
-    question = (*frames(rng, LEFT), poses(rng, 50), poses(rng, 50))
-    copies = [np.copy(question[2]), np.copy(question[3])]
-    remember(likelihood, question[0], np.zeros(25), first=True)
-    np.testing.assert_array_equal(likelihood.log_prob(*question), likelihood.log_prob(*question))
-    np.testing.assert_array_equal(question[2:], copies)  # and the question is left as it was
+@dataclass(frozen=True)
+class Case:
+    """A likelihood, three frames that show it all it can look at, and how it names itself in notes."""
+
+    likelihood: Likelihood
+    frames: tuple[Frame, Frame, Frame]
+    name: str
+
+    def begun(self) -> Likelihood:
+        """After the first frame."""
+        return self.likelihood.look(None, self.frames[0]).remember(np.zeros(25))
 
 
-@pytest.mark.parametrize("likelihood", LIKELIHOODS, ids=lambda x: type(x).__name__)
-def test_warnings_are_given_once(likelihood):
-    rng = np.random.default_rng(0)
-    far_aside = poses(rng, 5)
-    far_aside[:, 1] -= 100.0  # behind the camera
-    before, now = frames(rng, LEFT)
-    remember(likelihood, before, np.zeros(25), first=True)
-    likelihood.warnings()
-    likelihood.log_prob(before, now, far_aside, far_aside)
-    assert bool(likelihood.warnings()) == isinstance(
-        likelihood, ImageMotion | Product | KeypointLikelihood
-    )  # there are none
-    assert likelihood.warnings() == ()
+REMEMBER_THE_PERSON = ("appearance", "silhouette", "product")
 
 
-def test_uniform_is_zero():
-    rng = np.random.default_rng(0)
-    assert not Uniform().log_prob(*frames(rng, LEFT), poses(rng, 4), poses(rng, 4)).any()
+@pytest.fixture(params=BUILDERS)
+def case(request):
+    name = request.param.split(",")[0].replace("_", " ")
+    return Case(BUILDERS[request.param](), frames(np.random.default_rng(0), LEFT, RIGHT, n=3), name)
+
+
+def frames(rng, *cameras, n=2):
+    """Frames of noise, in which joints and points lie about the pose of zeros."""
+    return tuple(Frame(i, i / 30, tuple(_view(rng, c) for c in cameras), points=_points(rng)) for i in range(n))
+
+
+def _view(rng, camera):
+    pixels = camera.project(joints(BODY.skeleton, np.zeros((1, 25)))[0])
+    marks = np.column_stack([pixels + rng.standard_normal(pixels.shape), rng.uniform(0.1, 1.0, len(pixels))])
+    return View(camera, rng.integers(0, 256, (camera.height, camera.width)).astype(np.uint8), marks)
+
+
+def _points(rng):
+    return rng.choice(joints(BODY.skeleton, np.zeros((1, 25)))[0], 70) + 0.08 * rng.standard_normal((70, 3))
+
+
+def poses(n, seed=1):
+    return 0.2 * np.random.default_rng(seed).standard_normal((n, 25))
+
+
+def test_every_option_is_covered():
+    assert {name.split(",")[0] for name in BUILDERS} == {path.stem for path in CONF.glob("*.yaml")}
+
+
+@pytest.mark.parametrize("n", [0, 1, 33])
+def test_one_finite_number_per_particle(case, n):
+    found = case.begun().look(*case.frames[:2]).evaluate(poses(n), poses(n, 2)).log_prob
+    assert found.shape == (n,)
+    assert found.dtype == np.float64
+    assert np.isfinite(found).all()
+    assert n < 2 or np.ptp(found) > 0.0 or case.name == "uniform"
+
+
+def test_a_particle_does_not_see_the_others(case):
+    look, order = case.begun().look(*case.frames[:2]), np.random.default_rng(3).permutation(50)[:31]
+    previous, pose = poses(50), poses(50, 2)
+    everyone, some = look.evaluate(previous, pose), look.evaluate(previous[order], pose[order])
+    np.testing.assert_array_equal(some.log_prob, everyone.log_prob[order])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_pose_that_is_not_finite_is_impossible_and_hurts_nobody_else(bad):
-    rng = np.random.default_rng(0)
-    likelihood, pair = ImageMotion(BODY), frames(rng, LEFT)
-    previous, now = poses(rng, 40), poses(rng, 40)
-    expected = likelihood.log_prob(*pair, previous, now)
-    assert likelihood.warnings() == ()
-    previous[3, 0], now[17, 24] = bad, bad
-    expected[[3, 17]] = -np.inf
-    np.testing.assert_array_equal(likelihood.log_prob(*pair, previous, now), expected)
-    assert likelihood.warnings() == ("image motion: 2 of 40 poses were not finite",)
-
-
-@pytest.mark.parametrize("likelihood", LIKELIHOODS[4:7], ids=lambda x: type(x).__name__)
-def test_a_pose_that_is_not_finite_is_told_by_cues_of_single_frames(likelihood):
-    rng = np.random.default_rng(0)
-    before, now = frames(rng, LEFT)
-    remember(likelihood, before, np.zeros(25), first=True)
-    pose = poses(rng, 6)
-    expected = likelihood.log_prob(before, now, pose, pose)
-    likelihood.warnings()
+def test_a_pose_that_is_not_finite_is_impossible_is_told_and_hurts_nobody_else(case, bad):
+    look, previous, pose = case.begun().look(*case.frames[:2]), poses(40), poses(40, 2)
+    whole = look.evaluate(previous, pose)
+    assert not any("not finite" in note for note in (*look.notes, *whole.notes))
     spoilt = pose.copy()
-    spoilt[2, 7] = np.nan
-    expected[2] = -np.inf
-    np.testing.assert_array_equal(likelihood.log_prob(before, now, pose, spoilt), expected)
-    assert any("1 of 6 poses were not finite" in sentence for sentence in likelihood.warnings())
+    spoilt[17, 24] = bad
+    found = look.evaluate(previous, spoilt)
+    expected = whole.log_prob.copy()
+    expected[17] = -np.inf
+    np.testing.assert_array_equal(found.log_prob, expected)
+    named = "image motion" if case.name == "product" else case.name
+    assert f"{named}: 1 of 40 poses were not finite" in found.notes
+    assert not any("not finite" in note for note in (*look.notes, *look.evaluate(previous, pose).notes))  # told once
 
 
-@pytest.mark.parametrize("likelihood", LIKELIHOODS[4:8], ids=lambda x: type(x).__name__)
-def test_one_and_two_threads_give_the_same_bits(likelihood):
+def test_the_same_question_has_the_same_answer(case):
+    likelihood, previous, pose = case.begun(), poses(50), poses(50, 2)
+    asked = previous.copy(), pose.copy()
+    look = likelihood.look(*case.frames[:2])
+    first = look.evaluate(previous, pose)
+    for again in (look, likelihood.look(*case.frames[:2])):
+        found = again.evaluate(previous, pose)
+        np.testing.assert_array_equal(found.log_prob, first.log_prob)
+        assert (found.notes, found.diagnostics) == (first.notes, first.diagnostics)
+        assert (again.notes, again.diagnostics) == (look.notes, look.diagnostics)
+    np.testing.assert_array_equal([previous, pose], asked)  # and the question is left as it was
+
+
+def test_what_is_remembered_changes_the_next_likelihood_alone(case):
+    """A run that goes on leaves no trace: neither in the likelihood as it was built, nor in the looks taken."""
+    begun, previous, pose = case.begun(), poses(20), poses(20, 2)
+    look, built = begun.look(*case.frames[:2]), case.likelihood.look(*case.frames[:2])
+    before, anew = look.evaluate(previous, pose), built.evaluate(previous, pose)
+    for expected in (pose[0], np.full(25, np.nan), pose[1]):
+        going_on = look.remember(expected).look(*case.frames[1:]).remember(expected)
+        assert going_on.look(*case.frames[:2]).evaluate(previous, pose).log_prob.shape == (20,)
+    for again, kept in ((look, before), (begun.look(*case.frames[:2]), before)):
+        np.testing.assert_array_equal(again.evaluate(previous, pose).log_prob, kept.log_prob)
+    found = case.likelihood.look(*case.frames[:2])
+    np.testing.assert_array_equal(found.evaluate(previous, pose).log_prob, anew.log_prob)
+    assert found.notes == built.notes
+
+
+@pytest.mark.parametrize("case", sorted(set(BUILDERS) - set(REMEMBER_THE_PERSON)), indirect=True)
+def test_frames_may_be_looked_at_out_of_order(case):
+    """What is kept of the frame just seen is used for that very frame: an earlier pair has its own images."""
+    later = case.begun().look(*case.frames[:2]).remember(np.zeros(25)).look(*case.frames[1:]).remember(np.zeros(25))
+    for pair in (case.frames[:2], case.frames[1:], (case.frames[2], case.frames[0])):
+        expected = case.likelihood.look(*pair).evaluate(poses(20), poses(20, 2))
+        np.testing.assert_array_equal(later.look(*pair).evaluate(poses(20), poses(20, 2)).log_prob, expected.log_prob)
+
+
+def test_diagnostics_have_the_same_names_from_the_first_look_on(case):
+    first = case.likelihood.look(None, case.frames[0])
+    look = first.remember(np.zeros(25)).look(*case.frames[:2])
+    for names in (look.diagnostics, look.evaluate(poses(5), poses(5, 2)).diagnostics):
+        assert list(names) == list(first.diagnostics)
+    assert all(value == 0.0 for value in first.diagnostics.values())
+    assert first.notes == ()  # nothing is judged yet, so that nothing is lacking
+
+
+def test_one_and_two_threads_give_the_same_bits(case):
     most = numba.config.NUMBA_NUM_THREADS
     if most < 2:
         pytest.skip("numba has one thread only here")
-    rng = np.random.default_rng(0)
-    question = (*frames(rng, LEFT, RIGHT), poses(rng, 200), poses(rng, 200))
-    remember(likelihood, question[0], np.zeros(25), first=True)
+    look = case.begun().look(*case.frames[:2])
     usual, found = numba.get_num_threads(), []
     try:
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            found.append(likelihood.log_prob(*question))
+            found.append(look.evaluate(poses(200), poses(200, 2)).log_prob)
     finally:
         numba.set_num_threads(usual)
     np.testing.assert_array_equal(*found)
 
 
-def test_absurd_but_finite_poses_do_not_crash():
+def test_poses_far_beyond_the_image_are_judged_too(case):
+    far_aside = poses(5)
+    far_aside[:, 1] -= 100.0  # behind the camera
+    found = case.begun().look(*case.frames[:2]).evaluate(far_aside, far_aside)
+    assert not np.isnan(found.log_prob).any()
+    outside = [note for note in found.notes if "lay outside the images of left" in note]
+    assert len(outside) == (case.name in ("image motion", "product"))
+
+
+def test_absurd_but_finite_poses_do_not_crash(case):
     rng = np.random.default_rng(0)
     wild = np.concatenate([scale * rng.standard_normal((20, 25)) for scale in (1e3, 1e12, 1e150, 1e300)])
-    found = ImageMotion(BODY).log_prob(*frames(rng, LEFT), wild, wild)
+    found = case.begun().look(*case.frames[:2]).evaluate(wild, wild).log_prob
     assert not np.isnan(found).any()
+
+
+def test_uniform_is_zero():
+    assert not Uniform().look(*frames(np.random.default_rng(0), LEFT)).evaluate(poses(4), poses(4)).log_prob.any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
+    look, previous, pose = ImageMotion(BODY).look(*frames(np.random.default_rng(0), LEFT)), poses(40), poses(40, 2)
+    expected = look.evaluate(previous, pose).log_prob
+    previous[3, 0], pose[17, 24], expected[[3, 17]] = bad, bad, -np.inf
+    found = look.evaluate(previous, pose)
+    np.testing.assert_array_equal(found.log_prob, expected)
+    assert found.notes == ("image motion: 2 of 40 poses were not finite",)
 
 
 @pytest.mark.parametrize(
@@ -179,33 +250,30 @@ def test_constants_out_of_range_are_named(constant, value):
 
 def test_frames_without_a_common_camera():
     rng = np.random.default_rng(0)
-    before, now = frames(rng, LEFT)[0], frames(rng, RIGHT)[1]
     with pytest.raises(InputError, match="frames 0 and 1 have no camera in common"):
-        ImageMotion(BODY).log_prob(before, now, poses(rng, 2), poses(rng, 2))
+        ImageMotion(BODY).look(frames(rng, LEFT)[0], frames(rng, RIGHT)[1])
 
 
 def test_camera_missing_in_one_frame_is_told():
-    rng = np.random.default_rng(0)
-    likelihood, (before, now) = ImageMotion(BODY), frames(rng, LEFT, RIGHT)
-    previous_pose, pose = poses(rng, 3), poses(rng, 3)
+    likelihood, (before, now) = ImageMotion(BODY), frames(np.random.default_rng(0), LEFT, RIGHT)
     only_left = Frame(0, 0.0, before.views[:1]), Frame(1, 1 / 30, now.views[:1])
-    expected = likelihood.log_prob(*only_left, previous_pose, pose)
-    assert likelihood.warnings() == ()
-    np.testing.assert_array_equal(likelihood.log_prob(only_left[0], now, previous_pose, pose), expected)
-    assert likelihood.warnings() == ("image motion: camera right is missing in frame 0 or 1",)
+    expected, look = likelihood.look(*only_left), likelihood.look(only_left[0], now)
+    assert expected.notes == ()
+    assert look.notes == ("image motion: camera right is missing in frame 0 or 1",)
+    found = [one.evaluate(poses(3), poses(3, 2)).log_prob for one in (look, expected)]
+    np.testing.assert_array_equal(*found)
 
 
 def test_a_still_background_needs_images_of_one_size():
     rng = np.random.default_rng(0)
     (before, _), (_, now) = frames(rng, LEFT), frames(rng, LEFT.scaled(2.0))
     with pytest.raises(InputError, match="background=still needs images of one size from camera left"):
-        ImageMotion(BODY, background="still").log_prob(before, now, poses(rng, 2), poses(rng, 2))
-    assert np.isfinite(ImageMotion(BODY).log_prob(before, now, poses(rng, 2), poses(rng, 2))).all()
+        ImageMotion(BODY, background="still").look(before, now)
+    assert np.isfinite(ImageMotion(BODY).look(before, now).evaluate(poses(2), poses(2, 2)).log_prob).all()
 
 
 @pytest.mark.parametrize("shape", [(120, 161), (120, 160, 4), (120, 160, 1), (160, 120)])
 def test_image_that_does_not_fit_its_camera(shape):
-    rng = np.random.default_rng(0)
     frame = Frame(0, 0.0, (View(LEFT, np.zeros(shape, np.uint8)),))
     with pytest.raises(InputError, match="camera left: expected a grey or RGB image of 160×120 px"):
-        ImageMotion(BODY).log_prob(frame, frame, poses(rng, 2), poses(rng, 2))
+        ImageMotion(BODY).look(frame, frame)

@@ -10,18 +10,17 @@ from hydra import compose, initialize_config_module
 
 from workbench.body.camera import plain_camera
 from workbench.body.skeleton import POSE_NAMES
-from workbench.cli.build import build
-from workbench.cli.run import prepare_hydra
-from workbench.cli.schema import COMPONENTS
-from workbench.datasets.gait import builtin_motions
+from workbench.core.prior import Proposing
+from workbench.experiment.build import build
+from workbench.experiment.schema import prepare_hydra
 from workbench.learning.windows import learn_windows
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.following import Following, Trajectory
 from workbench.priors.implicit import PREDICTIONS, SEARCHES, Implicit
 from workbench.priors.mixture import Enterable, Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
-from workbench.priors.state import Proposing
 
 P, DT = len(POSE_NAMES), 1 / 30
 ARM = [f"left_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion")]
@@ -81,12 +80,9 @@ MADE = {
 def composed(name, folder):
     """As `workbench prior=NAME` builds it, but for databases, which are of built-in motions here."""
     prepare_hydra()
-    overrides = ["experiment=custom", f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
+    overrides = [f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=overrides).prior
-    for node in (config, *config.get("priors", {}).values()):
-        if "motions" in node:
-            node.motions = "builtin"
+        config = compose("config", overrides=["experiment=custom", "learn.motions=builtin", *overrides]).prior
     return build(
         config,
         camera=lambda: plain_camera(64, 48, 50.0, (4.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
@@ -100,8 +96,13 @@ def cache_folder(tmp_path_factory):
 
 
 NAMES = [*MADE, *YAMLS]
-WITH_DATABASE = [name for name in NAMES if name.startswith(("implicit", "partwise", "reweighted"))]
+WITH_DATABASE = [
+    name for name in NAMES if name.startswith(("implicit", "partwise", "reweighted", "following_implicit"))
+]
 WITH_PROPOSAL = [name for name in NAMES if name.startswith(("implicit", "partwise", "mixture"))]
+WITH_DENSITY = [
+    name for name in NAMES if not name.startswith(("switching", "flipping", "reweighted")) and "_tree" not in name
+]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name not in ("partwise", "reweighted")]
 WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("switching")]
 
@@ -133,10 +134,6 @@ def only(names):
 
 def generator(seed):
     return np.random.default_rng(seed)
-
-
-def test_every_prior_that_a_configuration_can_name_is_here():
-    assert {f"{name}.yaml" for name in COMPONENTS["prior"]} == {*YAMLS}
 
 
 @pytest.mark.parametrize("n", [1, 2, 37])
@@ -275,6 +272,74 @@ def test_a_proposal_stands_for_the_prior(prior):
         weighted, plain = np.exp(log_weights)[:, None] * (state - parent) ** power, (drawn - parent) ** power
         error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / MANY)
         assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-12).all()
+
+
+def test_powers_are_what_they_say(prior):
+    powers = prior.powers
+    if powers.examples is not None:
+        examples = powers.examples()
+        assert examples.shape == (len(examples), P)
+        assert len(examples) > 0
+        assert np.isfinite(examples).all()
+        assert (examples[:, :4] == 0.0).all()
+    if powers.first_pose is not None:
+        assert powers.first_pose().shape == (P,)
+    if powers.motion is not None:
+        alpha = np.zeros((3, len(powers.motion.scales)))
+        assert powers.motion.angles_at(alpha, np.linspace(0.0, 1.0, 3)).shape == (3, len(powers.motion.angles))
+        assert set(powers.motion.angles) <= set(POSE_NAMES)
+
+
+def test_exactly_those_whose_draws_it_is_have_a_density(request, prior):
+    assert (prior.powers.density is not None) == (request.node.callspec.params["prior"] in WITH_DENSITY)
+
+
+def family(prior, n=20):
+    """n states, their children, and the density that leads from these to those."""
+    *_, parents, children = run(prior, walk().poses[0], n, seed=2, n_steps=2)
+    return parents, children, prior.powers.density
+
+
+@only(WITH_DENSITY)
+def test_a_density_is_finite_where_a_step_leads_and_states_broadcast(prior):
+    parents, children, density = family(prior)
+    free = density.free
+    assert (np.diff(free) > 0).all()
+    assert 0 <= free[0] <= free[-1] < len(prior.space)
+    found = density.log_transition(parents, children, DT)
+    assert found.shape == (20,)
+    assert np.isfinite(found).all()
+    table = density.log_transition(parents[None], children[:7, None], DT)
+    assert table.shape == (7, 20)
+    np.testing.assert_allclose(table[range(7), range(7)], found[:7], rtol=1e-9)
+    assert density.mean(parents, DT).shape == parents.shape
+    assert np.isfinite(density.mean(parents, DT)).all()
+
+
+@only(WITH_DENSITY)
+def test_a_density_speaks_of_free_columns_alone_and_the_others_are_drawn_given_them(prior):
+    parents, children, density = family(prior)
+    follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
+    forgotten = children.copy()
+    forgotten[:, follows] = np.nan
+    forgotten.flags.writeable = parents.flags.writeable = False
+    found = density.log_transition(parents, forgotten, DT)
+    assert (found == density.log_transition(parents, children, DT)).all()
+    completed = density.complete(parents, forgotten, DT, generator(4))
+    assert (completed[:, density.free] == children[:, density.free]).all()
+    assert np.isfinite(completed).all()
+    assert (density.complete(parents, forgotten, DT, generator(4)) == completed).all()
+
+
+@only(WITH_DENSITY)
+def test_columns_without_noise_have_no_density_elsewhere(prior):
+    parents, children, density = family(prior)
+    still = [i for i in density.free if (children[:, i] == parents[:, i]).all()]
+    assert still or set(prior.parameters) == {*POSE_NAMES}
+    for column in still:
+        moved = children.copy()
+        moved[:, column] += 0.5
+        assert (density.log_transition(parents, moved, DT) == -np.inf).all()
 
 
 def test_who_can_take_over_a_moving_pose(cache_folder):

@@ -20,12 +20,13 @@ from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
 from rerun.chunk import RrdReader
 
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
+from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
-from workbench.priors.state import StateSpace
-from workbench.recording import viewer
-from workbench.recording.reader import read
-from workbench.recording.recorder import Recorder
+from workbench.recording.read.reader import read
+from workbench.recording.write import recorder as module
+from workbench.recording.write import viewer
+from workbench.recording.write.recorder import Recorder
 
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
 N_FRAMES = 13  # more than one flush, and a rest
@@ -249,7 +250,7 @@ def test_an_exception_keeps_the_part_and_what_it_holds(run, tmp_path, caplog):
 KILLED = """
 import sys, time
 from recording_steps import BODY, SPACE, steps
-from workbench.recording.recorder import Recorder
+from workbench.recording.write.recorder import Recorder
 with Recorder(sys.argv[1], BODY, SPACE, run_id="killed", config_yaml="seed: 1", provenance={}) as recording:
     for i, step in enumerate(steps(100, n_particles=20)):
         recording.log(step, {})
@@ -262,7 +263,7 @@ with Recorder(sys.argv[1], BODY, SPACE, run_id="killed", config_yaml="seed: 1", 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_a_killed_run_leaves_a_readable_part(tmp_path):
     path = tmp_path / "run.rrd"
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1] / "scenes")}
     command = [sys.executable, "-c", KILLED, path]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "now\n"
@@ -276,9 +277,10 @@ def test_a_killed_run_leaves_a_readable_part(tmp_path):
 
 
 def test_a_disk_that_fills_up_ends_the_run_in_time(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FLUSH_EVERY", 2)
     free = iter([10**9, 10**6])
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=next(free)))
-    recording = recorder(tmp_path / "run.rrd", flush_every=2)
+    recording = recorder(tmp_path / "run.rrd")
     with pytest.raises(OSError, match="only 1 MB"):
         log_all(recording, run)
     assert not recording.path.exists()
@@ -405,9 +407,7 @@ def test_particles_that_are_not_finite_or_not_normalised_are_refused(run, tmp_pa
     assert len(read(recording.part).poses[0]) == 1
 
 
-@pytest.mark.parametrize(
-    "option", [{"n_particles_shown": 0}, {"marginal_bins": 1}, {"flush_every": 0}, {"jpeg_quality": 101}]
-)
+@pytest.mark.parametrize("option", [{"n_particles_shown": 0}, {"marginal_bins": 1}, {"jpeg_quality": 101}])
 def test_numbers_out_of_range_are_refused(tmp_path, option):
     (name,) = option
     with pytest.raises(InputError, match=name):

@@ -5,10 +5,25 @@ import logging
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from workbench.cli.run import main
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command came to: its exit code, what it printed, the folder of the run. Unpacks to code, told, folder."""
+
+    code: int
+    out: str
+    err: str
+    folder: Path
+
+    def __iter__(self):
+        return iter((self.code, self.out + self.err, self.folder))
 
 
 @pytest.fixture(autouse=True)
@@ -22,12 +37,18 @@ def no_handlers_left():
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capfd):
-    """Run the command in this process, which saves the imports: (exit code, what it told, its folder)."""
+def cache(tmp_path):
+    """The folder of the cache; a module whose tests may share one has its own fixture of this name."""
+    return tmp_path / "cache"
 
-    def command(folder, *overrides):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
+
+@pytest.fixture
+def run(tmp_path, cache, monkeypatch, capfd):
+    """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there."""
+
+    def command(folder, *overrides, within=None):
+        monkeypatch.chdir(within or tmp_path)
+        monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
         monkeypatch.delenv("WORKBENCH_DATA", raising=False)
         monkeypatch.setattr(sys, "argv", ["workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"])
         try:
@@ -35,23 +56,34 @@ def run(tmp_path, monkeypatch, capfd):
         except SystemExit as end:
             code = end.code
         logging.captureWarnings(False)
-        return code, "".join(capfd.readouterr()), tmp_path / folder
+        return Done(code, *capfd.readouterr(), tmp_path / folder)
 
     return command
 
 
 @pytest.fixture
-def summary_of(tmp_path):
-    """Run the command as a process of its own in a folder, which keeps the cache too; what its summary.json says."""
+def summary_of(run):
+    """Run the command within a folder, to the end; what its summary.json says."""
+
+    def command(within, *overrides):
+        done = run("out", *overrides, within=within)
+        assert done.code == 0, done.err
+        return json.loads((done.folder / "summary.json").read_text())
+
+    return command
+
+
+@pytest.fixture
+def process(tmp_path, cache):
+    """Run the command as a process of its own."""
 
     def command(folder, *overrides):
-        environment = {**os.environ, "WORKBENCH_CACHE": str(folder / "cache")}
+        environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
         environment.pop("WORKBENCH_DATA", None)
         done = subprocess.run(
-            [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / 'out'}"],
-            cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False,
+            [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return json.loads((tmp_path / "out" / "summary.json").read_text())
+        return Done(done.returncode, done.stdout, done.stderr, tmp_path / folder)
 
     return command

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from workbench.recording.reader import read
+from workbench.core.study import Curves, Scatter
+from workbench.recording.read.reader import read
 from workbench.studies.learning_activities import style
-from workbench.studies.study import Curves, Scatter
 
 STUDY = "experiment=learn_walk_run"
 METRICS = {"n_examples", "n_clips", "cycle_rate_hz_walk", "cycle_rate_hz_run"} | {

@@ -13,7 +13,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.mocap.trc import trc_text
 
-SMALL = ("dataset.scale=0.1", "dataset.last_frame=11", "inference.n_particles=20", "inference.sigma_px=1.0")
+SMALL = ("dataset.scale=0.1", "dataset.last_frame=11", "inference.n_particles=20", "likelihood.sigma_px=1.0")
 
 COCO_17 = (
     *["head_centre"] * 5,
@@ -80,8 +80,8 @@ def files_of(folder):
 def test_files_of_two_cameras_are_tracked_in_one_go(run, tmp_path):
     scene(tmp_path)
     code, told, folder = run(
-        "out", *files_of(tmp_path), "prior=smooth", "likelihood=uniform", "inference=least_squares",
-        "inference.style=smooth", "inference.n_particles=20",
+        "out", *files_of(tmp_path), "prior=smooth", "likelihood=keypoints", "inference=least_squares",
+        "inference.n_particles=20",
     )  # fmt: skip
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]

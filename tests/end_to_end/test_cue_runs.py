@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=5", "inference.n_particles=200", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175", "likelihood=product")

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
+
+STEADY = "inference.problem={_target_: workbench.inference.fit.motion_fit.MotionFit, frames_per_style: null}"
 
 
 def test_a_generated_walk_is_found_in_noisy_keypoints(summary_of, tmp_path):
     small = ("dataset.n_frames=10", "prior.n_components=4", "prior.activities=[walk]", "inference.n_particles=30")
-    summary = summary_of(tmp_path, "experiment=walk_keypoints_synthetic", "inference.style=steady", *small)
+    summary = summary_of(tmp_path, "experiment=walk_keypoints_synthetic", STEADY, *small)
     metrics = summary["metrics"]
     assert summary["status"] == "complete"
     # noise of 4 px is 2.5 cm where the person is 270 px tall; the frames' means are better

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workbench.datasets.arm import bending_arm
-from workbench.datasets.gait import builtin_motions
+from workbench.mocap.generated.arm import bending_arm
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
 
 SMALL = (
     "dataset.n_frames=4",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.cli import report
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
 from workbench.report.statistics import joint_errors
 from workbench.report.tables import number
 

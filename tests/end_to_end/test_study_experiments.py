@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
 
 METRICS = {
     "learn_walk": {"n_cycles", "n_components", "explained", "explained_5"},

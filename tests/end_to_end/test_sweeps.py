@@ -15,9 +15,9 @@ import yaml
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.cli.job import alone, read_summary, run_apart
-from workbench.cli.run import prepare_hydra
-from workbench.recording.reader import read
+from workbench.experiment.schema import prepare_hydra
+from workbench.recording.read.reader import read
+from workbench.sweep.job import alone, read_summary, run_apart
 
 TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")
 TINY += ("dataset.person_px=40", "dataset.focal_px=90")

@@ -1,8 +1,6 @@
 """Synthesis and the database's studies through the command line, without recorded motion."""
 
 import json
-import logging
-import sys
 
 import numpy as np
 import pytest
@@ -12,10 +10,9 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cli.export import main as export
-from workbench.cli.run import main
 from workbench.datasets.blank import Blank
 from workbench.mocap.bvh import read_bvh
-from workbench.recording.reader import read
+from workbench.recording.read.reader import read
 
 BUILTIN = ("prior.motions=builtin", "dataset.motion=builtin")
 SHORT = "dataset.n_frames=12"
@@ -26,34 +23,15 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
 
 
-@pytest.fixture
-def workbench(tmp_path, cache, monkeypatch, capfd):
-    """Run the command in this process, which saves the imports: (exit code, folder of the run, standard error)."""
-
-    def run(*overrides, folder="out"):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
-        monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-        monkeypatch.setattr(sys, "argv", ["workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"])
-        try:
-            code = main()
-        except SystemExit as end:
-            code = end.code
-        logging.captureWarnings(False)
-        return code, tmp_path / folder, capfd.readouterr().err
-
-    return run
-
-
 def metrics_of(folder):
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["status"] == "complete"
     return summary["metrics"]
 
 
-def test_synthesize_run_leaves_metrics_and_a_recording(workbench):
-    code, folder, err = workbench("experiment=synthesize_run", *BUILTIN, SHORT)
-    assert code == 0, err
+def test_synthesize_run_leaves_metrics_and_a_recording(run):
+    code, told, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
+    assert code == 0, told
     metrics, recorded = metrics_of(folder), read(folder / "run.rrd")
     frames, poses = recorded.poses
     assert list(frames) == list(range(12))
@@ -65,9 +43,9 @@ def test_synthesize_run_leaves_metrics_and_a_recording(workbench):
     assert recorded.metric("jump_deg")[1] == pytest.approx(jumps)
 
 
-def test_the_way_is_drawn_through_the_world(workbench):
-    _, folder, _ = workbench("experiment=synthesize_run", *BUILTIN, SHORT)
-    places = joints(person(Blank().shape).skeleton, read(folder / "run.rrd").poses[1])
+def test_the_way_is_drawn_through_the_world(run):
+    folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
+    places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
     for name in ("left_wrist", "right_wrist"):
         (trail,) = static_strips(folder / "run.rrd", f"/world/estimate/trails/{name}")
         assert trail == pytest.approx(places[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32
@@ -84,18 +62,18 @@ def static_strips(path, entity):
     return [np.array(strip) for strip in rows[-1]]
 
 
-def test_a_run_with_images_has_no_trails(workbench):
+def test_a_run_with_images_has_no_trails(run):
     small = ("dataset.n_frames=2", "dataset.width=80", "dataset.height=60", "dataset.person_px=40")
-    code, folder, err = workbench("inference.n_particles=10", "dataset.focal_px=90", *small)
-    assert code == 0, err
+    code, told, folder = run("out", "inference.n_particles=10", "dataset.focal_px=90", *small)
+    assert code == 0, told
     assert not RrdReader(folder / "run.rrd").stream().filter(content="/world/estimate/trails/**").to_chunks()
 
 
-def test_what_is_synthesised_can_be_exported(workbench):
-    _, folder, _ = workbench("experiment=synthesize_run", *BUILTIN, SHORT)
+def test_what_is_synthesised_can_be_exported(run):
+    folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
     for suffix in ("bvh", "trc", "csv"):
         assert export([str(folder / "run.rrd"), str(folder / f"out.{suffix}")]) == 0
-    places = joints(person(Blank().shape).skeleton, read(folder / "run.rrd").poses[1])
+    places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
     clip = read_bvh(folder / "out.bvh")
     for name in ("pelvis", "left_knee", "right_elbow"):
         assert clip.positions[:, clip.joints.index(name)] == pytest.approx(
@@ -108,40 +86,40 @@ def test_what_is_synthesised_can_be_exported(workbench):
 
 
 @pytest.mark.parametrize("prior", ["walking", "cyclic", "smooth", "implicit"])
-def test_any_prior_can_be_synthesised_from(workbench, prior):
+def test_any_prior_can_be_synthesised_from(run, prior):
     parts = ("experiment=custom", "dataset=blank", f"prior={prior}", "likelihood=uniform", "inference=synthesis")
     options = ("prior.motions=builtin",) if prior == "implicit" else ()
-    code, folder, err = workbench(*parts, *options, SHORT)
-    assert code == 0, err
+    code, told, folder = run("out", *parts, *options, SHORT)
+    assert code == 0, told
     metrics = metrics_of(folder)
     assert ("same_activity" in metrics) == (prior == "implicit")
     assert 0.0 < metrics["jump_deg_mean"] <= metrics["jump_deg_p99"] < 90.0
     assert read(folder / "run.rrd").poses[1].shape == (12, 25)
 
 
-def test_the_same_seed_gives_the_same_bits(workbench):
+def test_the_same_seed_gives_the_same_bits(run):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        assert workbench("experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}", folder=name)[0] == 0
-    _, folder, _ = workbench("experiment=synthesize_run", *BUILTIN, SHORT, "threads=1", folder="d")
+        assert run(name, "experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}").code == 0
+    folder = run("d", "experiment=synthesize_run", *BUILTIN, SHORT, "threads=1").folder
     poses = {name: read(folder.with_name(name) / "run.rrd").poses[1] for name in "abcd"}
     assert (poses["a"] == poses["b"]).all()
     assert (poses["a"] == poses["d"]).all()
     assert not (poses["a"] == poses["c"]).all()
 
 
-def test_temperature_runs_without_data(workbench):
+def test_temperature_runs_without_data(run):
     options = ("study.betas=[0.01,1]", "study.n_probes=3", "study.n_draws=3")
-    code, folder, err = workbench("experiment=temperature", "prior.motions=builtin", *options)
-    assert code == 0, err
+    code, told, folder = run("out", "experiment=temperature", "prior.motions=builtin", *options)
+    assert code == 0, told
     metrics = metrics_of(folder)
     assert {"tv_sign_tree", "tv_search", "visited_pct"} <= metrics.keys()
     assert metrics["tv_search"] < metrics["tv_sign_tree"]
     assert "fig. 3" in read_note(folder)
 
 
-def test_coefficient_histograms_run_without_data(workbench):
-    code, folder, err = workbench("experiment=coefficient_histograms", "prior.motions=builtin", "study.n_draws=100")
-    assert code == 0, err
+def test_coefficient_histograms_run_without_data(run):
+    code, told, folder = run("out", "experiment=coefficient_histograms", "prior.motions=builtin", "study.n_draws=100")
+    assert code == 0, told
     metrics = metrics_of(folder)
     assert {"tv_c3_sign_tree", "tv_c3_search", "tv_sampling"} <= metrics.keys()
     assert "fig. 4" in read_note(folder)
@@ -153,11 +131,11 @@ def read_note(folder):
 
 
 @pytest.mark.parametrize("experiment", ["synthesize_run", "temperature", "coefficient_histograms"])
-def test_without_recordings_one_sentence_says_what_is_needed(workbench, experiment):
-    code, _, err = workbench(f"experiment={experiment}")
-    assert code == 2
-    assert "paths.data" in err
-    assert len(err.strip().splitlines()) == 1
+def test_without_recordings_one_sentence_says_what_is_needed(run, experiment):
+    done = run("out", f"experiment={experiment}")
+    assert done.code == 2
+    assert "paths.data" in done.err
+    assert len(done.err.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -168,11 +146,11 @@ def test_without_recordings_one_sentence_says_what_is_needed(workbench, experime
         (["inference.smoothing=1"], "smoothing"),
         (["dataset.n_frames=0"], "n_frames"),
         (["dataset.first_frame=100000"], "first_frame"),
-        (["dataset.rate_hz=25"], "30 Hz"),
+        (["dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
     ],
 )
-def test_wrong_input_is_one_clear_sentence(workbench, overrides, words):
-    code, _, err = workbench("experiment=synthesize_run", *BUILTIN, SHORT, *overrides)
-    assert code == 2
-    assert words in err
-    assert len(err.strip().splitlines()) == 1
+def test_wrong_input_is_one_clear_sentence(run, overrides, words):
+    done = run("out", "experiment=synthesize_run", *BUILTIN, SHORT, *overrides)
+    assert done.code == 2
+    assert words in done.err
+    assert len(done.err.strip().splitlines()) == 1

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from workbench.body.full_skeleton import full_poses, full_skeleton
 from workbench.body.skeleton import N_ROOT
 from workbench.learning.activities import learn_activities
 from workbench.learning.activity_classes import accuracy_left_out, mean_rates_hz
-from workbench.learning.activity_cycles import SHORTEST_S, activity_cycles, cut, joined
-from workbench.learning.cycles import gait_events
+from workbench.learning.activity_cycles import activity_cycles, cut, joined
 from workbench.mocap.bvh import read_bvh
+from workbench.mocap.full_skeleton import full_poses, full_skeleton
+from workbench.mocap.gait_events import SHORTEST_RUN_S, gait_events
 from workbench.mocap.retarget import retarget
 from workbench.mocap.sources import find_clip, load_motion
 
@@ -62,7 +62,7 @@ def test_every_joint_of_a_file_can_be_modelled(data):
     parts = []
     for activity in ("walk", "run"):
         clip = read_bvh(find_clip(data, f"dataset-2_{activity}_normal_001"))
-        events = gait_events(retarget(clip), SHORTEST_S)
+        events = gait_events(retarget(clip), SHORTEST_RUN_S)
         labels = {"activity": activity, "source": clip.name}
         parts.append(cut(full_skeleton(clip), full_poses(clip), events, rate_hz=clip.rate_hz, **labels))
         assert parts[-1].angles == full_skeleton(clip).dof_names[N_ROOT:]

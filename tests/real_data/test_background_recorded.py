@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from workbench.core.clip import Clip
 from workbench.datasets.video import Video
-from workbench.likelihoods.background import log_ratio, still_scenes
+from workbench.likelihoods.still_scene import log_ratio, still_scenes
 
 
 @pytest.mark.slow  # it decodes a hundred frames
@@ -12,7 +13,7 @@ def test_the_woman_is_foreground_and_the_rest_is_not(data):
     folder = data / "sports2d_walk"
     files = {"eval_marks": str(folder / "keypoints.csv"), "first_frame": 64, "last_frame": 160, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
-    scene = next(iter(still_scenes(video, 60, 0.7, 3.0).values()))
+    scene = next(iter(still_scenes(Clip(video), 60, 0.7, 3.0).values()))
     shares = []
     for frame in video.frames():
         if frame.truth is None:

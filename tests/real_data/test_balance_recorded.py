@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
+from workbench.core.clip import Clip
 from workbench.datasets.multi_view import MultiView
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.limb_lengths import of_keypoints
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.smooth_fit import SmoothFit
+from workbench.inference.start.limb_lengths import of_keypoints
+from workbench.likelihoods.keypoints import KeypointLikelihood
 
 NAMES = ("cam_01", "cam_02", "cam_03", "cam_04")
 
@@ -17,12 +20,14 @@ def dataset(data):
     if not folder.is_dir():
         pytest.skip(f"no recordings of several cameras: {folder}")
     files = {name: name.replace("_", "") for name in NAMES}
+    found = MultiView(
+        {name: str(folder / f"{file}.mp4") for name, file in files.items()}, str(folder / "Calib_qualisys.toml"),
+        keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
+        truth=str(folder / "joints_triangulated.trc"), scale=0.1, last_frame=19,
+    )  # fmt: skip
     with pytest.warns(UserWarning, match="are stretched"):  # two of the videos are 8 px narrower than calibrated
-        return MultiView(
-            {name: str(folder / f"{file}.mp4") for name, file in files.items()}, str(folder / "Calib_qualisys.toml"),
-            keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
-            truth=str(folder / "joints_triangulated.trc"), scale=0.1, last_frame=19,
-        )  # fmt: skip
+        _ = found.known
+    return found
 
 
 def test_the_truth_lies_where_every_camera_saw_the_joints(dataset):
@@ -37,10 +42,9 @@ def test_the_truth_lies_where_every_camera_saw_the_joints(dataset):
 
 @pytest.mark.slow
 def test_the_man_is_found_and_measured_by_himself(dataset):
-    body = of_keypoints(dataset)
-    fit, _, _ = LeastSquares(body, style="smooth", sigma_px=1.0).fit_frames(
-        list(dataset.frames()), None, np.random.default_rng(0)
-    )
+    body = of_keypoints(Clip(dataset))
+    fitting = LeastSquares(body, KeypointLikelihood(body, sigma_px=1.0), problem=SmoothFit())
+    fit, _, _ = fitting.fit_frames(list(dataset.frames()), None, np.random.default_rng(0))
     truth = np.array([frame.truth.joints for frame in dataset.frames()])
     errors = 1e3 * np.linalg.norm(joints(body.skeleton, fit.poses) - truth, axis=2)
     assert errors[:, 1:].mean() < 60.0  # what is promised of it

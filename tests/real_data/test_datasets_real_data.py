@@ -8,9 +8,9 @@ from scipy.signal import find_peaks
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.datasets.gait import average_subject
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
+from workbench.mocap.generated.gait import average_subject
 from workbench.mocap.sources import load_motion
 
 CLIPS = ("02_01", "05_01", "06_01", "07_01", "08_01", "16_15", "35_02", "38_01", "39_01")
@@ -79,10 +79,10 @@ def test_the_demonstration_video(data):
     files = {key: str(folder / "keypoints.csv") for key in ("start_marks", "eval_marks")}
     dataset = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), None, 64, 71, 0.5, **files)
     frames = list(dataset.frames())
-    assert dataset.rate_hz == pytest.approx(30.0)
+    assert dataset.known.rate_hz == pytest.approx(30.0)
     assert [frame.index for frame in frames] == list(range(64, 72))
     assert frames[0].views[0].image.shape == (497, 884, 3)
-    assert np.isfinite(dataset.start_marks.keypoints[0, :, 0]).sum() == 14
+    assert np.isfinite(dataset.known.start_marks.keypoints[0, :, 0]).sum() == 14
     marked = [frame for frame in frames if frame.truth is not None]
     assert [frame.index for frame in marked] == [64, 70]
     # Between the two she walks to the left, away from where she was: the marked knee is on her, not on what was there.

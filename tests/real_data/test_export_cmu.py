@@ -6,7 +6,7 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.mocap.bvh import read_bvh
-from workbench.mocap.export import export, motion_track
+from workbench.mocap.export import Track, export
 from workbench.mocap.sources import load_motion
 
 
@@ -15,9 +15,14 @@ def walk(data):
     return load_motion(data / "cmu" / "35" / "35_02.amc")
 
 
+def track(motion):
+    skeleton, frames = person_skeleton(motion.shape), np.arange(len(motion))
+    return Track(skeleton, frames, frames / motion.rate_hz, joints(skeleton, motion.poses), motion.poses)
+
+
 def test_a_cmu_walk_as_bvh(walk, tmp_path):
     path = tmp_path / "walk.bvh"
-    export(path, motion_track(walk))
+    export(path, track(walk))
     clip = read_bvh(path)
     assert (len(clip), clip.rate_hz) == (len(walk), 120.0)
     expected = joints(person_skeleton(walk.shape), walk.poses)
@@ -31,7 +36,7 @@ def test_a_cmu_walk_as_bvh(walk, tmp_path):
 
 def test_a_cmu_walk_as_trc(walk, tmp_path):
     path = tmp_path / "walk.trc"
-    export(path, motion_track(walk), metres=True)
+    export(path, track(walk), metres=True)
     lines = path.read_text().split("\n")
     assert lines[2].split("\t") == ["120", "120", str(len(walk)), "15", "m", "120", "1", str(len(walk))]
     assert lines[3].split("\t")[2::3] == list(JOINT_NAMES)

@@ -2,14 +2,16 @@
 
 import numpy as np
 import pytest
+from least_squares_scenes import Knowing
 
 from workbench.body.flexion import flexions
-from workbench.body.full_skeleton import full_poses, full_skeleton
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
-from workbench.inference.least_squares import LeastSquares
+from workbench.inference.fit.least_squares import LeastSquares
 from workbench.learning.training import activity_model
+from workbench.likelihoods.surface_points import SurfacePoints
+from workbench.mocap.full_skeleton import full_poses, full_skeleton
 from workbench.mocap.sources import find_clip, load_motion, read_clip
 
 HELD_OUT = "dataset-2_walk_normal_001"
@@ -42,11 +44,10 @@ def test_a_held_out_walk_is_fitted_with_every_joint(data, tmp_path):
     model = activity_model(motions="bandai", data=str(tmp_path), cache=str(tmp_path), n_components=30, skeleton="full")
     assert len(model.angles) == 60
     dataset = Points(motion=HELD_OUT, data=str(data), first_frame=10, skeleton="full")
-    fit = LeastSquares(dataset.full_body, model)
+    body = dataset.known.body
+    fit = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
     streams = {name: np.random.default_rng(0) for name in ("start", "prior")}
-    errors = [
-        step_errors(step, dataset.full_body, model.pose_names) for step in fit.run(dataset.frames(), None, streams)
-    ]
+    errors = [step_errors(step, body, model.pose_names) for step in fit.run(dataset.frames(), None, streams)]
     mean = {name: np.mean([error[name] for error in errors]) for name in ("error_abs_mm", "knee_deg", "hip_deg")}
     # what a fit of a held-out walk is asked to reach, whatever its skeleton
     assert mean["error_abs_mm"] < 22.0

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
+from workbench.core.clip import Clip
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
-from workbench.inference.keypoint_start import start_from_keypoints
-from workbench.inference.limb_lengths import of_keypoints
+from workbench.inference.start.keypoints import start_from_keypoints
+from workbench.inference.start.limb_lengths import of_keypoints
 
 CAMERAS = ("cam_01", "cam_02", "cam_03", "cam_04")
 
@@ -26,8 +27,8 @@ def test_the_man_is_found_in_the_first_frame(data, which):
         keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
         truth=str(folder / "joints_triangulated.trc"), scale=0.1, last_frame=36,
     )  # fmt: skip
-    shown = list(dataset.frames())
-    skeleton = of_keypoints(dataset).skeleton
+    clip = Clip(dataset)
+    shown, skeleton = list(clip), of_keypoints(clip).skeleton
     apart = joints(skeleton, start_from_keypoints(skeleton, shown)[:1])[0, 1:] - shown[0].truth.joints[1:]
     if len(which) == len(CAMERAS):
         assert 1e3 * np.linalg.norm(apart, axis=1).mean() < 60.0  # what is promised of it
@@ -44,7 +45,7 @@ def test_the_woman_is_found_by_the_marks_of_her_first_frame(data):
     video = Video(
         str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), first_frame=64, last_frame=64, keypoints=marks
     )
-    skeleton = of_keypoints(video).skeleton
+    skeleton = of_keypoints(Clip(video)).skeleton
     (frame,) = video.frames()
     (view,) = frame.views
     found = view.camera.project(joints(skeleton, start_from_keypoints(skeleton, [frame])[:1])[0])

@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from least_squares_scenes import Knowing
 
 from workbench.body import person
 from workbench.body.kinematics import joints
+from workbench.core.smoothness import Smoothness
 from workbench.datasets.video import Video
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.start import motion_model, start_from_marks
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.motion_fit import MotionFit
+from workbench.inference.start.marks import start_from_marks
+from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.from_motions import walking
 
 SCALE = 0.5
@@ -20,7 +24,7 @@ def prior(data, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def woman():
-    return person.of_height(None, height_m=1.65, lengths={"thigh": 0.40, "calf": 0.365, "forearm": 0.24})
+    return person.of_height(height_m=1.65, lengths={"thigh": 0.40, "calf": 0.365, "forearm": 0.24})
 
 
 def video(data, **parameters):
@@ -33,9 +37,9 @@ def video(data, **parameters):
 @pytest.mark.parametrize(("last", "rate_hz"), [(None, np.nan), pytest.param(160, 0.83, marks=pytest.mark.slow)])
 def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
     dataset = video(data, start_last=last)
-    camera = dataset.camera.scaled(SCALE)
-    fit = start_from_marks(prior, woman.skeleton, camera, dataset.start_marks)
-    first = dataset.start_marks.keypoints[0]
+    (camera,) = dataset.known.cameras
+    fit = start_from_marks(prior.powers.motion, woman.skeleton, camera, dataset.known.start_marks)
+    first = dataset.known.start_marks.keypoints[0]
     apart = np.linalg.norm(camera.project(joints(woman.skeleton, fit.pose[None])[0]) - first[:, :2], axis=1) / SCALE
     # visible joints are marked to 4 px, hidden ones to 6–10; a steady style over five frames adds its share
     assert np.nanmean(apart) < (5.0 if last is None else 8.0)
@@ -47,10 +51,9 @@ def test_the_start_fits_the_marks(data, prior, woman, last, rate_hz):
 @pytest.mark.slow
 def test_the_walk_between_marks(data, prior, woman):
     dataset = video(data, held_out=[130])
-    inference = LeastSquares(
-        woman, motion_model(prior.model), style="steady", sigma_px=2.0, sigma_phase=0.005, sigma_position=0.01,
-        sigma_rotation=0.01, n_particles=20,
-    )  # fmt: skip
+    stiff = Knowing(motion=prior.powers.motion, smoothness=Smoothness(phase=0.005, position=0.01, rotation=0.01))
+    likelihood, steady = KeypointLikelihood(woman, sigma_px=2.0), MotionFit(frames_per_style=None)
+    inference = LeastSquares(woman, likelihood, stiff, problem=steady, n_particles=20)
     frames = list(dataset.frames())
     fit, _, _ = inference.fit_frames(frames, None, np.random.default_rng(0))
     every, camera = video(data)._keypoints, frames[0].views[0].camera

@@ -4,11 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
+from least_squares_scenes import Knowing
 
 from workbench.body.limbs import person
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
-from workbench.inference.least_squares import LeastSquares
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.from_motions import activity
 
 WALKS = ("dataset-1_walk_normal_001", "dataset-1_walk_feminine_001", "dataset-2_walk_youthful_005")
@@ -30,9 +32,10 @@ def errors_of(model, data, clip):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a camera that stands further off
         dataset = Points(motion=clip, data=str(data), first_frame=first_frame)
-        frames, body = list(dataset.frames()), person(dataset.shape)
+        frames, body = list(dataset.frames()), person(dataset.known.shape)
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
-    errors = [step_errors(step, body) for step in LeastSquares(body, model).run(frames, None, streams)]
+    fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
+    errors = [step_errors(step, body) for step in fitting.run(frames, None, streams)]
     knee, hip = (np.sqrt(np.mean([error[name] ** 2 for error in errors])) for name in ("knee_deg", "hip_deg"))
     return np.mean([error["error_abs_mm"] for error in errors]), knee, hip
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import load_cameras
-from workbench.recording import images
+from workbench.recording.write import images
 
 
 def test_real_calibrations_are_straightened(data):

@@ -4,8 +4,9 @@ import numpy as np
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
-from workbench.inference.decoding import MotionDecoder
-from workbench.inference.residuals import joint_residual
+from workbench.core.prior import Powers
+from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.residuals import joint_residual
 
 X, Y, Z = np.eye(3)
 _JOINTS = (  # name, parent, offset in the parent's frame, m
@@ -28,6 +29,13 @@ WALKER = Skeleton(
     limits=np.array([(-10.0, 10.0)] * len(_DOFS)),
 )
 EVERY_JOINT = np.arange(len(_JOINTS))
+
+
+class Knowing:
+    """What least squares asks of a prior: its powers."""
+
+    def __init__(self, **powers):
+        self.powers = Powers(**powers)
 
 
 class SineModel:

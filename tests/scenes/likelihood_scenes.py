@@ -6,7 +6,7 @@ import numpy as np
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.limbs import Body, Limbs, person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
 
 PERSON = person(from_height(1.75))
 WIDTH, HEIGHT, FOCAL, DISTANCE = 320, 240, 300.0, 4.0
@@ -56,3 +56,19 @@ def people(rng, n, spread=1.0):
     """n poses (n, 25) of people around the origin, as far apart as `spread` makes them."""
     sigma = np.concatenate([np.full(3, 0.1), [0.8, 0.1, 0.1], np.full(19, 0.4)])
     return spread * sigma * rng.standard_normal((n, 25))
+
+
+def log_prob(likelihood, previous, frame, previous_pose, pose):
+    """What a likelihood says (N,) of poses (N, P) that came from previous ones."""
+    return likelihood.look(previous, frame).evaluate(previous_pose, pose).log_prob
+
+
+def notes(likelihood, previous, frame, previous_pose, pose):
+    """What it remarks, on the frame and on the poses."""
+    look = likelihood.look(previous, frame)
+    return look.notes + look.evaluate(previous_pose, pose).notes
+
+
+def begun(likelihood, frame, pose):
+    """The likelihood after the first frame of a run, where a pose (P,) was expected."""
+    return likelihood.look(None, frame).remember(pose)

@@ -2,15 +2,32 @@
 
 import numpy as np
 
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Evaluation
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
 from workbench.priors.density import log_normal
-from workbench.priors.state import StateSpace
 
 A, Q, R = np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([0.05, 0.2]), 0.3
 MEAN0, STD0 = np.array([0.5, -0.2]), np.array([0.4, 0.3])
 
 
-class LinearPrior:
+class IsDensity:
+    """A prior that is its own density, which speaks of every column."""
+
+    @property
+    def free(self):
+        return np.arange(len(self.space))
+
+    @property
+    def powers(self):
+        return Powers(density=self)
+
+    def complete(self, previous, state, dt_s, rng):
+        return state
+
+
+class LinearPrior(IsDensity):
     """x_t = A x_{t-1} + N(0, Q²); the pose is the state."""
 
     space = StateSpace.of({"position": (("x",), "m"), "velocity": (("v",), "m")})
@@ -32,7 +49,35 @@ class LinearPrior:
         return state.copy()
 
 
-class Position:
+class DrawnOnly(LinearPrior):
+    """The linear model without a density."""
+
+    powers = Powers()
+
+
+class LookOf:
+    """What a likelihood without a memory sees of a frame: nothing but which one it is."""
+
+    notes, diagnostics = (), {}
+
+    def __init__(self, likelihood, previous, frame):
+        self.likelihood, self.frames = likelihood, (previous, frame)
+
+    def evaluate(self, previous_pose, pose):
+        return Evaluation(self.likelihood.log_prob(*self.frames, previous_pose, pose))
+
+    def remember(self, expected_pose):
+        return self.likelihood
+
+
+class Memoryless:
+    """A likelihood by its `log_prob(previous, frame, previous_pose, pose)` alone."""
+
+    def look(self, previous, frame):
+        return LookOf(self, previous, frame)
+
+
+class Position(Memoryless):
     """y_t = x_t + g v_t + h x_t−1 + N(0, R²); the frame's index picks the measurement."""
 
     def __init__(self, measured, sigma=R, h=0.0, g=0.0):
@@ -44,9 +89,6 @@ class Position:
         return -0.5 * ((self.measured[frame.index] - expected) / self.sigma) ** 2 - np.log(
             self.sigma * np.sqrt(2 * np.pi)
         )
-
-    def warnings(self):
-        return ()
 
 
 def frames(n):

@@ -10,9 +10,9 @@ from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, Truth, View
-from workbench.inference.step import Step
-from workbench.priors.state import StateSpace
+from workbench.core.frame import Frame, Truth, View
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
 
 BODY = person(from_height(1.75))
 SPACE = StateSpace.of(

@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 
 
 def made_up(

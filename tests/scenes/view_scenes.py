@@ -7,8 +7,8 @@ from keypoint_scenes import CAMERA
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Frame, View
-from workbench.inference.observed import observe
+from workbench.core.frame import Frame, View
+from workbench.core.observations import observe
 
 SIDE = plain_camera(640, 480, 700.0, (5.4, 0.3, 1.4), (0.4, 0.0, 1.0), name="side")
 CAMERAS = (replace(CAMERA, name="front"), SIDE)

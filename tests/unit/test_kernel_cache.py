@@ -74,10 +74,10 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
 @pytest.mark.parametrize(
     ("edited", "matters"),
     [
-        ("likelihoods/image_motion_patches.py", True),
+        ("likelihoods/image_motion/patches.py", True),
         ("body/lanes.py", True),
         ("body/skeleton.py", True),  # without a kernel of its own, but imported beside some
-        ("cli/sweep.py", False),
+        ("cli/run.py", False),
     ],
 )
 def test_the_key_is_of_all_that_gets_into_kernels(package, edited, matters):
@@ -101,7 +101,7 @@ rng = np.random.default_rng(0)
 frames = [scenes.frame(i, (scenes.FRONT, scenes.texture(rng, 320, 240))) for i in range(2)]
 poses = scenes.people(rng, 500), scenes.people(rng, 500)
 likelihood = ImageMotion(scenes.PERSON, sigma=10.0)
-digest = hashlib.sha256(likelihood.log_prob(*frames, *poses).tobytes())
+digest = hashlib.sha256(likelihood.look(*frames).evaluate(*poses).log_prob.tobytes())
 print(digest.hexdigest())
 """
 
@@ -109,7 +109,7 @@ print(digest.hexdigest())
 @pytest.mark.slow
 def test_kernels_just_compiled_and_kernels_kept_give_the_same_bits(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    scenes = Path(__file__).parents[1] / "oracle"
+    scenes = Path(__file__).parents[1] / "scenes"
     command = [sys.executable, "-c", EVALUATED, str(scenes)]
     found = {subprocess.run(command, env=environment, check=True, capture_output=True).stdout for _ in range(2)}
     assert list(tmp_path.rglob("*_run*.nbc"))

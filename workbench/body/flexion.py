@@ -27,5 +27,5 @@ def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
 
 
 def wrapped_deg(angle: float) -> float:
-    """The same angle, degrees, from −180 to 180."""
+    """Wrap an angle, degrees, into −180 to 180."""
     return (angle + 180.0) % 360.0 - 180.0

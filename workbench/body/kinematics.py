@@ -33,7 +33,7 @@ def joints(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
 
 
 def forward_reference(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """The same as `forward` in plain NumPy: T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
+    """Compute `forward` in plain NumPy: T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
     poses = _checked(skeleton, poses)
     rotations = np.zeros((len(poses), len(skeleton.names), 3, 3))
     positions = np.zeros((len(poses), len(skeleton.names), 3))

@@ -55,7 +55,7 @@ def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any)
 
 @inlined
 def load_frames(rotations: Any, positions: Any, first: int, frames: Any) -> None:
-    """The same of frames that were computed before: rotations (N, J, 3, 3) and positions (N, J, 3)."""
+    """Load frames that were computed before: rotations (N, J, 3, 3) and positions (N, J, 3)."""
     for lane in range(LANES):
         i = min(first + lane, positions.shape[0] - 1)
         for j in range(frames.shape[0]):

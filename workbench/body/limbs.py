@@ -59,7 +59,7 @@ class Body:
     limbs: Limbs
 
     def scaled(self, factor: float) -> "Body":
-        """The same proportions, every length multiplied by `factor`."""
+        """Multiply every length by `factor`, which keeps the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
         return Body(

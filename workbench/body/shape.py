@@ -46,7 +46,7 @@ class Shape:
                 raise InputError(f"shape: {name} must be a positive length in metres, found {getattr(self, name)}")
 
     def scaled(self, factor: float) -> "Shape":
-        """The same proportions, every length multiplied by `factor`."""
+        """Multiply every length by `factor`, which keeps the proportions."""
         lengths: dict[str, Any] = {
             name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
             for name, value in self.as_dict().items()

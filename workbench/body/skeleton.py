@@ -59,7 +59,7 @@ class Skeleton:
         return np.stack([self.parents[children], children], axis=1)
 
     def with_offsets(self, offsets: FloatArray) -> "Skeleton":
-        """The same skeleton with other bone lengths, (J, 3) m."""
+        """Exchange the bones' offsets for others, (J, 3) m."""
         return replace(self, offsets=offsets)
 
 

@@ -39,6 +39,7 @@ from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import NO_ENDS, NO_RADII, Body, Ends, Limbs, Radii, skeleton_limbs
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
+from workbench.threads import over_threads
 
 Kind = Literal["field", "distance"]
 KINDS: tuple[Kind, ...] = ("field", "distance")  # in the order of the kernel's numbers
@@ -46,6 +47,7 @@ SHARPNESS = 2.0
 """a: the larger, the less ellipsoids blend, and the narrower the band in which the field tells distances apart."""
 OVERHANG = 0.3
 """Chains of ellipsoids go on beyond their limb's ends by this part of its thickness, so that joints are not thinner."""
+_TOGETHER = 16  # poses at least that one thread takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def residuals(
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The same residuals (K,), and their derivative (K, P) with respect to the pose, per m and rad."""
+    """Compute `residuals` (K,) and their derivative (K, P) with respect to the pose, per m and rad."""
     found, jacobian = np.empty(len(points)), np.empty((len(points), len(pose)))
     surface_kernel.residual_jacobian(*_arguments(skeleton, surface, pose, points, kind, attachment, found, jacobian))
     return found, jacobian
@@ -137,11 +139,26 @@ def residual_jacobian(
 def nearest_residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind
 ) -> tuple[FloatArray, FloatArray]:
-    """Those of points attached as by `attach` in the same pose; raises as it does."""
+    """Attach points as `attach` does in this pose and compute `residual_jacobian`; raises as both do."""
     found, jacobian = np.empty(len(points)), np.empty((len(points), len(pose)))
     arguments = _arguments(skeleton, surface, pose, _finite(points), kind, found, jacobian)
     surface_kernel.nearest_residual_jacobian(*arguments)
     return found, jacobian
+
+
+def nearest_distances(skeleton: Skeleton, surface: Surface, poses: FloatArray, points: FloatArray) -> FloatArray:
+    """Distances (N, K), m, of points (K, 3), m, to the parts that `attach` finds in each of the poses (N, P).
+
+    Raises as `attach` does. It runs on as many threads as numba is set to.
+    """
+    points = np.ascontiguousarray(_finite(points), dtype=np.float64)
+    found = np.empty((len(poses), len(points)))
+    arguments = (
+        *(np.ascontiguousarray(poses), skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
+        *(surface.table, surface.joints, surface.bounds, surface.sharpness, points, found),
+    )
+    over_threads(lambda first, last: surface_kernel.nearest_distances(first, last, *arguments), len(poses), _TOGETHER)
+    return found
 
 
 def _finite(points: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The fused kernels of the implicit surface: what `surface_reference` defines, for one pose and K points.
+"""The fused kernels of the implicit surface: what `surface_reference` defines, for K points and one pose, or many.
 
 Every degree of freedom moves the joints below it along a screw: turning about the world axis w through o, or shifting
 along v, with v = o × w for a turn. Seen from the body, a point X held in the world moves the other way, so a residual
@@ -89,7 +89,7 @@ def nearest_residual_jacobian(
     table: Any, joints: Any, parts: Any, sharpness: float, level: float, kind: int,
     points: Any, found: Any, jacobian: Any,
 ) -> None:  # fmt: skip
-    """The same of points attached as by `attach`, whose search has weighed the part already."""
+    """Compute residuals and derivatives of points attached as by `attach`, whose search has weighed the parts."""
     screws = np.zeros((parents.shape[0], 6, pose.shape[0]))
     world = _posed(pose, parents, offsets, dof_joints, dof_axes, table, joints, screws)
     most, thinnest = _looseness(table, parts)
@@ -104,10 +104,28 @@ def nearest_residual_jacobian(
         )  # fmt: skip
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def nearest_distances(
+    first: int, last: int, poses: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
+    table: Any, joints: Any, parts: Any, sharpness: float, points: Any, found: Any,
+) -> None:  # fmt: skip
+    """found (N, K), rows `first` to `last`: pseudo-distances of points to the nearest part in each of N poses."""
+    screws = np.empty((0, 6, 0))
+    most, thinnest = _looseness(table, parts)
+    least, terms = np.empty((most.shape[0], POINTS)), np.empty((2, table.shape[0], N_TERMS))
+    for i in range(first, last):
+        world = _posed(poses[i], parents, offsets, dof_joints, dof_axes, table, joints, screws)
+        for k in range(points.shape[0]):
+            if k % POINTS == 0:
+                _lower_bounds(world, parts, most, thinnest, sharpness, DISTANCE, points, k, least)
+            _, log_field, scale, _ = _nearest(world, parts, least, k % POINTS, points[k], sharpness, DISTANCE, terms)
+            found[i, k] = _steps(log_field, sharpness) * scale
+
+
 @inlined
 def _looseness(table: Any, parts: Any) -> Any:
-    """Of each part (B,): by how much log(f / C) may be above its largest term's, and the smallest half size, below
-    which the part's scale never is."""
+    """Bound, for each part (B,), by how much log(f / C) may exceed its largest term's, and find the smallest half size,
+    below which the part's scale never is."""
     n_parts = parts.shape[0] - 1
     most, thinnest = np.empty(n_parts), np.empty(n_parts)
     for part in range(n_parts):
@@ -237,7 +255,7 @@ def _log_field(world: Any, low: int, high: int, point: Any, sharpness: float, te
 
 @inlined
 def _steps(log_field: float, sharpness: float) -> float:
-    """How far the part's normalised radius is above 1."""
+    """Measure how far the part's normalised radius is above 1."""
     if log_field > 0.0:
         return -0.5 * log_field / sharpness
     return math.sqrt(1.0 - log_field / sharpness) - 1.0

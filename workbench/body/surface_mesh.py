@@ -16,7 +16,7 @@ _OUTSIDE = -100.0
 
 
 def can_mesh() -> bool:
-    """Whether scikit-image, the optional extra "mesh", is installed."""
+    """Tell whether scikit-image, the optional extra "mesh", is installed."""
     return importlib.util.find_spec("skimage") is not None
 
 

@@ -81,7 +81,7 @@ def residual_jacobian(
 
 
 def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatArray, kind: Kind) -> list[FloatArray]:
-    """What each ellipsoid of a part adds to the gradient (K, 3) of the residual with respect to the point."""
+    """Compute what each ellipsoid of a part adds to the gradient (K, 3) of the residual with respect to the point."""
     field = log_fields(surface, frames, points)[:, part]
     members = range(surface.bounds[part], surface.bounds[part + 1])
     shares = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
@@ -115,7 +115,7 @@ def _exponent(surface: Surface, frames: JointFrames, i: int, points: FloatArray)
 
 
 def _steps(surface: Surface, field: FloatArray) -> FloatArray:
-    """How far a part's normalised radius is above 1; field: (K,) log(f / C)."""
+    """Measure how far a part's normalised radius is above 1; field: (K,) log(f / C)."""
     radius = np.sqrt(1.0 - np.minimum(field, 0.0) / surface.sharpness)
     return np.where(field > 0.0, -0.5 * field / surface.sharpness, radius - 1.0)
 

@@ -13,18 +13,19 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
 
-from workbench.cli.again import again, same_but_for_seeds, with_other_seeds
 from workbench.cli.check_report import Check, exit_code, moved, table, write_junit
-from workbench.cli.run import prepare_hydra
-from workbench.cli.stored import own_defaults, runnable, tolerances
 from workbench.errors import InputError
+from workbench.experiment.parts import name_parts, parts_in
+from workbench.experiment.rerun import again, same_but_for_seeds, with_other_seeds
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.stored import own_defaults, runnable, tolerances
 from workbench.files import whole_file
-from workbench.recording.compare import Finding, compare, exactly_comparable
-from workbench.recording.compare_seeds import compare_seeds
-from workbench.recording.condense import condense
-from workbench.recording.probe import fatal
-from workbench.recording.reader import Run, find_recordings, read
-from workbench.recording.side_by_side import write_side_by_side
+from workbench.recording.compare.compare import Finding, compare, exactly_comparable
+from workbench.recording.compare.condense import condense
+from workbench.recording.compare.seeds import compare_seeds
+from workbench.recording.compare.side_by_side import write_side_by_side
+from workbench.recording.read.probe import fatal
+from workbench.recording.read.reader import Run, find_recordings, read
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
     overrides = [text for text in arguments.what if _is_override(text)]
+    name_parts(parts_in(overrides))
+    overrides = [text for text in overrides if not text.startswith("parts=")]
     places = [Path(text) for text in arguments.what if not _is_override(text)]
     if not (paths := find_recordings(*places)):
         raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
@@ -161,7 +164,7 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
 
 @contextmanager
 def _folder(keep: Path | None) -> Iterator[Path]:
-    """Where new runs go: `keep`, or a folder that is removed."""
+    """Give the folder for new runs: `keep`, or one that is removed."""
     if keep is not None:
         yield keep
         return
@@ -179,7 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "what", metavar="FOLDER|RUN.rrd|key=value", nargs="+",
         help="recordings to run again, and overrides such as paths.data=DATA; exactly two recordings are compared "
-        "with each other, and nothing is run",
+        "with each other, and nothing is run; parts=[my_parts] lets recordings build parts of that package",
     )  # fmt: skip
     parser.add_argument("--run", action="store_true", help="run again, also where exactly two recordings are given")
     parser.add_argument("--seeds", metavar="K", type=int, help="compare with K runs of other seeds, as distributions")

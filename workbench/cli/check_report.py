@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from workbench.files import whole_file
-from workbench.recording.compare import Finding
-from workbench.recording.reader import Run
+from workbench.recording.compare.compare import Finding
+from workbench.recording.read.reader import Run
+from workbench.report.tables import Table, printable, text
 
 _COLUMNS = ("recording", "metric", "was", "is", "tolerance", "verdict")
-_NUMBERS = (2, 3)
+_NUMBERS = frozenset(("was", "is"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +29,12 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether it was checked and nothing in it failed."""
+        """Tell whether it was checked and nothing in it failed."""
         return self.refused is None and all(finding.passed for finding in self.findings)
 
     @property
     def unmoved(self) -> bool:
-        """Whether it passed and every number is what it was."""
+        """Tell whether it passed and every number is what it was."""
         return self.passed and not any(map(_moved, self.findings))
 
 
@@ -47,14 +48,13 @@ def exit_code(checks: Iterable[Check]) -> int:
 
 def table(checks: Sequence[Check], verbose: bool = False) -> str:
     """A row for every number that failed, and one for every recording that passed; verbose: for every number."""
-    rows = [row for check in checks for row in _rows(check, verbose)]
-    return _aligned([_COLUMNS, *rows])
+    return text(Table(_COLUMNS, tuple(row for check in checks for row in _rows(check, verbose)), _NUMBERS))
 
 
 def moved(checks: Sequence[Check]) -> str:
     """A row for every number that is not what it was."""
-    changed = [(check.name, *_cells(finding)) for check in checks for finding in check.findings if _moved(finding)]
-    return _aligned([_COLUMNS, *changed]) if changed else "nothing moved"
+    rows = tuple((check.name, *_cells(finding)) for check in checks for finding in check.findings if _moved(finding))
+    return text(Table(_COLUMNS, rows, _NUMBERS)) if rows else "nothing moved"
 
 
 def _moved(finding: Finding) -> bool:
@@ -69,14 +69,14 @@ def write_junit(path: Path, checks: Sequence[Check]) -> None:
     counts = {"tests": str(len(cases) + len(refused)), "failures": str(failures), "errors": str(len(refused))}
     suite = ET.Element("testsuite", {"name": "workbench-check", **counts})
     for check, finding in cases:
-        names = {"classname": _printable(check.name), "name": _printable(finding.quantity)}
+        names = {"classname": printable(check.name), "name": printable(finding.quantity)}
         case = ET.SubElement(suite, "testcase", names)
         if not finding.passed:
-            _, was, now, tolerance, verdict = _printables(("", *_cells(finding)[1:]))
+            was, now, tolerance, verdict = map(printable, _cells(finding)[1:])
             ET.SubElement(case, "failure", {"message": f"was {was}, is {now}, tolerance {tolerance}: {verdict}"})
     for check in refused:
-        case = ET.SubElement(suite, "testcase", {"classname": _printable(check.name), "name": "recording"})
-        ET.SubElement(case, "error", {"message": _printable(check.refused or "")})
+        case = ET.SubElement(suite, "testcase", {"classname": printable(check.name), "name": "recording"})
+        ET.SubElement(case, "error", {"message": printable(check.refused or "")})
     with whole_file(path) as part:
         ET.ElementTree(suite).write(part, encoding="utf-8", xml_declaration=True)
 
@@ -86,8 +86,8 @@ def _rows(check: Check, verbose: bool) -> list[tuple[str, ...]]:
         return [(check.name, "", "", "", "", f"REFUSED {check.refused}")]
     if check.passed and not verbose:
         tolerances = {finding.tolerance for finding in check.findings}
-        text = tolerances.pop() if len(tolerances) == 1 else "by metric"
-        return [(check.name, f"all {len(check.findings)}", "", "", text, "ok")]
+        tolerance = tolerances.pop() if len(tolerances) == 1 else "by metric"
+        return [(check.name, f"all {len(check.findings)}", "", "", tolerance, "ok")]
     return [(check.name, *_cells(finding)) for finding in check.findings if verbose or not finding.passed]
 
 
@@ -95,21 +95,3 @@ def _cells(finding: Finding) -> tuple[str, ...]:
     was, now = ("" if value is None else f"{value:.6g}" for value in (finding.was, finding.now))
     verdict = "ok" if finding.passed else "FAILED"
     return finding.quantity, was, now, finding.tolerance, f"{verdict} {finding.detail}".rstrip()
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Columns of one width; numbers to the right."""
-    columns = [_printables(column) for column in zip(*rows, strict=True)]
-    for k, column in enumerate(columns):
-        width = max(map(len, column))
-        columns[k] = [cell.rjust(width) if k in _NUMBERS else cell.ljust(width) for cell in column]
-    return "\n".join("  ".join(row).rstrip() for row in zip(*columns, strict=True))
-
-
-def _printables(row: Iterable[str]) -> list[str]:
-    return [_printable(cell) for cell in row]
-
-
-def _printable(text: str) -> str:
-    """In one line and without control characters, which names in a stranger's recording may hold."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)

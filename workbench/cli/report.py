@@ -4,12 +4,11 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.recording.reader import open_runs
+from workbench.recording.read.reader import open_runs
 from workbench.report.contents import contents, group_csv, run_csv
 from workbench.report.groups import Grouping, group_runs
 from workbench.report.page import as_markdown, as_page, terminal
@@ -19,8 +18,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Report on recordings. Returns 0 when there is something to report, 2 after an error, which is printed."""
     arguments = _parser().parse_args(argv)
     try:
-        if arguments.output is not None and find_spec("matplotlib") is None:
-            raise InputError("-o: the plots need matplotlib, found none; install it by pip install 'workbench[report]'")
         runs, unreadable = open_runs(*arguments.recordings)
         if not runs and not unreadable:
             places = ", ".join(map(str, arguments.recordings))
@@ -43,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def write(grouping: Grouping, title: str, folder: Path) -> None:
     """Write report.html, report.md with its plots, report.csv and runs.csv; raises InputError where that fails."""
-    from workbench.report.plots import pictures  # matplotlib is an extra, which the terminal's report does without
+    from workbench.report.plots import pictures  # the terminal's report does without matplotlib
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,3 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", metavar="OUT", type=Path, help="a folder for report.html, report.md, plots, and CSV tables"
     )
     return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -12,21 +13,32 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.cli.execute import execute
-from workbench.cli.schema import register_schemas
-from workbench.cli.summary import Summary
-from workbench.cli.sweep import metric_of, run_job
-from workbench.cli.watch import Watch, close, rest_of
+from workbench.cli.parts import listing
 from workbench.errors import InputError
-from workbench.inference.particle_filter import DegenerateWeights
+from workbench.experiment.parts import name_parts, parts_in
+from workbench.experiment.schema import prepare_hydra
+from workbench.sweep.plan import metric_of, run_job
+from workbench.sweep.progress import Watch, close, rest_of
 
 log = logging.getLogger(__name__)
 
-MENDABLE = (InputError, DegenerateWeights, HydraException, OmegaConfBaseException, KeyboardInterrupt)
+if TYPE_CHECKING:
+    from workbench.experiment.summary import Summary
+
+MENDABLE = (InputError, HydraException, OmegaConfBaseException, KeyboardInterrupt)
 """What is told in one sentence; anything else is a defect of ours and shows its traceback."""
 
 LAUNCHER_DIED = RuntimeError
 """What joblib (BrokenProcessPool) and submitit (UncompletedJobError) raise when a process of theirs is killed."""
+
+HELP = """usage: workbench [group=option | key=value]... [-m]
+
+{}
+
+An experiment chooses the parts and sets their keys; what stands on the command line replaces that:
+  workbench experiment=walk_best prior=implicit seed=3
+workbench-parts prior.jitter says what the keys of an option are. -m runs a sweep: seed=1,2,3 or 'seed=range(5)'.
+--cfg job prints the configuration and runs nothing, --hydra-help says what else there is."""
 
 
 def main() -> int:
@@ -35,6 +47,10 @@ def main() -> int:
     arguments, Watch.progress = sys.argv[1:], None
     code = 0
     try:
+        name_parts(parts_in(arguments))
+        if "--help" in arguments or "-h" in arguments:
+            print(HELP.format(listing()))
+            return 0
         _whole_sweep(arguments)
     except MENDABLE as error:
         code = _tell(error)
@@ -65,27 +81,24 @@ def _whole_sweep(arguments: list[str]) -> None:
             print(f"workbench: it is started again for {len(progress.cut())} jobs", file=sys.stderr)
 
 
-def prepare_hydra() -> None:
-    """Register what `conf/` refers to: the groups' schemas and its resolvers."""
-    register_schemas()
-    OmegaConf.register_new_resolver("unless_builtin", _unless_builtin, replace=True)
-    OmegaConf.register_new_resolver("recorded_or_builtin", _recorded_or_builtin, replace=True)
-    OmegaConf.register_new_resolver("either", _either, replace=True)
-
-
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
 def _job(config: DictConfig) -> float | None:
     """One job; returns the number a tuner minimises, see `metric_of`."""
     logging.captureWarnings(True)
     settings, sweep = HydraConfig.get(), config.sweep
+    name_parts(parts_in(settings.overrides.task))  # as a launcher's worker has not seen the command line
     config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as when it runs alone
     experiment = str(settings.runtime.choices.get("experiment") or "custom")
     if settings.mode == RunMode.MULTIRUN:
         return run_job(config, sweep, experiment, settings)
+    from workbench.experiment.execute import execute  # here, so that help and a sweep's own process do without
+    from workbench.inference.particles.filter import DegenerateWeights
+
     try:
-        summary = execute(config, experiment, Path(settings.runtime.output_dir))
+        names = {str(group): str(option) for group, option in settings.runtime.choices.items()}
+        summary = execute(config, experiment, Path(settings.runtime.output_dir), names=names)
         metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
-    except MENDABLE as error:
+    except (*MENDABLE, DegenerateWeights) as error:
         sys.exit(_tell(error))
     _report(summary)
     return metric
@@ -97,10 +110,10 @@ def _tell(error: BaseException) -> int:
         print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
         return 130
     print(f"workbench: {_sentence(error)}", file=sys.stderr)
-    return 1 if isinstance(error, DegenerateWeights) else 2
+    return 2 if isinstance(error, MENDABLE) else 1
 
 
-def _report(summary: Summary) -> None:
+def _report(summary: "Summary") -> None:
     width = max(map(len, summary.metrics), default=0)
     for name, value in summary.metrics.items():
         log.info("%-*s %10.4g", width, name, value)
@@ -117,21 +130,6 @@ def _sentence(error: BaseException) -> str:
             parts.append(text)
         cause = cause.__cause__
     return ": ".join(parts)
-
-
-def _unless_builtin(motion: str, value: object, otherwise: object) -> object:
-    """`value` where the motion is a recorded clip, `otherwise` for the built-in walker."""
-    return otherwise if motion == "builtin" else value
-
-
-def _either(value: object, otherwise: object) -> object:
-    """`value` where there is one."""
-    return otherwise if value is None else value
-
-
-def _recorded_or_builtin(data: str | None) -> str:
-    """The motions to study: recorded walks where there is a folder with recordings."""
-    return "builtin" if data is None else "cmu"
 
 
 prepare_hydra()  # here, since the workers of a launcher import this module and call no `main`

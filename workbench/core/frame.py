@@ -1,12 +1,9 @@
 """What a dataset hands out: frames, the views in them, and the truth where it is known."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera
-from workbench.body.shape import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,33 +58,3 @@ class MarkedFrames:
 
     times_s: FloatArray
     keypoints: FloatArray
-
-
-class Dataset(Protocol):
-    """A sequence of frames, and what is known about the person before it is looked at."""
-
-    @property
-    def name(self) -> str:
-        """A short name for plots and tables."""
-
-    @property
-    def shape(self) -> Shape | None:
-        """The person's own measurements, where the dataset knows them."""
-
-    @property
-    def start_pose(self) -> FloatArray | None:
-        """The true pose (P,) in the first frame, where the dataset knows it."""
-
-    @property
-    def start_marks(self) -> MarkedFrames | None:
-        """Joints marked in the first frame, and perhaps in some that follow, where there are any."""
-
-    @property
-    def scale(self) -> float:
-        """The factor by which the source's images were resized."""
-
-    def __len__(self) -> int:
-        """The number of frames."""
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames in order; may be called more than once."""

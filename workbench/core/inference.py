@@ -6,9 +6,9 @@ from typing import Protocol
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.datasets.frame import Frame
-from workbench.inference.step import Step
-from workbench.priors.state import StateSpace
+from workbench.core.frame import Frame
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
 
 
 class Inference(Protocol):
@@ -17,6 +17,10 @@ class Inference(Protocol):
     @property
     def space(self) -> StateSpace:
         """Names and units of the columns of its steps' particles."""
+
+    @property
+    def finds_start(self) -> bool:
+        """Tell whether it finds the first pose itself where nobody gives one."""
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]

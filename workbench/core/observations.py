@@ -9,12 +9,9 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
-from workbench.body.surface import Kind, Surface
-from workbench.datasets.frame import Frame
-from workbench.inference.residuals import Residual, keypoint_residual, stacked, surface_residual, upright_residual
-
-UPRIGHT_SIGMA_RAD = 0.15
-"""Of people who walk or run."""
+from workbench.body.surface import Kind
+from workbench.core.frame import Frame, View
+from workbench.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,48 +30,48 @@ class Observed:
     points: FloatArray
     keypoints: tuple[Keypoints, ...] = ()
 
-    def residual(
-        self, skeleton: Skeleton, surface: Surface, kind: Kind, sigma: float, sigma_px: float,
-        upright: float = UPRIGHT_SIGMA_RAD,
-    ) -> Residual:  # fmt: skip
-        """Of points, keypoints, both or nothing, whitened by their deviations sigma and sigma_px; upright: as below."""
-        parts = [] if not len(self.points) else [surface_residual(skeleton, surface, self.points, kind, sigma)]
-        parts += [views_residual(skeleton, self.keypoints, sigma_px, upright)] if self.keypoints else []
-        return stacked(parts)
+
+@dataclass(frozen=True)
+class Observables:
+    """What a likelihood looks at in a frame, and how exactly it takes that.
+
+    sigma: standard deviation of a point's residual of this kind, m for "distance"; None where points do not matter.
+    sigma_px: of a keypoint, px of the image used; None where keypoints do not matter. which: names of the cameras whose
+    keypoints matter, None for all.
+    """
+
+    sigma: float | None = None
+    kind: Kind = "distance"
+    sigma_px: float | None = None
+    which: tuple[str, ...] | None = None
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Name those of "points" and "keypoints" that matter."""
+        return ("points",) * (self.sigma is not None) + ("keypoints",) * (self.sigma_px is not None)
 
 
-def person_px(seen: Sequence[Keypoints]) -> float:
-    """The person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
-    return float(np.median([np.ptp(one.marks[:, 1]) for one in seen]))
-
-
-def views_residual(
-    skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float, upright: float = UPRIGHT_SIGMA_RAD
-) -> Residual:
-    """Of one frame's keypoints in all views, with a deviation of sigma_px over the root of the weight, and of a root
-    that leans by `upright`, rad, see `upright_residual`."""
-    views = [keypoint_residual(skeleton, one.camera, one.joints, one.marks, sigma_px) for one in seen]
-    return stacked([*views, upright_residual(skeleton, upright)])
-
-
-def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
-    """Those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and have a weight; None without any."""
-    rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
-    found = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
-    return Keypoints(found, given[rows], camera) if len(rows) else None
+EVERYTHING = Observables(sigma=1.0, sigma_px=1.0)
 
 
 def observe(
-    frames: Sequence[Frame], skeleton: Skeleton, most_points: int, rng: np.random.Generator
+    frames: Sequence[Frame],
+    skeleton: Skeleton,
+    most_points: int,
+    rng: np.random.Generator,
+    observables: Observables = EVERYTHING,
 ) -> tuple[list[Observed], list[tuple[str, ...]]]:
-    """What each frame shows, and what there is to say about it: points left out or thinned, and nothing to be seen.
+    """Pick what each frame shows of what matters, and say what there is to say about it: points left out or thinned,
+    and nothing to be seen.
 
-    most_points: a frame's points beyond are thinned at random.
+    most_points: a frame's points beyond are thinned at random. observables: what matters. Raises InputError where they
+    name a camera that no frame has.
     """
+    _check_cameras(frames, observables)
     seen, warnings = [], []
     for frame in frames:
-        points, said = _points(frame, most_points, rng)
-        seen.append(Observed(points, _keypoints(frame, skeleton)))
+        points, said = (np.empty((0, 3)), []) if observables.sigma is None else _points(frame, most_points, rng)
+        seen.append(Observed(points, _keypoints(frame, skeleton, observables)))
         warnings.append(said)
     for first, sentence in _gaps(frames, seen):
         warnings[first].append(sentence)
@@ -82,9 +79,22 @@ def observe(
 
 
 def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
-    """Of "points" and "keypoints" those that some frame shows."""
+    """Name those of "points" and "keypoints" that some frame shows."""
     points, keypoints = any(len(one.points) for one in seen), any(one.keypoints for one in seen)
     return ("points",) * points + ("keypoints",) * keypoints
+
+
+def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
+    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and have a weight; None if there is
+    none."""
+    rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
+    found = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
+    return Keypoints(found, given[rows], camera) if len(rows) else None
+
+
+def person_px(seen: Sequence[Keypoints]) -> float:
+    """Measure the person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
+    return float(np.median([np.ptp(one.marks[:, 1]) for one in seen]))
 
 
 def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
@@ -99,14 +109,30 @@ def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArr
     return points, said
 
 
-def _keypoints(frame: Frame, skeleton: Skeleton) -> tuple[Keypoints, ...]:
-    looked = [(view.keypoints, view.camera) for view in frame.views if view.keypoints is not None]
+def _keypoints(frame: Frame, skeleton: Skeleton, observables: Observables) -> tuple[Keypoints, ...]:
+    if observables.sigma_px is None:
+        return ()
+    looked = [
+        (view.keypoints, view.camera)
+        for view in frame.views
+        if view.keypoints is not None and _matters(view, observables.which)
+    ]
     found = [usable_keypoints(skeleton, given, camera) for given, camera in looked]
     return tuple(one for one in found if one is not None)
 
 
+def _matters(view: View, which: Sequence[str] | None) -> bool:
+    return which is None or view.camera.name in which
+
+
+def _check_cameras(frames: Sequence[Frame], observables: Observables) -> None:
+    there = dict.fromkeys(view.camera.name for frame in frames for view in frame.views)
+    if unknown := set(observables.which or ()) - set(there):
+        raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {', '.join(there)}")
+
+
 def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, str]]:
-    """Where every run of frames that show nothing begins, and a sentence about it."""
+    """Find where every run of frames that show nothing begins, and a sentence about it."""
     expected, gaps = " or ".join(kinds_seen(seen)), []
     for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and not seen[t].keypoints):
         first, *others = run

@@ -1,39 +1,60 @@
-"""The names of a state's columns, and what every prior offers."""
+"""What every prior offers, and what some can do beside drawing."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
+from workbench.core.motion_model import MotionModel
+from workbench.core.smoothness import Smoothness
+from workbench.core.state_space import StateSpace
 
 
-@dataclass(frozen=True)
-class StateSpace:
-    """Names the D columns of a packed (N, D) particle array.
+class Density(Protocol):
+    """p(state_t | state_t−1) as a density, which auxiliary weights, Newton steps, MCMC moves and smoothing need."""
 
-    names, units: one per column. slices: named groups of columns, e.g. "coefficients", "phase", "root".
+    @property
+    def free(self) -> IntArray:
+        """Indices of the columns that `log_transition` speaks of, ascending: all, unless others follow from them.
+
+        Whoever sets a state sets these and then calls `complete`. Where some follow, the columns are not independent
+        of each other given the previous state; where none do, they are.
+        """
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
+
+        Columns without noise have no density: log p is −∞ where they are not as the previous state says. Columns that
+        follow from the others (see `complete`) are not looked at.
+        """
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """States (N, D) whose free columns were set by somebody, with the others drawn given those.
+
+        For most priors there are no others, and the states come back as they are.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Powers:
+    """What a prior can do beside drawing. Wrappers pass on those of their base that still hold.
+
+    density: see `Density`. motion: a cyclic motion that a fit can turn into poses with derivatives. smoothness: by how
+    much a fit lets its poses change from frame to frame, its penalty. examples: gives poses (n, P) of people that the
+    prior knows, among which a start in marks is looked for. first_pose: gives the pose (P,) to start from, where the
+    prior itself knows it.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    slices: Mapping[str, slice]
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @staticmethod
-    def of(groups: Mapping[str, tuple[tuple[str, ...], str]]) -> "StateSpace":
-        """A state space from {group: (column names, unit)}, the groups side by side in the order given."""
-        names: list[str] = []
-        units: list[str] = []
-        slices: dict[str, slice] = {}
-        for group, (columns, unit) in groups.items():
-            slices[group] = slice(len(names), len(names) + len(columns))
-            names += columns
-            units += [unit] * len(columns)
-        return StateSpace(tuple(names), tuple(units), slices)
+    density: Density | None = None
+    motion: MotionModel | None = None
+    smoothness: Smoothness | None = None
+    examples: Callable[[], FloatArray] | None = None
+    first_pose: Callable[[], FloatArray] | None = None
 
 
 class Prior(Protocol):
@@ -46,6 +67,10 @@ class Prior(Protocol):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the pose's parameters that move; the others stay as they start, or go as is known of them."""
+
+    @property
+    def powers(self) -> Powers:
+        """Tell what it can do beside drawing; `Powers()` for nothing."""
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) spread around a starting pose (P,)."""
@@ -63,20 +88,6 @@ class Proposing(Protocol):
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""
-
-
-@runtime_checkable
-class WithDensity(Protocol):
-    """A prior whose p(state_t | state_t−1) can be evaluated, which backward smoothing and MCMC moves need."""
-
-    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
-
-    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
-        """log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
-
-        Columns without noise have no density: log p is −∞ where they are not as the previous state says.
-        """
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.datasets.frame import Frame
-from workbench.priors.state import StateSpace
+from workbench.core.frame import Frame
+from workbench.core.state_space import StateSpace
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,18 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.datasets.frame import Frame, Truth
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, Truth
+from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.video import Video
 from workbench.errors import InputError
 from workbench.mocap.marker_files import read_markers
@@ -30,9 +34,16 @@ class MultiView:
     whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies, by joint,
     where their names do not say so. Axes, unit and gaps: see `markers.in_world`.
 
-    Raises InputError for what `Video` and `read_markers` refuse, names that are no cameras, sources of different rates
-    and a truth that has none of the frames.
+    Raises InputError for names that are no cameras and, when asked what is known, for what `Video` and `read_markers`
+    refuse, sources of different rates and a truth that has none of the frames.
     """
+
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare images, the detected joints that are given, and whether one camera alone looks."""
+        keypoints = (KEYPOINTS, START) if keys.get("keypoints") else ()
+        single = (ONE_CAMERA,) if len(keys.get("which") or keys.get("sources") or ()) == 1 else ()
+        return offering(IMAGES, *single, *keypoints)
 
     def __init__(
         self,
@@ -54,54 +65,49 @@ class MultiView:
             raise InputError(f"multi_view: no source for camera {unknown[0]!r}, expected one of {', '.join(sources)}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"multi_view: expected one camera or more, each once, found {', '.join(names) or 'none'}")
-        self.videos = [
+        self._videos = [
             Video(
                 sources[name], camera, name, first_frame, last_frame, scale, rate_hz,
                 keypoints=keypoints.get(name), person=person.get(name),
             )
             for name in names
         ]  # fmt: skip
-        if len({video.rate_hz for video in self.videos}) > 1:
-            rates = ", ".join(f"{video.rate_hz:g}" for video in self.videos)
+        self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
+
+    @cached_property
+    def known(self) -> Known:
+        """Tell what is known of all the videos; the shortest ends it for all."""
+        known = [video.known for video in self._videos]
+        rates_hz = [video.true_rate_hz for video in self._videos]
+        if len(set(rates_hz)) > 1:
+            rates = ", ".join(f"{rate:g}" for rate in rates_hz)
             raise InputError(f"multi_view: expected sources of one rate, found {rates} Hz")
-        self.scale = scale
-        self._places = None if truth is None else self._true_joints(truth, truth_first, joint_markers)
-
-    @property
-    def name(self) -> str:
-        """The names of the cameras used."""
-        return ", ".join(video.camera.name for video in self.videos)
-
-    @property
-    def shape(self) -> None:
-        """The person's measurements are not known."""
-        return None
-
-    @property
-    def start_pose(self) -> None:
-        """The true pose is not known."""
-        return None
-
-    @property
-    def start_marks(self) -> None:
-        """Nothing is marked by hand."""
-        return None
-
-    def __len__(self) -> int:
-        return min(len(video) for video in self.videos)  # the shortest ends it for all
+        _ = self._true_joints  # read now, so that mistakes show before the first frame
+        return Known(
+            name=", ".join(one.cameras[0].name for one in known), n_frames=self._n_frames, rate_hz=rates_hz[0],
+            cameras=tuple(one.cameras[0] for one in known), scale=known[0].scale,
+            has_keypoints=any(one.has_keypoints for one in known),
+        )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, decoded one by one, as many as the shortest source has."""
-        together = zip(*(video.frames() for video in self.videos), strict=False)
-        for i, seen in enumerate(islice(together, len(self))):
-            truth = None if self._places is None else Truth(joints=self._places[i])
+        together = zip(*(video.frames() for video in self._videos), strict=False)
+        for i, seen in enumerate(islice(together, self._n_frames)):
+            truth = None if self._true_joints is None else Truth(joints=self._true_joints[i])
             yield replace(seen[0], views=tuple(view for one in seen for view in one.views), truth=truth)
 
-    def _true_joints(self, file: str, first: int, given: MarkersOf) -> FloatArray:
+    @property
+    def _n_frames(self) -> int:
+        return min(video.known.n_frames for video in self._videos)
+
+    @cached_property
+    def _true_joints(self) -> FloatArray | None:
         """Joints (F, J, 3), m, of the markers in every frame."""
-        markers, video = read_markers(Path(file)), self.videos[0]
-        times_s = (video.first_frame - first + np.arange(len(self))) / video.rate_hz
-        centres = joint_centres(markers, markers.at(times_s), given)
+        if self._truth is None:
+            return None
+        markers, video = read_markers(Path(self._truth)), self._videos[0]
+        times_s = (video.first_frame - self._truth_first + np.arange(self._n_frames)) / video.true_rate_hz
+        centres = joint_centres(markers, markers.at(times_s), self._joint_markers)
         if not np.isfinite(centres).any():
-            raise InputError(f"{file}: expected markers in some of the {len(self)} frames used, found none")
+            raise InputError(f"{self._truth}: expected markers in some of the {self._n_frames} frames used, found none")
         return centres

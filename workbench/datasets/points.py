@@ -1,7 +1,6 @@
 """Simulated stereo points: what a depth camera sees of a moving person, with exact truth (paper D, section 4.1)."""
 
-import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,14 +9,15 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
-from workbench.body.limbs import Body
-from workbench.body.shape import Shape
-from workbench.datasets import render
-from workbench.datasets.automatic_camera import automatic_camera
-from workbench.datasets.frame import Frame, View
-from workbench.datasets.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.take import Take, check_start, find_take
-from workbench.datasets.visible_surface import visible_points
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, View
+from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
+from workbench.datasets.scenes import render
+from workbench.datasets.scenes.camera import take_camera
+from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
+from workbench.datasets.scenes.take import Take, given_start, take_of
+from workbench.datasets.scenes.visible import visible_points
 from workbench.errors import InputError
 
 AT_M = 4.0
@@ -25,14 +25,12 @@ AT_M = 4.0
 _NOISE_GREY = 4.0
 
 
-@dataclass(frozen=True)
-class Points:
-    """Points of the surface that one still camera sees of a person, n_points a frame, for n_frames frames at rate_hz.
+@dataclass(kw_only=True, eq=False)
+class Points(Scene):
+    """Points of the surface that one still camera sees of a person, n_points a frame.
 
-    motion: a name as `motions.find_motion` knows them, or a list of names that take even turns (`splice.splice`). data:
-    the folder that holds cmu/ and bandai/. path: of the builtin walker. first_frame: of the (first) motion, at rate_hz.
-    A level camera of width × height pixels and focal length focal_px looks at view_deg to the motion's direction (90:
-    from the side), distance_m away half-way through, or further where the motion would not fit into its image.
+    motion to seed: see `Scene`. The camera is distance_m away half-way through, or further where the motion would not
+    fit into its image.
 
     Of n_points a share `outliers` lie anywhere in a box about the person, the others evenly over what the camera sees
     of the limbs, off along the line of sight by σ = sigma_m (z / 4 m)². clutter: as many points more of floor, wall and
@@ -43,87 +41,43 @@ class Points:
     start: "auto" offers nothing: start_pose and phase_ends are None and whoever tracks finds both. "given" offers what
     paper D sets by hand: start_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and phase_ends,
     the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only.
-    seed: of the points, their errors, the start and the builtin walker.
 
-    Raises InputError for parameters out of range, a motion that cannot be found or is too short, and start="given" for
-    one without a gait cycle.
+    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
+    too short, and start="given" for one without a gait cycle.
     """
 
-    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
-    data: str | None = None
-    path: str = "straight"
-    n_frames: int = 28
-    first_frame: int = 0
-    rate_hz: float = 14.0
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare points, which tell the start, too, and images where they are rendered."""
+        images = (IMAGES, ONE_CAMERA) if keys.get("images") else ()
+        return offering(POINTS, START, *images)
+
+    focal_px: float = 400.0
     n_points: int = 400
     sigma_m: float = 0.02
     outliers: float = 0.15
     clutter: int = 0
     bar_m: float = 0.0
     distance_m: float = 4.0
-    view_deg: float = 90.0
-    width: int = 640
-    height: int = 480
-    focal_px: float = 400.0
     images: bool = False
     start: str = "auto"
-    seed: int = 0
     skeleton: str = "person"
 
     def __post_init__(self) -> None:
-        at_least = {
-            "n_frames": 2, "first_frame": 0, "n_points": 1, "sigma_m": 0.0, "clutter": 0, "bar_m": 0.0,
-            "distance_m": 1.0, "width": 32, "height": 32, "focal_px": 1.0, "seed": 0,
-        }  # fmt: skip
-        for name, least in at_least.items():
-            if not least <= getattr(self, name) < np.inf:
-                raise InputError(f"points: {name} must be at least {least}, found {getattr(self, name)}")
+        self.check(n_points=1, sigma_m=0.0, clutter=0, bar_m=0.0, distance_m=1.0)
         if not 0.0 <= self.outliers < 1.0:
             raise InputError(f"points: outliers must be a share from 0 to below 1, found {self.outliers}")
-        if not 0.0 < self.rate_hz < np.inf or not np.isfinite(self.view_deg):
-            raise InputError(
-                f"points: expected a positive rate_hz and a finite view_deg, found {self.rate_hz}, {self.view_deg}"
-            )
-        check_start("points", self.start, self.take)  # finds the motion, so that mistakes show before the first frame
-        _ = self.view_camera
 
-    @property
-    def name(self) -> str:
-        """The motion's name."""
-        return f"points of {self.take.motion.name}"
-
-    @property
-    def scale(self) -> float:
-        """1: images come in the size they were rendered in."""
-        return 1.0
-
-    @property
-    def shape(self) -> Shape:
-        """The person's measurements."""
-        return self.take.motion.shape
-
-    @property
-    def full_body(self) -> Body | None:
-        """The body of the motion file's own skeleton, where it is that which moves."""
-        return self.take.body if self.skeleton == "full" else None
-
-    @property
-    def start_pose(self) -> FloatArray | None:
-        """With start="given" the first pose (P,), off by σ 3 cm and 0.05 rad in every number; else None."""
-        return self.take.rough_start(self.seed) if self.start == "given" else None
-
-    @property
-    def phase_ends(self) -> tuple[float, float] | None:
-        """With start="given" the phases of the first and the last frame, cycles (`splice.gait_phases`); else None."""
-        return self.take.phase_ends if self.start == "given" else None
-
-    @property
-    def start_marks(self) -> None:
-        """There are none."""
-        return None
-
-    def __len__(self) -> int:
-        return self.n_frames
+    @cached_property
+    def known(self) -> Known:
+        """The person's measurements, the full body where it is tracked, and what is offered of the start."""
+        start_pose, phase_ends = given_start("points", self.start, self.take, self.seed)
+        return Known(
+            name=f"points of {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
+            cameras=(self.view_camera,) if self.images else (), shape=self.take.motion.shape,
+            body=self.take.body if self.skeleton == "full" else None, start_pose=start_pose, has_points=True,
+            phase_ends=phase_ends,
+        )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with its points, the true pose and joints and, where it is known, the activity."""
@@ -134,26 +88,13 @@ class Points:
 
     @cached_property
     def take(self) -> Take:
-        """What the person does."""
-        return find_take(
-            self.motion, data=self.data, rate_hz=self.rate_hz, n_frames=self.n_frames, first_frame=self.first_frame,
-            path=self.path, seed=self.seed, skeleton=self.skeleton,
-        )  # fmt: skip
+        """Tell what the person does."""
+        return take_of(self, self.skeleton)
 
     @cached_property
     def view_camera(self) -> Camera:
         """The camera that sees the points."""
-        camera, distance = automatic_camera(
-            self.take.motion, self.take.places, width=self.width, height=self.height, focal_px=self.focal_px,
-            view_deg=self.view_deg, distance_m=self.distance_m,
-        )  # fmt: skip
-        if distance > 1.01 * self.distance_m:
-            warnings.warn(
-                f"points: the camera is {distance:.1f} m away instead of {self.distance_m:g}, so that the whole motion "
-                "fits into its image",
-                stacklevel=2,
-            )
-        return camera
+        return take_camera(self, self.take, self.distance_m)
 
     def _points(self, i: int) -> FloatArray:
         """The points (K, 3) of frame i, in random order."""

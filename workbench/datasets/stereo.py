@@ -2,25 +2,27 @@
 
 import hashlib
 import json
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
-from workbench.body.shape import Shape
-from workbench.datasets import automatic_camera as placing
-from workbench.datasets import render, stereo_matching, stereo_room
-from workbench.datasets.frame import Frame, View
-from workbench.datasets.image_cache import read_images, write_images
-from workbench.datasets.stereo_matching import empty_disparity, nearer_points
-from workbench.datasets.take import Take, check_start, find_take
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, View
+from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
+from workbench.datasets.scenes import camera as placing
+from workbench.datasets.scenes import render, stereo_matching
+from workbench.datasets.scenes import room as stereo_room
+from workbench.datasets.scenes.cache import read_images, write_images
+from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.stereo_matching import empty_disparity, nearer_points
+from workbench.datasets.scenes.take import Take, given_start, take_of
 from workbench.digest import code_digest
 from workbench.errors import InputError
 
@@ -30,96 +32,52 @@ _NEAREST_M = 0.6
 """How much nearer than a joint the surface, and so the largest disparity to search for, may be."""
 
 
-@dataclass(frozen=True)
-class Stereo:
+@dataclass(kw_only=True, eq=False)
+class Stereo(Scene):
     """Frames of a person before a textured wall and floor, seen by two level cameras side by side, and their points.
 
-    motion, data, path, first_frame, n_frames, rate_hz, view_deg and distance_m: as for `points.Points`, of the left
-    camera; the right one is baseline_m to its right. Both have width × height pixels and the focal length focal_px.
-    noise: σ of each sensor, grey levels. contrast, clutter: strength of the clothes' and the room's texture, see
-    `synthetic.Synthetic`. cache: a folder for rendered images; without one every process renders them anew.
+    motion to seed: see `Scene`, of the left camera, which is distance_m away half-way through, or further where the
+    motion would not fit into its image; the right one is baseline_m to its right. noise: σ of each sensor, grey levels.
+    contrast, clutter: strength of the clothes' and the room's texture, see `synthetic.Synthetic`. cache: a folder for
+    rendered images; without one every process renders them anew.
 
     The points are those of OpenCV's StereoSGBM (`stereo_matching`). Paper D does not say how the person was cut out;
     here a point stays when it is nearer, by two pixels of disparity or more, than all that the same pixel showed in
     five pairs of images of the empty room, and lies in no small patch. Of these n_points are drawn evenly. Both images
     are views: "left", "right".
 
-    start, seed: as for `points.Points`; the seed also gives clothes, room and the sensors' noise.
-    Raises InputError as `points.Points` does.
+    start: as for `points.Points`, and InputError is raised where that does.
     """
 
-    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
-    data: str | None = None
+    traits: ClassVar[Traits] = offering(POINTS, IMAGES, ONE_CAMERA, START)
+
     cache: str | None = None
-    path: str = "straight"
-    n_frames: int = 28
-    first_frame: int = 0
-    rate_hz: float = 14.0
     n_points: int = 400
     baseline_m: float = 0.2
     distance_m: float = 4.0
-    view_deg: float = 90.0
-    width: int = 640
-    height: int = 480
-    focal_px: float = 700.0
     noise: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
     start: str = "auto"
-    seed: int = 0
 
     def __post_init__(self) -> None:
-        at_least = {
-            "n_frames": 2, "first_frame": 0, "n_points": 1, "distance_m": 1.0, "width": 64, "height": 64,
-            "focal_px": 1.0, "noise": 0.0, "contrast": 0.0, "clutter": 0.0, "seed": 0,
-        }  # fmt: skip
-        for name, least in at_least.items():
-            if not least <= getattr(self, name) < np.inf:
-                raise InputError(f"stereo: {name} must be at least {least}, found {getattr(self, name)}")
-        for name in ("rate_hz", "baseline_m"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise InputError(f"stereo: {name} must be positive, found {getattr(self, name)}")
-        if not np.isfinite(self.view_deg):
-            raise InputError(f"stereo: view_deg must be an angle in degrees, found {self.view_deg}")
-        check_start("stereo", self.start, self.take)  # finds the motion, so that mistakes show before the first frame
+        self.check(width=64, height=64, n_points=1, distance_m=1.0, noise=0.0, contrast=0.0, clutter=0.0)
+        if not 0.0 < self.baseline_m < np.inf:
+            raise InputError(f"stereo: baseline_m must be positive, found {self.baseline_m}")
+
+    @cached_property
+    def known(self) -> Known:
+        """The person's measurements, both cameras, and what is offered of the start."""
+        start_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
         if self.n_disparities >= self.width // 2:
             raise InputError(
                 f"stereo: disparities up to {self.n_disparities} px in images {self.width} px wide; expected a smaller "
                 "baseline_m or focal_px, or a larger distance_m"
             )
-
-    @property
-    def name(self) -> str:
-        """The motion's name."""
-        return f"stereo {self.take.motion.name}"
-
-    @property
-    def scale(self) -> float:
-        """1: images come in the size they were rendered in."""
-        return 1.0
-
-    @property
-    def shape(self) -> Shape:
-        """The person's measurements."""
-        return self.take.motion.shape
-
-    @property
-    def start_pose(self) -> FloatArray | None:
-        """With start="given" the first pose (P,), off by σ 3 cm and 0.05 rad in every number; else None."""
-        return self.take.rough_start(self.seed) if self.start == "given" else None
-
-    @property
-    def phase_ends(self) -> tuple[float, float] | None:
-        """With start="given" the phases of the first and the last frame, cycles (`splice.gait_phases`); else None."""
-        return self.take.phase_ends if self.start == "given" else None
-
-    @property
-    def start_marks(self) -> None:
-        """There are none."""
-        return None
-
-    def __len__(self) -> int:
-        return self.n_frames
+        return Known(
+            name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=self.cameras,
+            shape=self.take.motion.shape, start_pose=start_pose, has_points=True, phase_ends=phase_ends,
+        )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order; all are rendered and matched before the first comes out."""
@@ -130,25 +88,13 @@ class Stereo:
 
     @cached_property
     def take(self) -> Take:
-        """What the person does."""
-        return find_take(
-            self.motion, data=self.data, rate_hz=self.rate_hz, n_frames=self.n_frames, first_frame=self.first_frame,
-            path=self.path, seed=self.seed,
-        )  # fmt: skip
+        """Tell what the person does."""
+        return take_of(self)
 
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
         """The left and the right camera; rows of one image are rows of the other."""
-        left, distance = placing.automatic_camera(
-            self.take.motion, self.take.places, width=self.width, height=self.height, focal_px=self.focal_px,
-            view_deg=self.view_deg, distance_m=self.distance_m, name="left",
-        )  # fmt: skip
-        if distance > 1.01 * self.distance_m:
-            warnings.warn(
-                f"stereo: the cameras are {distance:.1f} m away instead of {self.distance_m:g}, so that the whole "
-                "motion fits into the image",
-                stacklevel=2,
-            )
+        left = placing.take_camera(self, self.take, self.distance_m, "left")
         return left, replace(left, name="right", translation=left.translation - [self.baseline_m, 0.0, 0.0])
 
     @cached_property
@@ -204,6 +150,6 @@ class Stereo:
         parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
         parameters["motion"] = self.take.motion.name
         code = code_digest(render, stereo_room, placing)
-        digest = hashlib.sha256(json.dumps([code, parameters, self.shape.as_dict()]).encode())
+        digest = hashlib.sha256(json.dumps([code, parameters, self.take.motion.shape.as_dict()]).encode())
         digest.update(np.ascontiguousarray(self.take.motion.poses).tobytes())
         return digest.hexdigest()

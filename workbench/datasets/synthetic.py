@@ -3,7 +3,7 @@
 import hashlib
 import json
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,110 +16,75 @@ from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
-from workbench.body.shape import Shape
 from workbench.body.skeleton import POSE_NAMES, parameters
-from workbench.datasets import render
-from workbench.datasets.automatic_camera import automatic_camera, standing_height
-from workbench.datasets.frame import Frame, Truth, View
-from workbench.datasets.gait import PATHS
-from workbench.datasets.image_cache import read_images, write_images
-from workbench.datasets.motions import find_motion
-from workbench.datasets.splice import splice
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, Truth, View
+from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.datasets.scenes import render
+from workbench.datasets.scenes.cache import read_images, write_images
+from workbench.datasets.scenes.camera import automatic_camera, standing_height
+from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.splice import splice
+from workbench.datasets.scenes.take import motion_names
 from workbench.digest import code_digest
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import PATHS
 from workbench.mocap.motion import Motion
+from workbench.mocap.named import find_motion
 
 KEYPOINTS_MISSED = 0.1
 """Share of the joints that the simulated detector does not find."""
 
 
-@dataclass(frozen=True)
-class Synthetic:
+@dataclass(kw_only=True, eq=False)
+class Synthetic(Scene):
     """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
 
-    motion: see `motions.find_motion`, or a list of such names that take even turns (`splice.splice`). data: the folder
-    that holds cmu/ and bandai/. cache: a folder for rendered
-    images; without one every process renders them anew. path: "straight" or "circle", for the builtin walker only.
-    moving: names of the pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in
-    the first frame used; None: everything moves. n_frames frames at rate_hz are used, from first_frame on, counted at
-    that rate. camera: a camera file, of which the first camera is used; without one a level camera is placed so that it
-    looks at view_deg (degrees) to the walk's direction (90: side view, 180: from ahead) with focal length focal_px, and
-    the person is person_px tall half-way through, or smaller where the whole walk would not fit into width × height;
-    those five say nothing about a camera from a file. noise: σ of the sensor, grey levels. contrast, clutter: strength
-    of the clothes' texture and of the background, 1 being about 24 and 35 grey levels.
-    keypoint_sigma_px: σ of a detector of 2-D joints, px, that misses KEYPOINTS_MISSED of them; None: there is none.
-    seed: of the clothes, the background, the noise, the keypoints and the builtin walker.
+    motion to seed: see `Scene`; the seed is of the clothes, the background, the noise and the keypoints. cache: a
+    folder for rendered images; without one every process renders them anew. moving: names of the pose's parameters, or
+    of body parts (`skeleton.PARTS`), that move while all others stay as in the first frame used; None: everything
+    moves. camera: a camera file, of which the first camera is used, and the scene's does not count; without one the
+    person is person_px tall half-way through, or smaller where the whole motion would not fit into width × height.
+    noise: σ of the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
+    being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
+    KEYPOINTS_MISSED of them; None: there is none.
 
-    Raises InputError for parameters out of range, a motion that cannot be found or is too short, and a camera that
-    never sees the person.
+    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
+    too short, and a camera that never sees the person.
     """
 
-    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
-    data: str | None = None
-    cache: str | None = None
-    path: str = "straight"
-    moving: Sequence[str] | None = None
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare images of one camera, a start, and detected joints where they are asked for."""
+        keypoints = () if keys.get("keypoint_sigma_px") is None else (KEYPOINTS,)
+        return offering(IMAGES, ONE_CAMERA, START, *keypoints)
+
     n_frames: int = 50
-    first_frame: int = 0
     rate_hz: float = 30.0
-    width: int = 640
-    height: int = 480
+    cache: str | None = None
+    moving: Sequence[str] | None = None
     camera: str | None = None
-    view_deg: float = 90.0
     person_px: float = 270.0
-    focal_px: float = 700.0
     noise: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
     keypoint_sigma_px: float | None = None
-    seed: int = 0
 
     def __post_init__(self) -> None:
-        at_least = {
-            "n_frames": 2, "first_frame": 0, "width": 32, "height": 32, "person_px": 1.0, "focal_px": 1.0,
-            "noise": 0.0, "contrast": 0.0, "clutter": 0.0, "seed": 0,
-        }  # fmt: skip
-        for name, least in at_least.items():
-            if not least <= getattr(self, name) < np.inf:
-                raise InputError(f"synthetic: {name} must be at least {least}, found {getattr(self, name)}")
+        self.check(person_px=1.0, noise=0.0, contrast=0.0, clutter=0.0)
         if self.path not in PATHS:
             raise InputError(f"synthetic: path must be one of {', '.join(PATHS)}, found {self.path!r}")
-        if not 0.0 < self.rate_hz < np.inf:
-            raise InputError(f"synthetic: rate_hz must be positive, found {self.rate_hz}")
         if self.keypoint_sigma_px is not None and not 0.0 <= self.keypoint_sigma_px < np.inf:
             raise InputError(f"synthetic: keypoint_sigma_px must be at least 0, found {self.keypoint_sigma_px}")
-        if not np.isfinite(self.view_deg):
-            raise InputError(f"synthetic: view_deg must be an angle in degrees, found {self.view_deg}")
-        _ = self.view_camera  # finds the motion and places the camera, so that mistakes show before the first frame
 
-    @property
-    def name(self) -> str:
-        """The motion's name."""
-        return f"synthetic {self._used_motion.name}"
-
-    @property
-    def scale(self) -> float:
-        """1: images come in the size they were rendered in."""
-        return 1.0
-
-    @property
-    def shape(self) -> Shape:
-        """The measurements of the person rendered."""
-        return self._used_motion.shape
-
-    @property
-    def start_pose(self) -> FloatArray:
-        """The true pose (P,) in the first frame."""
-        first: FloatArray = self._used_motion.poses[0]
-        return first
-
-    @property
-    def start_marks(self) -> None:
-        """There are none: the start pose is known."""
-        return None
-
-    def __len__(self) -> int:
-        return self.n_frames
+    @cached_property
+    def known(self) -> Known:
+        """The camera, the person's measurements and the true pose in the first frame."""
+        motion = self._used_motion
+        return Known(
+            name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.view_camera,),
+            shape=motion.shape, start_pose=motion.poses[0], has_keypoints=self.keypoint_sigma_px is not None,
+        )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
@@ -132,7 +97,7 @@ class Synthetic:
             yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
-        """What the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
+        """Tell what the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
         if self.keypoint_sigma_px is None:
             return None
         rng, camera = np.random.default_rng([self.seed, 1, i]), self.view_camera
@@ -161,10 +126,7 @@ class Synthetic:
     def _automatic_camera(self, places: FloatArray) -> Camera:
         tall = standing_height(self._used_motion, places)
         wanted = self.focal_px * tall / self.person_px
-        camera, distance = automatic_camera(
-            self._used_motion, places, width=self.width, height=self.height, focal_px=self.focal_px,
-            view_deg=self.view_deg, distance_m=wanted,
-        )  # fmt: skip
+        camera, distance = automatic_camera(self, self._used_motion, places, wanted)
         if distance > 1.01 * wanted:
             warnings.warn(
                 f"synthetic: the person is {self.focal_px * tall / distance:.0f} px tall instead of "
@@ -177,12 +139,9 @@ class Synthetic:
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
         end = self.first_frame + self.n_frames
-        names = [self.motion] if isinstance(self.motion, str | int) else list(self.motion)
-        if not names:
-            raise InputError("synthetic: motion must name at least one motion, found none")
         motions = [
-            find_motion(str(name), data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
-            for name in names
+            find_motion(name, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
+            for name in motion_names(self.motion)
         ]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
@@ -199,7 +158,7 @@ class Synthetic:
 
     @cached_property
     def _body(self) -> Body:
-        return person(self.shape)
+        return person(self._used_motion.shape)
 
     @cached_property
     def _images(self) -> ByteArray:
@@ -229,10 +188,10 @@ class Synthetic:
         """Names the images: a digest of the poses and of every parameter that shows in them."""
         unseen = ("data", "cache", "camera", "keypoint_sigma_px")
         parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in unseen}
-        digest = hashlib.sha256(json.dumps([code_digest(render), parameters, self.shape.as_dict()]).encode())
-        camera = self.view_camera
+        motion, camera = self._used_motion, self.view_camera
+        digest = hashlib.sha256(json.dumps([code_digest(render), parameters, motion.shape.as_dict()]).encode())
         for array in (
-            self._used_motion.poses, camera.matrix, camera.rotation, camera.translation, camera.distortion,
+            motion.poses, camera.matrix, camera.rotation, camera.translation, camera.distortion,
             np.array([camera.width, camera.height]),
         ):  # fmt: skip
             digest.update(np.ascontiguousarray(array).tobytes())

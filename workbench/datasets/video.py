@@ -1,17 +1,22 @@
 """Real video: a file or a folder of images, seen by a calibrated camera, with joints marked by hand in some frames."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
-from workbench.datasets.decode import count_frames, decode, frame_rate
-from workbench.datasets.frame import Frame, MarkedFrames, Truth, View
-from workbench.datasets.marks import Marks, read_marks
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, MarkedFrames, Truth, View
+from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.datasets.files.decode import count_frames, decode, frame_rate
+from workbench.datasets.files.marks import Marks, read_marks
 from workbench.errors import InputError
 
 LEAST_SIZE_PX = 16
@@ -19,6 +24,7 @@ MOST_STRETCHED = 0.01
 """Images may be larger or smaller than the camera's by this part: encoders cut or pad to multiples of their blocks."""
 
 
+@dataclass(eq=False)
 class Video:
     """A video and its camera; the images are RGB, and everything in pixels follows their scale.
 
@@ -34,103 +40,127 @@ class Video:
     a mark on a hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to
     4; a detector's is its confidence.
 
-    Images that are up to 1 % off the camera's size are stretched to it, with a warning. Raises InputError for what
-    cannot be read, frames that are not there, images of another size, a missing frame rate, start marks that leave out
-    the first frame and frames held out that are not marked.
+    Images that are up to 1 % off the camera's size are stretched to it, with a warning. Raises InputError for numbers
+    out of range and, when asked what is known, for what cannot be read, frames that are not there, images of another
+    size, a missing frame rate, start marks that leave out the first frame and frames held out that are not marked.
     """
 
-    def __init__(
-        self,
-        source: str,
-        camera: str,
-        which: str | None = None,
-        first_frame: int = 0,
-        last_frame: int | None = None,
-        scale: float = 1.0,
-        rate_hz: float | None = None,
-        start_marks: str | None = None,
-        start_last: int | None = None,
-        keypoints: str | None = None,
-        eval_marks: str | None = None,
-        held_out: Sequence[int] = (),
-        hidden_weight: float = 0.35,
-        person: int | None = None,
-    ) -> None:
-        if not 0.0 < scale <= 1.0:
-            raise InputError(f"video: scale must be above 0 and at most 1, found {scale}")
-        if not 0.0 <= hidden_weight <= 1.0:
-            raise InputError(f"video: hidden_weight must lie between 0 and 1, found {hidden_weight}")
-        if first_frame < 0 or (last_frame is not None and last_frame < first_frame):
-            raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {first_frame} and {last_frame}")
-        self.source, self.scale = Path(source).expanduser(), scale
-        self.camera = _choose(camera, which)
-        self.first_frame, self.last_frame = first_frame, _last_frame(self.source, first_frame, last_frame)
-        self.rate_hz = _rate(self.source, rate_hz)
-        first = next(decode(self.source))
-        self._check_size(first)
-        if first.shape[:2] != (self.camera.height, self.camera.width):
-            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{self.camera.width}×{self.camera.height}"
-            warnings.warn(f"{source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
-        if min(self.camera.width, self.camera.height) * scale < LEAST_SIZE_PX:
-            size = f"{self.camera.width * scale:.0f}×{self.camera.height * scale:.0f}"
-            raise InputError(f"video: scale {scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}")
-        self.hidden_weight = hidden_weight
-        self._start = None if start_marks is None else self._first_marks(read_marks(start_marks), start_last)
-        self._keypoints = None if keypoints is None else _apart(read_marks(keypoints, person), held_out, False)
-        self._truth = None if eval_marks is None else _apart(read_marks(eval_marks, person), held_out, bool(held_out))
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare images of one camera, and the joints and the start that are given."""
+        keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
+        marks = () if keys.get("start_marks") is None else (START,)
+        return offering(IMAGES, ONE_CAMERA, *keypoints, *marks)
 
-    @property
-    def name(self) -> str:
-        """The source's name."""
-        return self.source.name
+    source: str
+    camera: str
+    which: str | None = None
+    first_frame: int = 0
+    last_frame: int | None = None
+    scale: float = 1.0
+    rate_hz: float | None = None
+    start_marks: str | None = None
+    start_last: int | None = None
+    keypoints: str | None = None
+    eval_marks: str | None = None
+    held_out: Sequence[int] = ()
+    hidden_weight: float = 0.35
+    person: int | None = None
 
-    @property
-    def shape(self) -> None:
-        """The person's measurements are not known."""
-        return None
+    def __post_init__(self) -> None:
+        if not 0.0 < self.scale <= 1.0:
+            raise InputError(f"video: scale must be above 0 and at most 1, found {self.scale}")
+        if not 0.0 <= self.hidden_weight <= 1.0:
+            raise InputError(f"video: hidden_weight must lie between 0 and 1, found {self.hidden_weight}")
+        if self.first_frame < 0 or (self.last_frame is not None and self.last_frame < self.first_frame):
+            found = f"{self.first_frame} and {self.last_frame}"
+            raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {found}")
 
-    @property
-    def start_pose(self) -> None:
-        """The true pose is not known."""
-        return None
-
-    @property
-    def start_marks(self) -> MarkedFrames | None:
-        """Marked joints of the first frame and of those up to start_last, in the resized image."""
-        return self._start
-
-    def __len__(self) -> int:
-        return self.last_frame - self.first_frame + 1
+    @cached_property
+    def known(self) -> Known:
+        """The camera of the resized images, and what is marked."""
+        n_frames = self._last - self.first_frame + 1
+        self._check_first_image()
+        _ = self._truth  # read now, so that mistakes show before the first frame
+        marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
+        return Known(
+            name=self._path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
+            cameras=(self._camera.scaled(self.scale),), start_marks=self._first_marks(),
+            has_keypoints=bool(((marked >= self.first_frame) & (marked <= self._last)).any()),
+        )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, decoded one by one: seeking in a video file is not to be relied on."""
-        camera = self.camera.scaled(self.scale)
+        (camera,) = self.known.cameras
         index = self.first_frame - 1
-        for index, image in enumerate(decode(self.source, self.first_frame, self.last_frame), self.first_frame):
+        for index, image in enumerate(decode(self._path, self.first_frame, self._last), self.first_frame):
             self._check_size(image)
             view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
-            yield Frame(index, index / self.rate_hz, (view,), self._truth_at(index))
-        if index < self.last_frame:
-            raise InputError(f"{self.source}: ends before frame {self.last_frame}, which was there before")
+            yield Frame(index, index / self.true_rate_hz, (view,), self._truth_at(index))
+        if index < self._last:
+            raise InputError(f"{self.source}: ends before frame {self._last}, which was there before")
+
+    @cached_property
+    def true_rate_hz(self) -> float:
+        """Frames per second: as given, or as the source says."""
+        return _rate(self._path, self.rate_hz)
+
+    @cached_property
+    def _path(self) -> Path:
+        return Path(self.source).expanduser()
+
+    @cached_property
+    def _camera(self) -> Camera:
+        return _choose(self.camera, self.which)
+
+    @cached_property
+    def _last(self) -> int:
+        return _last_frame(self._path, self.first_frame, self.last_frame)
+
+    @cached_property
+    def _keypoints(self) -> Marks | None:
+        return None if self.keypoints is None else _apart(read_marks(self.keypoints, self.person), self.held_out, False)
+
+    @cached_property
+    def _truth(self) -> Marks | None:
+        """Marks for the evaluation, of the frames held out alone where there are some."""
+        if self.eval_marks is None:
+            return None
+        return _apart(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
+
+    def _check_first_image(self) -> None:
+        first, camera = next(decode(self._path)), self._camera
+        self._check_size(first)
+        if first.shape[:2] != (camera.height, camera.width):
+            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
+            warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
+        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
+            size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f}"
+            raise InputError(
+                f"video: scale {self.scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}"
+            )
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
-        fx, fy = self.scale * self.camera.width / width, self.scale * self.camera.height / height
+        fx, fy = self.scale * self._camera.width / width, self.scale * self._camera.height / height
         if fx == fy == 1.0:
             return image
         # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
         return np.asarray(cv2.resize(image, None, fx=fx, fy=fy, interpolation=cv2.INTER_AREA), np.uint8)
 
-    def _first_marks(self, marks: Marks, last: int | None) -> MarkedFrames:
-        """The marks of the first frame and of those up to `last`."""
-        last = self.first_frame if last is None else last
-        if last < self.first_frame:
-            raise InputError(f"video: expected start_last of at least first_frame, {self.first_frame}, found {last}")
-        if self.first_frame not in marks.frames:
-            frames, first = ", ".join(map(str, marks.frames)), self.first_frame
+    def _first_marks(self) -> MarkedFrames | None:
+        """The marks of the first frame and of those up to start_last, in the resized image."""
+        if self.start_marks is None:
+            return None
+        marks, first = read_marks(self.start_marks), self.first_frame
+        last = first if self.start_last is None else self.start_last
+        if last < first:
+            raise InputError(f"video: expected start_last of at least first_frame, {first}, found {last}")
+        if first not in marks.frames:
+            frames = ", ".join(map(str, marks.frames))
             raise InputError(f"{marks.source}: no marks in frame {first}, where the video starts; in {frames}")
-        used = [int(index) for index in marks.frames if self.first_frame <= index <= last]
-        times_s = np.array(used) / self.rate_hz
+        used = [int(index) for index in marks.frames if first <= index <= last]
+        times_s = np.array(used) / self.true_rate_hz
         return MarkedFrames(times_s, np.array([self._keypoints_at(marks, index) for index in used]))
 
     def _keypoints_at(self, marks: Marks | None, index: int) -> FloatArray | None:
@@ -144,9 +174,10 @@ class Video:
 
     def _check_size(self, image: ByteArray) -> None:
         height, width = image.shape[:2]
-        stretch = np.array([width / self.camera.width, height / self.camera.height])
+        camera = self._camera
+        stretch = np.array([width / camera.width, height / camera.height])
         if np.abs(stretch - 1.0).max() > MOST_STRETCHED:
-            expected = f"{self.camera.width}×{self.camera.height} of camera {self.camera.name!r}"
+            expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
 
 

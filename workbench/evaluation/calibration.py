@@ -22,16 +22,14 @@ def covered(values: FloatArray, weights: FloatArray, truth: FloatArray, levels: 
     quantile, see `posterior.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
     below, equal = share_below(values, weights, truth)
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
-    inside: BoolArray = (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
-    return inside
+    return (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
 
 
 def ranks(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """(D,) in 0..1: the weight of the particles below the truth, those equal to it counted half; the probability
     integral transform, which is evenly distributed for a calibrated posterior (Hamill 2001)."""
     below, equal = share_below(values, weights, truth)
-    found: FloatArray = (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
-    return found
+    return (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
 
 
 def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
@@ -39,11 +37,6 @@ def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> F
     shares = np.zeros((2, len(truth)))
     _add_shares(np.ascontiguousarray(values), weights, truth, shares)
     return shares
-
-
-def share_below_reference(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """The same as `share_below` in plain NumPy."""
-    return np.stack([weights @ (values < truth), weights @ (values == truth)])
 
 
 def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
@@ -62,13 +55,6 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
         _score(columns[first:last], order, weights, truth[first:last], score[first:last])
 
     over_threads(some, len(truth), 1)
-    return score
-
-
-def crps_reference(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """The same as `crps` in plain NumPy, from the definition: over all pairs of particles."""
-    spread = np.array([weights @ np.abs(np.subtract.outer(x, x)) @ weights for x in values.T])
-    score: FloatArray = weights @ np.abs(values - truth) - 0.5 * spread
     return score
 
 

@@ -11,7 +11,8 @@ from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
+from workbench.core.step import Step
 from workbench.evaluation.calibration import covered, crps, log_score, ranks
 from workbench.evaluation.joint_errors import (
     PCK_M,
@@ -21,7 +22,6 @@ from workbench.evaluation.joint_errors import (
     mean_distance,
     procrustes,
 )
-from workbench.inference.step import Step
 
 LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
@@ -95,7 +95,7 @@ def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> d
 
 
 def held(error_px: Sequence[float], forearm_px: Sequence[float], last: int = 5) -> bool:
-    """Whether a run of frames ends on the person: mean error over the last frames below a forearm's width, px."""
+    """Tell whether a run of frames ends on the person: mean error over the last frames below a forearm's width, px."""
     return float(np.mean(error_px[-last:])) < float(np.mean(forearm_px[-last:]))
 
 

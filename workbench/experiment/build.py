@@ -1,26 +1,29 @@
-"""From a configuration to live objects, for targets of the workbench only."""
+"""From a configuration to live objects, for targets of the workbench and of packages that a person named only."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from inspect import signature
 from typing import Any
 
-from hydra.utils import get_object, instantiate
+from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from workbench.errors import InputError
-
-PACKAGE = "workbench"
+from workbench.experiment.parts import OURS, how_to_allow, is_allowed
 
 
 def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
-    """Refuse a configuration in which any `_target_` is not a class or function defined in the workbench itself.
+    """Refuse a configuration in which any `_target_` is not defined in the workbench or a package that was named.
 
-    A configuration may come from a stranger's recording, so this runs over the whole of it before anything is built.
-    Raises InputError naming the place and the target.
+    A configuration may come from a stranger's recording, so this runs over the whole of it before anything is built,
+    and over all names before anything is imported. Raises InputError naming the place and the target.
     """
-    plain = OmegaConf.to_container(config, resolve=True)
-    _check(plain, place)
+    found = _targets(OmegaConf.to_container(config, resolve=True), place)
+    for here, target in found.items():
+        if not (isinstance(target, str) and is_allowed(target)):
+            raise InputError(f"config: {here} must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+    for here, target in found.items():
+        resolved(target, f"{here} ")
 
 
 def build(node: DictConfig, **live: object) -> Any:
@@ -31,7 +34,7 @@ def build(node: DictConfig, **live: object) -> Any:
     through unchanged.
     """
     check_targets(node)
-    known = signature(get_object(node["_target_"])).parameters
+    known = signature(resolved(node["_target_"])).parameters
     if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
     wanted = {name: value for name, value in live.items() if name in known}
@@ -39,8 +42,26 @@ def build(node: DictConfig, **live: object) -> Any:
     return instantiate(node, _partial_=True, _recursive_=False, _convert_="all")(**wanted, **nested)
 
 
+def resolved(target: str, place: str = "") -> Callable[..., object]:
+    """The class or function of a dotted name, which is imported.
+
+    Raises InputError for what does not exist or is defined outside the packages that may be built from.
+    """
+    if is_allowed(target):
+        module, _, name = target.rpartition(".")
+        try:
+            found = getattr(import_module(module), name, None)
+        except ModuleNotFoundError as error:
+            if not is_allowed(f"{error.name}."):
+                raise  # the part is there, what it needs is not
+            found = None
+        if callable(found) and is_allowed(f"{getattr(found, '__module__', '')}."):
+            return found
+    raise InputError(f"config: {place}must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+
+
 def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
-    """What the node, or every node under a name in it, builds."""
+    """Tell what the node, or every node under a name in it, builds."""
     return build(node, **live) if "_target_" in node else {str(key): _built(node[key], live) for key in node}
 
 
@@ -51,24 +72,13 @@ def _has_target(node: DictConfig, key: Any) -> bool:
     return isinstance(inner, DictConfig) and ("_target_" in inner or any(_has_target(inner, name) for name in inner))
 
 
-def _check(value: object, place: str) -> None:
+def _targets(value: object, place: str) -> dict[str, Any]:
+    """Every `_target_` by its place."""
     if isinstance(value, list):
-        for index, item in enumerate(value):
-            _check(item, f"{place}[{index}]")
+        return {here: each for k, item in enumerate(value) for here, each in _targets(item, f"{place}[{k}]").items()}
+    found: dict[str, Any] = {}
     if isinstance(value, dict):
         for key, item in value.items():
             here = f"{place}.{key}" if place else str(key)
-            if key == "_target_" and not _is_ours(item):
-                raise InputError(f"config: {here} must name a part of the {PACKAGE}, refused {item!r}")
-            _check(item, here)
-
-
-def _is_ours(target: object) -> bool:
-    if not isinstance(target, str) or not target.startswith(f"{PACKAGE}."):
-        return False
-    module, _, name = target.rpartition(".")
-    try:
-        found = getattr(import_module(module), name, None)
-    except ModuleNotFoundError:
-        return False
-    return callable(found) and str(getattr(found, "__module__", "")).startswith(f"{PACKAGE}.")
+            found |= {here: item} if key == "_target_" else _targets(item, here)
+    return found

@@ -9,21 +9,19 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-import workbench
+from workbench.digest import digest_of, read_sources
 from workbench.errors import InputError
-from workbench.mocap.sources import SUFFIXES, find_clip
+from workbench.experiment.parts import OURS, folder_of, packages
 
-NO_PART = ("paths", "threads", "check")
-"""Keys that say where and how a run is done, not what comes out."""
+NO_PART = ("paths", "threads", "check", "parts", "learn", "people")
+"""Keys that say where and how a run is done, or that parts refer to, not what comes out."""
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
 """Folders of paths.data that a configuration's `motions` stand for."""
 
-_MOTION_FILES = {*SUFFIXES, ".asf", ".csv"}
-
 
 def identity(config: DictConfig) -> str:
-    """A SHA-256 over the resolved configuration, the sources of the workbench and the content of the files it names.
+    """A SHA-256 over the resolved configuration, the sources of what it builds and the content of the files it names.
 
     Where things are does not count: paths.cache and paths.data are left out, a file is its name and its content, a
     folder the names and contents below it. Recordings named without a path (35_02, cmu) are looked up below
@@ -36,7 +34,8 @@ def identity(config: DictConfig) -> str:
     chosen = {key: value for key, value in plain.items() if key not in NO_PART}
     chosen["recorder"] = {key: value for key, value in (chosen.get("recorder") or {}).items() if key != "live"}
     try:
-        content = {"config": _by_content(chosen, data, {None, *places.values()}), "code": _code()}
+        code = [_code(package) for package in packages() if package == OURS or f"'{package}." in str(chosen)]
+        content = {"config": _by_content(chosen, data, {None, *places.values()}), "code": code}
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -69,10 +68,12 @@ def _files(name: str, data: Path | None) -> dict[str, Path]:
 
 
 def _recorded(name: str, data: Path) -> dict[str, Path]:
-    """The same for a database or a clip that is named without a path."""
+    """Find the files of a database or a clip that is named without a path."""
+    from workbench.mocap.sources import SUFFIXES, find_clip  # here, as it takes long to import
+
     if name in RECORDED:
         found = {f"{part}/{below}": file for part in RECORDED[name] for below, file in _below(data / part).items()}
-        return {below: file for below, file in found.items() if file.suffix.lower() in _MOTION_FILES}
+        return {below: file for below, file in found.items() if file.suffix.lower() in (*SUFFIXES, ".asf", ".csv")}
     try:
         clip = find_clip(data, name)
     except InputError:
@@ -86,7 +87,7 @@ def _below(folder: Path) -> dict[str, Path]:
 
 
 def _version(file: Path) -> tuple[int, int]:
-    """What tells that a file was written since it was last read by this process."""
+    """Identify a file's version, which changes whenever it is written."""
     status = file.stat()
     return status.st_size, status.st_mtime_ns
 
@@ -98,10 +99,6 @@ def _sha256(file: Path, _size: int, _mtime_ns: int) -> str:
 
 
 @cache
-def _code() -> str:
-    package = Path(str(workbench.__file__)).parent
-    sources = sorted((str(file.relative_to(package)), file) for file in package.rglob("*.py"))
-    digest = hashlib.sha256()
-    for name, file in sources:
-        digest.update(f"{name}:{hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
-    return digest.hexdigest()
+def _code(package: str) -> str:
+    sources = read_sources(folder_of(package))
+    return digest_of(sources, sources)

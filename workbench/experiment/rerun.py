@@ -8,9 +8,9 @@ from pathlib import Path
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from workbench.cli.execute import execute
-from workbench.recording.compare import Finding
-from workbench.recording.reader import Run, read
+from workbench.experiment.execute import execute
+from workbench.recording.compare.compare import Finding
+from workbench.recording.read.reader import Run, read
 
 
 def again(was: Run, config: DictConfig, folder: Path) -> Run | Finding:

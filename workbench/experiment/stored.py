@@ -1,7 +1,8 @@
 """From the configuration stored in a recording to one that is safe to run here.
 
-A recording may come from a stranger. What its configuration may do is build components of the workbench, read below
-`paths.data` of whoever runs it, and write to that person's cache and to the folder that the run is given.
+A recording may come from a stranger. What its configuration may do is build parts that the workbench, or a package that
+whoever runs it has named, offers as options, read below that person's `paths.data`, and write to their cache and to the
+folder that the run is given.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,12 +14,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.cli.schema import COMPONENTS
 from workbench.errors import InputError
-from workbench.recording.compare import Tolerance
-from workbench.recording.reader import Run
-
-_TARGETS = {f"{part.__module__}.{part.__qualname__}" for parts in COMPONENTS.values() for part in parts.values()}
+from workbench.experiment.parts import GROUPS, OURS, how_to_allow, targets
+from workbench.recording.compare.compare import Tolerance
+from workbench.recording.read.reader import Run
 
 
 def own_defaults(overrides: Sequence[str]) -> DictConfig:
@@ -33,13 +32,13 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
 
     Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
     results do not depend on them, and no viewer is called. Raises InputError, naming the recording and the key, for
-    an interpolation, a target that is no component, an override of a key that is not there, or a path that leads out
+    an interpolation, a target that is no option's, an override of a key that is not there, or a path that leads out
     of paths.data and was not given as an override.
     """
     settings = run.settings
     _refuse_foreign(run, settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
-    moved = {**dict.fromkeys(COMPONENTS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
+    moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
     moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}
     if isinstance(moved["recorder"], dict):
         moved["recorder"]["live"] = False
@@ -54,16 +53,23 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
 
 
 def _refuse_foreign(run: Run, settings: Mapping[str, Any]) -> None:
+    """Refuse by the words alone: nothing that a recording names is imported to find out what it is."""
+    known = targets()
     for place, value in _leaves(settings, ""):
         if isinstance(value, str) and "${" in value:
             raise InputError(f"{run.path}: {place}: expected a resolved configuration, found {value!r}")
         special = [key for key in place.split(".") if key.startswith("_")]
-        if special and (special != ["_target_"] or value not in _TARGETS):
-            raise InputError(f"{run.path}: {place}: expected a component of the workbench, refused {value!r}")
+        if special == ["_target_"] and value not in known and str(value).startswith(f"{OURS}."):
+            raise InputError(
+                f"{run.path}: {place}: {value!r} is no part of the {OURS}; if an earlier version recorded it, compare "
+                "it with another recording or run its experiment anew"
+            )
+        if special and (special != ["_target_"] or value not in known):
+            raise InputError(f"{run.path}: {place}: {value!r} is no part of the {OURS}{how_to_allow(value)}")
 
 
 def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
-    """Those stored with the recording; today's where it has none. Raises InputError for what is no tolerance."""
+    """Take those stored with the recording; today's where it has none. Raises InputError for what is no tolerance."""
     today: Any = OmegaConf.to_container(own.check)
     found = run.settings.get("check", today)
     try:
@@ -82,7 +88,7 @@ def _leaves(value: object, place: str) -> list[tuple[str, object]]:
 
 
 def _moved(value: Any, theirs: object, ours: Mapping[str, str]) -> Any:
-    """The same with our folders where texts begin with theirs; without paths.data of our own, theirs stays."""
+    """Put in our folders where texts begin with theirs; without paths.data of our own, theirs stays."""
     if isinstance(value, Mapping):
         moved = {key: _moved(item, theirs, ours) for key, item in value.items()}
         return moved | ({"cache": ours["cache"]} if "cache" in moved else {})  # the one folder that parts write to
@@ -113,7 +119,7 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
 
 
 def _leads_out(text: str, allowed: Iterable[str]) -> bool:
-    """Whether a text could be a path, or an address, that leads out of the folders allowed and the current one."""
+    """Tell whether a text could be a path, or an address, that leads out of the folders allowed and the current one."""
     path, other = PurePosixPath(text), PureWindowsPath(text)
     if ".." in other.parts or "://" in text:
         return True

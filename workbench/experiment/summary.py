@@ -12,10 +12,10 @@ from time import perf_counter
 
 import numpy as np
 
+from workbench.core.step import Step
 from workbench.evaluation.errors import held
 from workbench.evaluation.events import lost_and_found, lost_share
 from workbench.files import whole_file
-from workbench.inference.step import Step
 
 RMS = ("knee_deg", "hip_deg")
 """Errors that a run sums up by their root mean square, not their mean."""
@@ -91,7 +91,7 @@ class Summary:
 
     @property
     def cost(self) -> dict[str, float]:
-        """What the run took. It is not among the metrics, since wall times differ between equal runs.
+        """Tell what the run took. It is not among the metrics, since wall times differ between equal runs.
 
         seconds: of the inference, or of the study; without what is done once, such as learning a prior. ms_per_frame:
         the same per frame. likelihood_evaluations: of single poses; where an inference solves, of the residual in every

@@ -1,23 +1,17 @@
 """Motion models of several activities and people together: PCA of whole cycles (paper D, section 3.2 and eq. 8, 9)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from typing import ClassVar
 
-import h5py
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from workbench import __version__
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
-from workbench.files import whole_file
 from workbench.learning.activity_cycles import ActivityCycles
-from workbench.learning.store import Provenance
-
-FORMAT = "workbench activity model 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +35,19 @@ class ActivityModel:
     sources: tuple[str, ...]
     cycle_rate_hz: FloatArray
 
+    SHAPES: ClassVar[Mapping[str, str]] = {
+        "angles": "C", "mean": "TC", "components": "dTC", "scales": "d", "scores": "nd", "activities": "n",
+        "sources": "n", "cycle_rate_hz": "n", "explained": "K",
+    }  # fmt: skip
+
+    def flaw(self) -> str:
+        """Say what is missing where examples, phases or components are."""
+        n_explained = min(len(self.scores), self.mean.size)
+        if len(self.explained) != n_explained:
+            return f"explained of shape ({n_explained},), found {self.explained.shape}"
+        whole = len(self.mean) >= 2 and len(self.scales) and (self.scales > 0.0).all()
+        return "" if whole else "two phases and components with a scale"
+
     @property
     def pose_names(self) -> tuple[str, ...]:
         """The pose that the angles belong to: the person's, or a root and all these angles of another skeleton."""
@@ -52,8 +59,7 @@ class ActivityModel:
         Between the phases of the model a periodic cubic spline. The leading axes of both broadcast.
         """
         curves = self._spline(mu)
-        angles: FloatArray = curves[..., 0, :] + np.einsum("...d,...dc->...c", alpha, curves[..., 1:, :])
-        return angles
+        return curves[..., 0, :] + np.einsum("...d,...dc->...c", alpha, curves[..., 1:, :])
 
     def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of `angles_at`: (..., C, d) with respect to the coefficients, (..., C) to the phase, rad.
@@ -118,52 +124,5 @@ def principal_components(rows: FloatArray) -> tuple[FloatArray, FloatArray, Floa
 
 
 def fewest(explained: FloatArray, variance: float) -> int:
-    """How many components explain more than a part of the variance; explained: (K,), that of the first 1, 2, …"""
+    """Tell how many components explain more than a part of the variance; explained: (K,), that of the first 1, 2, …"""
     return int(np.searchsorted(explained, variance, side="right")) + 1
-
-
-_ARRAYS = ("mean", "components", "scales", "explained", "scores", "cycle_rate_hz")
-
-
-def write_activities(path: Path, model: ActivityModel, provenance: Provenance) -> None:
-    """Write the model to an HDF5 file with where it comes from; the file appears whole or not at all."""
-    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
-        file.attrs.update(format=FORMAT, workbench=__version__, provenance=provenance.as_json())
-        for name in _ARRAYS:
-            file[name] = getattr(model, name)
-        for name in ("angles", "activities", "sources"):
-            file[name] = list(getattr(model, name))
-
-
-def read_activities(path: Path) -> ActivityModel:
-    """Read a model; raises InputError when the file is missing, of another format, or does not fit together."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file of an activity model")
-    try:
-        with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if found != FORMAT:
-                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
-            model = ActivityModel(
-                angles=tuple(file["angles"].asstr()[()]),
-                activities=tuple(file["activities"].asstr()[()]),
-                sources=tuple(file["sources"].asstr()[()]),
-                **{name: file[name][()] for name in _ARRAYS},
-            )
-    except (OSError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: expected an activity model in HDF5: {error}") from None
-    _check(path, model)
-    return model
-
-
-def _check(path: Path, model: ActivityModel) -> None:
-    n, n_angles, d = len(model.activities), len(model.angles), model.scales.size
-    n_phases = len(model.mean) if model.mean.ndim else 0
-    shapes: dict[str, tuple[int, ...]] = {"mean": (n_phases, n_angles), "components": (d, n_phases, n_angles)}
-    shapes |= {"scales": (d,), "scores": (n, d), "cycle_rate_hz": (n,), "explained": (min(n, n_phases * n_angles),)}
-    for name, shape in shapes.items():
-        array = getattr(model, name)
-        if array.shape != shape or array.dtype != np.float64 or not np.isfinite(array).all():
-            raise InputError(f"{path}: expected {name} of shape {shape} and finite, found {array.shape} {array.dtype}")
-    if len(model.sources) != n or n_phases < 2 or not d or not (model.scales > 0.0).all():
-        raise InputError(f"{path}: expected examples with a source each, two phases and components with a scale")

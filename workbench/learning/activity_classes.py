@@ -9,6 +9,7 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray
+from workbench.core.motion_model import MotionModel
 from workbench.errors import InputError
 from workbench.learning.activities import ActivityModel, fewest, principal_components
 from workbench.learning.activity_cycles import ActivityCycles
@@ -33,7 +34,7 @@ class Recognition:
         return np.asarray(np.array(self.activities)[self.probabilities.argmax(axis=-1)])
 
 
-def classify(model: ActivityModel, alpha: FloatArray) -> Recognition:
+def classify(model: MotionModel, alpha: FloatArray) -> Recognition:
     """The activity of coefficients (..., d), in units of the model's scales, among those of its examples.
 
     p(activity | α) ∝ exp(−½ (α − m)ᵀ W⁻¹ (α − m)), m the mean of the activity's examples and W their covariance about

@@ -13,12 +13,9 @@ from workbench.arrays import BoolArray, FloatArray
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import N_ROOT, PARTS, Skeleton, person_skeleton
 from workbench.errors import InputError
-from workbench.learning.cycles import LONGEST_S, gait_events
+from workbench.mocap.gait_events import LONGEST_S, SHORTEST_RUN_S, gait_events
 from workbench.mocap.motion import Motion
 from workbench.mocap.retarget import continuous_turns
-
-SHORTEST_S = 0.45
-"""Of a running cycle; those of people in a hurry take 0.55 s."""
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +49,7 @@ class ActivityCycles:
         )
 
     def of_angles(self, names: Sequence[str]) -> "ActivityCycles":
-        """The same cycles of some angles only: their names or those of parts of the body, see `skeleton.PARTS`.
+        """Keep some angles of the cycles only: their names or those of parts of the body, see `skeleton.PARTS`.
 
         Raises InputError for a name that stands for none of the angles, or no name.
         """
@@ -94,7 +91,7 @@ def activity_cycles(
     for motion in tqdm(motions, desc="cycles", unit="clip", disable=None):
         part = cut(
             *followed(motion),
-            gait_events(motion, SHORTEST_S),
+            gait_events(motion, SHORTEST_RUN_S),
             rate_hz=motion.rate_hz,
             activity=motion.activity,
             source=motion.name,
@@ -133,7 +130,7 @@ def cut(
         raise InputError(f"activities: expected 2 phases and 1 cycle or more, found {n_phases} and {most}")
     spans = np.stack([events[:-1], events[1:]], axis=1)
     seconds = np.diff(spans, axis=1)[:, 0] / rate_hz
-    spans = spans[(seconds >= SHORTEST_S) & (seconds <= LONGEST_S)]
+    spans = spans[(seconds >= SHORTEST_RUN_S) & (seconds <= LONGEST_S)]
     n = min(most, len(spans))
     spans = spans[((np.arange(n) + 0.5) * len(spans) / max(n, 1)).astype(np.int64)]
     return ActivityCycles(
@@ -182,8 +179,7 @@ def normalised(skeleton: Skeleton, poses: FloatArray, spans: FloatArray, n_phase
         for curve, places in zip(curves, frames, strict=True):
             curve[:, columns - N_ROOT] = _angles(between(places), axes, skeleton.limits[columns])
     gaps = curves[:, -1:] - curves[:, :1]
-    closed: FloatArray = curves[:, :-1] - (phases[:-1, None] - 0.5) * gaps
-    return closed
+    return curves[:, :-1] - (phases[:-1, None] - 0.5) * gaps
 
 
 def _axes(joint: str, axes: FloatArray) -> FloatArray:

@@ -29,8 +29,7 @@ class Alignment:
 
     def phases(self, i: int, n_frames: int) -> FloatArray:
         """Phases (F,) of the first frames of sequence i, in cycles, growing: the whole part counts the cycles."""
-        phases: FloatArray = np.arange(n_frames) / self.periods[i] + self.offsets[i]
-        return phases
+        return np.arange(n_frames) / self.periods[i] + self.offsets[i]
 
 
 def align(
@@ -66,8 +65,7 @@ def periodic_basis(phases: FloatArray, n_knots: int) -> FloatArray:
     knots = np.linspace(0.0, 1.0, n_knots + 1)
     unit = np.eye(n_knots)
     spline = CubicSpline(knots, np.vstack([unit, unit[:1]]), bc_type="periodic")
-    basis: FloatArray = spline(phases % 1.0)
-    return basis
+    return spline(phases % 1.0)
 
 
 def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, roughness: float = 0.0) -> FloatArray:
@@ -82,8 +80,7 @@ def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, rou
         bend = np.roll(np.eye(k), 1, axis=0) - 2.0 * np.eye(k) + np.roll(np.eye(k), -1, axis=0)
         normal = normal + roughness * bend.T @ bend
     right = np.einsum("fk,fa->ak", basis, weights * values)
-    solved: FloatArray = (np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right[:, :, None])[:, :, 0].T
-    return solved
+    return (np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right[:, :, None])[:, :, 0].T
 
 
 def _iterate(
@@ -145,13 +142,11 @@ def _standard_deviations(sequences: Sequence[FloatArray]) -> FloatArray:
         variation += (np.where(valid, series - mean, 0.0) ** 2).sum(axis=0)
     if not n_valid.all():
         raise InputError(f"alignment: angle {int(n_valid.argmin())} has no valid sample in any sequence")
-    scale: FloatArray = np.where(variation > 0.0, np.sqrt(variation / n_valid), 1.0)
-    return scale
+    return np.where(variation > 0.0, np.sqrt(variation / n_valid), 1.0)
 
 
 def _fit(spline: FloatArray, counts: FloatArray, totals: FloatArray) -> FloatArray:
-    fitted: FloatArray = spline @ fit_periodic(spline, counts, totals / np.maximum(counts, 1.0))
-    return fitted
+    return spline @ fit_periodic(spline, counts, totals / np.maximum(counts, 1.0))
 
 
 def _deviations(folded: _Folded, reference: FloatArray) -> FloatArray:
@@ -161,8 +156,7 @@ def _deviations(folded: _Folded, reference: FloatArray) -> FloatArray:
     """
     spectrum = np.conj(np.fft.rfft(folded.counts, axis=1)) * np.fft.rfft(reference**2, axis=0)
     spectrum -= 2.0 * np.conj(np.fft.rfft(folded.totals, axis=1)) * np.fft.rfft(reference, axis=0)
-    deviations: FloatArray = np.fft.irfft(spectrum.sum(axis=2), n=N_PHASES, axis=1)
-    return deviations
+    return np.fft.irfft(spectrum.sum(axis=2), n=N_PHASES, axis=1)
 
 
 def _shifted(folded: FloatArray, shifts: IntArray) -> FloatArray:

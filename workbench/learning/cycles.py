@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
@@ -18,10 +18,6 @@ ANGLES = slice(1, len(CHANNEL_NAMES))
 """Which channels are the joint angles."""
 ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
 """What it may hold besides: how the root sways about its even way, m, and turns about its even direction, rad."""
-
-GAIT_CUTOFF_HZ = 3.0
-SHORTEST_S, LONGEST_S = 0.6, 2.0
-LEAST_SWING_RAD = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +59,6 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
-def gait_events(motion: Motion, shortest_s: float = SHORTEST_S) -> FloatArray:
-    """Where the left thigh is furthest ahead, in frames: peaks of the low-passed difference of the hip flexions.
-
-    No two are nearer in time than about shortest_s. A parabola through each peak places it between the frames.
-    """
-    left, right = (POSE_NAMES.index(f"{side}_hip_flexion") for side in ("left", "right"))
-    swing = motion.poses[:, left] - motion.poses[:, right]
-    low_pass = butter(2, GAIT_CUTOFF_HZ, fs=motion.rate_hz, output="sos")
-    if len(swing) < shortest_s * motion.rate_hz:
-        return np.empty(0)
-    smooth = sosfiltfilt(low_pass, swing, padtype="even")
-    peaks, _ = find_peaks(smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD)
-    before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
-    events: FloatArray = peaks + 0.5 * (before - after) / (before - 2.0 * at + after)
-    return events
-
-
 def motion_channels(motion: Motion) -> FloatArray:
     """The channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
@@ -115,5 +94,4 @@ def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> Float
 def _one_cycle(channels: CubicSpline, first: float, last: float, n_phases: int) -> FloatArray:
     phases = np.arange(n_phases) / n_phases
     gap = channels(last) - channels(first)
-    curve: FloatArray = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
-    return curve
+    return channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap

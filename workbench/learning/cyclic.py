@@ -10,11 +10,12 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.alignment import Alignment, align
-from workbench.learning.cycles import CHANNEL_NAMES, LONGEST_S, SHORTEST_S, motion_channels
+from workbench.learning.cycles import CHANNEL_NAMES, motion_channels
 from workbench.learning.functional_pca import FunctionalPca, fpca_shrunk
 from workbench.learning.period import find_period
 from workbench.learning.slices import Slices, cut
 from workbench.learning.walking import WalkingModel
+from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S
 from workbench.mocap.motion import Motion
 
 SPEED_WEIGHT = 1.0 / 30.0
@@ -78,7 +79,7 @@ def as_walking_model(pca: FunctionalPca, cycle_rates_hz: FloatArray, slices: Sli
 
 
 def _from_left_thigh_ahead(alignment: Alignment) -> Alignment:
-    """The same alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
+    """Turn the alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
     first = len(POSE_NAMES) - alignment.reference.shape[1]
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") - first for side in ("left", "right"))
     n_phases = len(alignment.reference)

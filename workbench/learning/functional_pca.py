@@ -68,7 +68,7 @@ def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> Functiona
 
 
 def fpca_shrunk(slices: Slices, q: int = 5, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6) -> FunctionalPca:
-    """The same iteration with soft-thresholded singular values, around every sequence's own centre.
+    """Iterate with soft-thresholded singular values, around every sequence's own centre.
 
     Instead of keeping q singular values whole, all are lowered by `shrinkage` times the largest one of the first
     guess (Mazumder, Hastie & Tibshirani 2010: spectral regularisation), so that a rank need not be chosen and cycles
@@ -124,8 +124,7 @@ def _check_size(slices: Slices, q: int) -> None:
 def _spectra(curves: FloatArray) -> FloatArray:
     """Fourier coefficients (..., 20, m) of curves (..., T, m)."""
     n_phases = curves.shape[-2]
-    spectra: FloatArray = fourier_basis(np.arange(n_phases) / n_phases, n_phases).T @ curves
-    return spectra
+    return fourier_basis(np.arange(n_phases) / n_phases, n_phases).T @ curves
 
 
 def _keep_largest(q: int, spectra: FloatArray) -> tuple[FloatArray, float]:

@@ -11,9 +11,9 @@ from workbench.arrays import BoolArray, FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.alignment import Alignment, align
-from workbench.learning.cycles import LONGEST_S, SHORTEST_S, gait_events
 from workbench.learning.imputation import impute, impute_linear, impute_paper, impute_periodic
 from workbench.learning.period import find_period, snr, snr_per_series
+from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
 
 BLOCK_S = (0.1, 0.5)
@@ -45,7 +45,7 @@ def with_gaps(motion: Motion, fraction: float, rng: np.random.Generator) -> Moti
 
 
 def remove_markers(motion: Motion, fraction: float, rng: np.random.Generator) -> BoolArray:
-    """The same for whole markers: all angles of a limb at once, half a cycle at a time."""
+    """Remove whole markers: all angles of a limb at once, half a cycle at a time."""
     names = POSE_NAMES[N_ROOT:]
     gone = np.zeros((len(motion), len(names)), dtype=bool)
     half = min(len(motion), round(0.5 * motion_period(motion, motion.poses[:, N_ROOT:])))
@@ -149,7 +149,7 @@ class ClipPeriods:
 def period_study(
     motions: Sequence[Motion], rng: np.random.Generator, fraction: float = 0.3
 ) -> dict[str, float | tuple[ClipPeriods, ...] | Mapping[str, FloatArray]]:
-    """How well the period is found, without and with a fraction of the samples removed in blocks.
+    """Tell how well the period is found, without and with a fraction of the samples removed in blocks.
 
     period_error_max_pct, period_error_max_pct_30: the largest deviation from the mean distance of hip events.
     period_error_median_pct, …_median_pct_30. white_noise_peak_ratio: the largest over the median accumulated SNR of

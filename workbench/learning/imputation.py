@@ -33,14 +33,14 @@ def impute(
 def impute_paper(
     sequences: Sequence[FloatArray], alignment: Alignment, q: int = 5, tolerance: float = 1e-6
 ) -> list[FloatArray]:
-    """The same by the paper's plain algorithm: the reconstruction of `fpca_paper`, nothing else."""
+    """Impute by the paper's plain algorithm: the reconstruction of `fpca_paper`, nothing else."""
     slices = cut(sequences, alignment)
     models = reconstructed(sequences, alignment, slices, fpca_paper(slices, q, tolerance).curves)
     return [_filled(series, model) for series, model in zip(sequences, models, strict=True)]
 
 
 def impute_periodic(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
-    """The same from each sequence alone: a periodic smoothing spline, plus the interpolated residual."""
+    """Impute from each sequence alone: a periodic smoothing spline, plus the interpolated residual."""
     filled = []
     for i, series in enumerate(sequences):
         basis = periodic_basis(alignment.phases(i, len(series)), PERIODIC_KNOTS)
@@ -53,7 +53,7 @@ def impute_periodic(sequences: Sequence[FloatArray], alignment: Alignment) -> li
 
 
 def impute_linear(sequences: Sequence[FloatArray]) -> list[FloatArray]:
-    """The same by linear interpolation in time."""
+    """Impute by linear interpolation in time."""
     return [fill_linear(series) for series in sequences]
 
 
@@ -86,5 +86,4 @@ def reconstructed(
 
 
 def _filled(series: FloatArray, guess: FloatArray) -> FloatArray:
-    filled: FloatArray = np.where(np.isfinite(series), series, guess)
-    return filled
+    return np.where(np.isfinite(series), series, guess)

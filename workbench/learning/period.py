@@ -27,8 +27,7 @@ def snr(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray
     usable = np.isfinite(roots)
     count = usable.sum(axis=1)
     mean = np.where(usable, roots, 0.0).sum(axis=1) / np.maximum(count, 1)
-    accumulated: FloatArray = np.where(count > 0, mean**2, np.nan)
-    return accumulated
+    return np.where(count > 0, mean**2, np.nan)
 
 
 def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray:
@@ -106,7 +105,7 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
 
 
 def _refined(candidates: FloatArray, ratios: FloatArray) -> float:
-    """Where the parabola through the ratios around the largest peaks; the largest itself where it has no peak.
+    """Find where the parabola through the ratios around the largest peaks; the largest itself where it has no peak.
 
     Least squares over three neighbours on either side, since whole samples make the ratio a staircase.
     """

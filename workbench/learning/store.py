@@ -1,10 +1,11 @@
-"""Learned models on disk: HDF5 with provenance, written atomically."""
+"""Keep learned models on disk: HDF5 with provenance, written atomically."""
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -12,10 +13,24 @@ import numpy as np
 from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.learning.cycles import CHANNEL_NAMES, ROOT_CHANNELS
-from workbench.learning.walking import WalkingModel
 
-FORMAT = "workbench walking model 1"
+FORMAT = "workbench model 2"
+
+
+class Model(Protocol):
+    """A dataclass of arrays, numbers and tuples of numbers or strings.
+
+    SHAPES: {field: a letter per axis}, of arrays and tuples; equal letters stand for equal sizes.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    SHAPES: ClassVar[Mapping[str, str]]
+
+    def flaw(self) -> str:
+        """Say what was expected and is not so in a model with the right shapes; empty where nothing is wrong."""
+
+
+Stored = TypeVar("Stored", bound=Model)
 
 
 @dataclass(frozen=True)
@@ -33,50 +48,66 @@ class Provenance:
 
     @property
     def key(self) -> str:
-        """A SHA-256 over the inputs, the parameters and the learning's code: the same key means the same model."""
+        """A SHA-256 over the inputs, the parameters and the learning's code: equal keys mean equal models."""
         text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def as_json(self) -> str:
-        """Everything in one line, as the files keep it."""
-        return json.dumps(asdict(self))
 
+def save(path: Path, model: Model, provenance: Provenance) -> None:
+    """Write a model with where it comes from; the file appears whole or not at all.
 
-def write_model(path: Path, model: WalkingModel, provenance: Provenance) -> None:
-    """Write the model to `path`; the file appears whole or not at all. Raises InputError when it cannot be written."""
+    Arrays are data sets, all other fields are JSON. Raises InputError when the file cannot be written.
+    """
     with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["workbench"] = __version__
-        file.attrs["provenance"] = provenance.as_json()
-        file.attrs["channels"] = json.dumps((CHANNEL_NAMES + ROOT_CHANNELS)[: model.mean.shape[1]])
-        for name in ("mean", "components", "scales"):
-            file[name] = getattr(model, name)
-        for name in ("cycle_rate_hz", "explained", "n_cycles"):
-            file.attrs[name] = getattr(model, name)
+        file.attrs.update(format=_format(type(model)), workbench=__version__, provenance=json.dumps(asdict(provenance)))
+        for field in fields(model):
+            value = getattr(model, field.name)
+            file[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
 
 
-def read_model(path: Path) -> WalkingModel:
-    """Read a model; raises InputError when the file is missing or is not a walking model of this format."""
+def load(kind: type[Stored], path: Path) -> Stored:
+    """Read a model; raises InputError when the file is missing, holds another kind, or does not fit together."""
     if not path.is_file():
-        raise InputError(f"{path}: no such model file")
+        raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
     try:
         with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if found != FORMAT:
-                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
-            rate = np.asarray(file.attrs["cycle_rate_hz"], dtype=np.float64)
-            model = WalkingModel(
-                mean=file["mean"][:],
-                components=file["components"][:],
-                scales=file["scales"][:],
-                cycle_rate_hz=(float(rate[0]), float(rate[1])),
-                explained=float(file.attrs["explained"]),
-                n_cycles=int(file.attrs["n_cycles"]),
-            )
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: expected a walking model in HDF5: {error}") from None
-    d, n_phases, n_channels = model.components.shape
-    known = n_channels in (len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS))
-    if model.mean.shape != (n_phases, n_channels) or model.scales.shape != (d,) or not known:
-        raise InputError(f"{path}: expected a mean and components of one shape, found {model.mean.shape} and more")
+            if (found := file.attrs.get("format")) != _format(kind):
+                raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
+            model = kind(**{name: _value(file[name], hint) for name, hint in _hints(kind).items()})
+    except (OSError, KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: expected a {kind.__name__} in HDF5: {error}") from None
+    if flaw := _misfit(model) or model.flaw():
+        raise InputError(f"{path}: expected {flaw}")
     return model
+
+
+def _format(kind: type[Model]) -> str:
+    return f"{FORMAT}, {kind.__name__}"
+
+
+def _hints(kind: type[Model]) -> dict[str, Any]:
+    every = get_type_hints(kind)
+    return {field.name: every[field.name] for field in fields(kind)}
+
+
+def _value(stored: h5py.Dataset, hint: Any) -> Any:
+    if get_origin(hint) is np.ndarray:
+        return stored[()]
+    value = json.loads(stored.asstr()[()])
+    return (get_origin(hint) or hint)(value)
+
+
+def _misfit(model: Model) -> str:
+    """The first field whose shape or type is not what the others and the class say; empty where all are."""
+    sizes: dict[str, int] = {}
+    hints = _hints(type(model))
+    for name, axes in model.SHAPES.items():
+        array = np.asarray(getattr(model, name))
+        wanted = get_args(get_args(hints[name])[1])[0] if get_origin(hints[name]) is np.ndarray else array.dtype
+        fits = array.ndim == len(axes) and array.dtype == wanted
+        if not fits or any(sizes.setdefault(axis, n) != n for axis, n in zip(axes, array.shape, strict=True)):
+            shape = ", ".join(str(sizes.get(axis, axis)) for axis in axes)
+            return f"{name} of shape ({shape}), found {array.shape} {array.dtype}"
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            return f"{name} to be finite"
+    return ""

@@ -4,41 +4,37 @@ import hashlib
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
-from workbench.body import full_skeleton
-from workbench.datasets.gait import builtin_motions
-from workbench.datasets.running import builtin_runs
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import activities as activity_models
-from workbench.learning import (
-    activity_cycles,
-    alignment,
-    cycles,
-    cyclic,
-    functional_pca,
-    period,
-    slices,
-    walking,
-    windows,
-)
-from workbench.learning.activities import ActivityModel, learn_activities, read_activities, write_activities
+from workbench.learning import activity_cycles, cyclic, gaps, walking, windows
+from workbench.learning.activities import ActivityModel, learn_activities
 from workbench.learning.activity_cycles import Followed, followed_person
 from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.gaps import with_gaps
-from workbench.learning.store import Provenance, read_model, write_model
+from workbench.learning.store import Provenance, Stored, load, save
 from workbench.learning.walking import WalkingModel, learn_walking
-from workbench.learning.windows import Windows, learn_windows, read_windows, write_windows
-from workbench.mocap import asf_amc, bvh, clip, retarget
+from workbench.learning.windows import Windows, learn_windows
+from workbench.mocap import full_skeleton, sources
+from workbench.mocap.generated.gait import builtin_motions
+from workbench.mocap.generated.running import builtin_runs
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
 
+Parameters: TypeAlias = dict[str, str | float | int | None]
+
 log = logging.getLogger(__name__)
-Model = TypeVar("Model")
+
+WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")
+"""Subjects of CMU whose walks are learned from."""
+
+WINDOWS_HZ = 30.0
+"""Rate of the database of paper C."""
 
 GAP_SEED = 2000
 """Of the gaps made for `cyclic_model`, so that one training set is one model."""
@@ -49,17 +45,21 @@ def walking_model(
     motions: str = "builtin",
     data: str | None = None,
     cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = ("02", "05", "06", "07", "08", "16", "32", "39"),
+    subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (),
     variance: float = 0.95,
-    n_components: int | None = None,
-    scaling: str = "none",
+    n_components: int | None = 8,
+    scaling: str = "joints",
 ) -> WalkingModel:
-    """The walking model of paper A learned from `motions`, see `training_motions`; the others as for `learn_walking`.
+    """Learn the walking model of paper A; motions, subjects and leave_out as for `training_motions`, the others as for
+    `learn_walking`.
 
+    The defaults are not the paper's, which are `learn_walking`'s: they follow the training people more closely.
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
-    return _walking(motions, data, cache, subjects, variance, n_components, scaling, root=False)
+    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
+    return _walking(training, cache, variance, n_components, scaling, root=False)
 
 
 def gait_model(
@@ -67,33 +67,25 @@ def gait_model(
     motions: str = "builtin",
     data: str | None = None,
     cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = ("02", "05", "06", "07", "08", "16", "32", "39"),
+    subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (),
     n_components: int = 8,
 ) -> WalkingModel:
     """The walking model with how the root sways, channels scaled by their effect on the joints; see `walking_model`."""
-    return _walking(motions, data, cache, subjects, 0.95, n_components, "joints", root=True)
+    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
+    return _walking(training, cache, 0.95, n_components, "joints", root=True)
 
 
 def _walking(
-    motions: str,
-    data: str | None,
-    cache: str,
-    subjects: Sequence[str],
-    variance: float,
-    n_components: int | None,
-    scaling: str,
-    root: bool,
+    training: Sequence[Motion], cache: str, variance: float, n_components: int | None, scaling: str, root: bool
 ) -> WalkingModel:
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects)
-    provenance = _provenance(
-        training, code_digest(cycles, walking), variance=variance, n_components=n_components, scaling=scaling, root=root
-    )
-    return _cached(
-        Path(cache).expanduser() / "models" / f"walking-{provenance.key[:16]}.h5",
-        read_model,
-        lambda: learn_walking(training, variance=variance, n_components=n_components, scaling=scaling, root=root),
-        lambda path, model: write_model(path, model, provenance),
-    )
+    parameters: Parameters = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
+    provenance = _provenance(training, code_digest(walking), **parameters)
+
+    def learn() -> WalkingModel:
+        return learn_walking(training, variance=variance, n_components=n_components, scaling=scaling, root=root)
+
+    return _cached(WalkingModel, cache, "walking", provenance, learn)
 
 
 def cyclic_model(
@@ -101,28 +93,23 @@ def cyclic_model(
     motions: str = "builtin",
     data: str | None = None,
     cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = ("02", "05", "06", "07", "08", "16", "32", "39"),
-    q: int = 5,
+    subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (),
+    q: int = 8,
     missing: float = 0.0,
 ) -> WalkingModel:
     """The cyclic model of paper B with q components; `missing`: part of the joint angles removed in blocks beforehand.
 
     Otherwise as `walking_model`.
     """
-    training = training_motions(motions, data=data, cache=cache, subjects=subjects)
-    code = code_digest(cycles, walking, period, alignment, slices, functional_pca, cyclic)
-    provenance = _provenance(training, code, q=q, missing=missing)
+    training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
+    provenance = _provenance(training, code_digest(cyclic, gaps), q=q, missing=missing)
 
     def learn() -> WalkingModel:
         rng = np.random.default_rng(GAP_SEED)
         return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
 
-    return _cached(
-        Path(cache).expanduser() / "models" / f"cyclic-{provenance.key[:16]}.h5",
-        read_model,
-        learn,
-        lambda path, model: write_model(path, model, provenance),
-    )
+    return _cached(WalkingModel, cache, "cyclic", provenance, learn)
 
 
 def motion_windows(
@@ -134,23 +121,27 @@ def motion_windows(
     activities: Sequence[str] = (),
     angles: Sequence[str] = ("body",),
     root: bool = True,
-    rate_hz: float = 30.0,
-    length: int = 10,
+    rate_hz: float | None = None,
+    length: int | None = None,
+    frames_hz: float | None = None,
 ) -> Windows:
-    """The database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
+    """Learn the database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
 
-    Raises InputError when the motions cannot be read or hold too few windows.
+    rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is about it or not
+    known. length: None takes a third of a second. Raises InputError when the motions cannot be read or hold too few
+    windows.
     """
+    if rate_hz is None:  # to 5 %, which the prior takes for one row a frame
+        rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
+    length = max(2, round(rate_hz / 3.0)) if length is None else length
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    provenance = _provenance(
-        chosen, code_digest(windows), angles=",".join(angles), root=root, rate_hz=rate_hz, length=length
-    )
-    return _cached(
-        Path(cache).expanduser() / "models" / f"windows-{provenance.key[:16]}.h5",
-        read_windows,
-        lambda: learn_windows(chosen, rate_hz=rate_hz, length=length, angles=angles, root=root),
-        lambda path, model: write_windows(path, model, provenance),
-    )
+    parameters: Parameters = {"angles": ",".join(angles), "root": root, "rate_hz": rate_hz, "length": length}
+    provenance = _provenance(chosen, code_digest(windows), **parameters)
+
+    def learn() -> Windows:
+        return learn_windows(chosen, rate_hz=rate_hz, length=length, angles=angles, root=root)
+
+    return _cached(Windows, cache, "windows", provenance, learn)
 
 
 def activity_model(
@@ -176,7 +167,7 @@ def activity_model(
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
     provenance = _provenance(
         chosen,
-        code_digest(cycles, retarget, activity_cycles, activity_models, full_skeleton),
+        code_digest(activity_models, full_skeleton),
         angles=",".join(angles),
         variance=variance,
         n_components=n_components,
@@ -189,18 +180,13 @@ def activity_model(
         modelled = angles if skeleton == "person" else whole.angles
         return learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
 
-    return _cached(
-        Path(cache).expanduser() / "models" / f"activities-{provenance.key[:16]}.h5",
-        read_activities,
-        learn,
-        lambda path, model: write_activities(path, model, provenance),
-    )
+    return _cached(ActivityModel, cache, "activities", provenance, learn)
 
 
 def _own_skeletons(
     skeleton: str, motions: str, data: str | None, angles: Sequence[str]
 ) -> Callable[[Motion], Followed]:
-    """What gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
+    """Tell what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
     if skeleton != "full":
         raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
     if data is None or motions == "builtin":
@@ -216,15 +202,20 @@ def _own_skeletons(
 
 
 def training_motions(
-    motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None
+    motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, leave_out: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Walks: "builtin" (generated), "cmu" (recorded walks of `subjects`, None: all, under `data`) or a library FILE.h5.
+    """Walks: "builtin" (generated), "cmu" or "recorded" (CMU's walks of `subjects`, None: all, under `data`) or a
+    library FILE.h5.
 
-    Raises InputError when they cannot be read.
+    leave_out: names of clips, of their files or of whole subjects. Raises InputError when they cannot be read or none
+    is left.
     """
-    if motions == "cmu":
-        return _imported(cmu_clips(_folder(motions, data), subjects), Path(cache).expanduser(), "cmu-walks")
-    return _builtin_or_library(motions, "cmu")
+    if motions in ("cmu", "recorded"):
+        kept = None if subjects is None else [subject for subject in subjects if subject not in leave_out]
+        found = _imported(cmu_clips(_folder(motions, data), kept), Path(cache).expanduser(), "cmu-walks")
+    else:
+        found = _builtin_or_library(motions, "cmu, recorded")
+    return _without(found, leave_out)
 
 
 def database_motions(
@@ -243,6 +234,13 @@ def database_motions(
     else:
         found = _builtin_or_library(motions, "recorded, cmu, bandai")
         found += builtin_runs() if motions == "builtin" else ()
+    kept = _without(found, leave_out, activities)
+    log.info("motion database: %d clips of %d", len(kept), len(found))
+    return kept
+
+
+def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
+    """Those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion
@@ -251,7 +249,6 @@ def database_motions(
     )
     if not kept:
         raise InputError(f"motions: none of {len(found)} is left without {leave_out} among the activities {activities}")
-    log.info("motion database: %d clips of %d", len(kept), len(found))
     return kept
 
 
@@ -281,7 +278,7 @@ def _imported(clips: Sequence[Path], cache: Path, name: str) -> tuple[Motion, ..
 
 
 def _digest(paths: Sequence[Path]) -> str:
-    digest = hashlib.sha256(code_digest(asf_amc, bvh, clip, retarget).encode())
+    digest = hashlib.sha256(code_digest(sources).encode())
     skeletons = {skeleton for path in paths for skeleton in path.parent.glob("*.asf")}
     for path in sorted({*paths, *skeletons}):
         digest.update(f"{path.name}:".encode())
@@ -298,11 +295,11 @@ def _provenance(training: Sequence[Motion], code: str, **parameters: str | float
     )
 
 
-def _cached(
-    path: Path, read: Callable[[Path], Model], learn: Callable[[], Model], write: Callable[[Path, Model], None]
-) -> Model:
+def _cached(kind: type[Stored], cache: str, name: str, provenance: Provenance, learn: Callable[[], Stored]) -> Stored:
+    """The model of this provenance from the folder `cache`, learned and written there where it is not."""
+    path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
-        return read(path)
+        return load(kind, path)
     model = learn()
-    write(path, model)
+    save(path, model, provenance)
     return model

@@ -1,7 +1,8 @@
 """The walking model of paper A, section 6.2: multivariate PCA of whole cycles."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,14 @@ class WalkingModel:
     cycle_rate_hz: tuple[float, float]
     explained: float
     n_cycles: int
+
+    SHAPES: ClassVar[Mapping[str, str]] = {"mean": "TC", "components": "dTC", "scales": "d", "cycle_rate_hz": "2"}
+
+    def flaw(self) -> str:
+        """Say how many channels were expected where there are others."""
+        known = len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS)
+        found = self.mean.shape[1]
+        return "" if found in known else f"{known[0]} or {known[1]} channels, found {found}"
 
 
 def learn_walking(

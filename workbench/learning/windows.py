@@ -6,30 +6,23 @@ the paper: lag k is k frames ago. Every velocity looks back, from the frame befo
 knows the frame after it, which is what it is asked for.
 """
 
-import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import h5py
 import numba
 import numpy as np
 
-from workbench import __version__
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, parameters
 from workbench.errors import InputError
-from workbench.files import whole_file
-from workbench.learning.store import Provenance
 from workbench.mocap.motion import Motion
 
 log = logging.getLogger(__name__)
 
-FORMAT = "workbench motion windows 2"
 ROOT_CHANNELS = ("forward", "sideways", "up", "turn", "root_pitch", "root_roll")
 """The root in the body's own heading frame: three velocities, m/s, the heading's, rad/s, and the lean itself, rad."""
 
@@ -67,6 +60,22 @@ class Windows:
     coefficients: Float32Array
     explained: float
 
+    SHAPES: ClassVar[Mapping[str, str]] = {
+        "mean": "dm", "basis": "dmb", "sigmas": "b", "scales": "m", "rows": "Rm", "coefficients": "nb", "ends": "n",
+        "clips": "C", "activities": "C", "firsts": "C",
+    }  # fmt: skip
+
+    def flaw(self) -> str:
+        """Say which of windows, clips, channels and angles does not fit the others."""
+        if not (len(self) and (self.ends >= self.length - 1).all() and (self.ends < len(self.rows) - 1).all()):
+            return f"windows that end inside the {len(self.rows)} rows"
+        if (np.diff(self.firsts, append=len(self.rows)) <= 0).any():
+            return "clips with rows each, one after the other"
+        if len(self.scales) != 2 * len(self.angles) + len(ROOT_CHANNELS) * self.root:
+            return f"two channels of each of {len(self.angles)} angles, found {len(self.scales)}"
+        unknown = [name for name in self.angles if name not in POSE_NAMES[N_ROOT:]]
+        return f"names of joint angles, found {unknown[0]!r}" if unknown else ""
+
     def __len__(self) -> int:
         return len(self.ends)
 
@@ -84,11 +93,10 @@ class Windows:
     def followers(self) -> IntArray:
         """(n,): how many recorded frames follow each window in its clip, at least one."""
         lasts = np.append(self.firsts[1:], len(self.rows)) - 1
-        left: IntArray = lasts[self.clip_of] - self.ends
-        return left
+        return lasts[self.clip_of] - self.ends
 
     def only(self, kept: BoolArray) -> "Windows":
-        """The same database and projection with the windows kept (n,) alone to be drawn; their rows stay."""
+        """Keep the database and its projection with the windows kept (n,) alone to be drawn; their rows stay."""
         return replace(self, ends=self.ends[kept], coefficients=self.coefficients[kept])
 
     @cached_property
@@ -100,13 +108,11 @@ class Windows:
     @cached_property
     def offset(self) -> FloatArray:
         """(d·b,): what the mean window takes off again."""
-        offset: FloatArray = (self.mean[:, :, None] * self.basis / self.sigmas).sum(axis=1).ravel()
-        return offset
+        return (self.mean[:, :, None] * self.basis / self.sigmas).sum(axis=1).ravel()
 
     def window_rows(self, entries: IntArray) -> FloatArray:
         """The windows (N, d, m) of entries (N,), newest row first."""
-        rows: FloatArray = self.rows[self.ends[entries][:, None] - np.arange(self.length)].astype(np.float64)
-        return rows
+        return self.rows[self.ends[entries][:, None] - np.arange(self.length)].astype(np.float64)
 
     def memory(self, windows: FloatArray) -> FloatArray:
         """The memory (N, d·b), see `advance`, of windows (N, d, m) of rows, newest first.
@@ -192,15 +198,6 @@ def advance(memory: FloatArray, rows: FloatArray, filters: FloatArray, offset: F
     return moved
 
 
-def advance_reference(
-    memory: FloatArray, rows: FloatArray, filters: FloatArray, offset: FloatArray, b: int
-) -> FloatArray:
-    """The same as `advance` in plain NumPy."""
-    ahead = np.concatenate([memory[:, b:], np.zeros((len(memory), b))], axis=1)
-    moved: FloatArray = ahead - offset + rows @ filters
-    return moved
-
-
 @numba.njit(cache=True, nogil=True)
 def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, moved: Any) -> None:
     # not a matrix product, whose order of addition depends on the number of BLAS threads
@@ -260,58 +257,3 @@ def _with_coefficients(windows: Windows) -> Windows:
         block = windows.window_rows(np.arange(first, min(first + _BLOCK, len(windows))))
         coefficients[first : first + _BLOCK] = np.einsum("ndm,mdb->nb", block, filters, optimize=True) - constant
     return replace(windows, coefficients=coefficients)
-
-
-_ARRAYS = ("rows", "ends", "firsts", "scales", "mean", "basis", "sigmas", "coefficients")
-
-
-def write_windows(path: Path, windows: Windows, provenance: Provenance) -> None:
-    """Write the windows to an HDF5 file with where they come from; the file appears whole or not at all."""
-    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
-        file.attrs.update(format=FORMAT, workbench=__version__, provenance=provenance.as_json())
-        file.attrs.update(angles=json.dumps(windows.angles), root=windows.root, rate_hz=windows.rate_hz)
-        file.attrs["explained"] = windows.explained
-        file["clips"], file["activities"] = list(windows.clips), list(windows.activities)
-        for name in _ARRAYS:
-            file[name] = getattr(windows, name)
-
-
-def read_windows(path: Path) -> Windows:
-    """Read windows; raises InputError when the file is missing, of another format, or does not fit together."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file of motion windows")
-    try:
-        with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if found != FORMAT:
-                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
-            attrs = file.attrs
-            windows = Windows(
-                angles=tuple(json.loads(attrs["angles"])),
-                root=bool(attrs["root"]),
-                rate_hz=float(attrs["rate_hz"]),
-                clips=tuple(file["clips"].asstr()[()]),
-                activities=tuple(file["activities"].asstr()[()]),
-                explained=float(attrs["explained"]),
-                **{name: file[name][()] for name in _ARRAYS},
-            )
-    except (OSError, KeyError, TypeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: expected motion windows in HDF5: {error}") from None
-    _check(path, windows)
-    return windows
-
-
-def _check(path: Path, windows: Windows) -> None:
-    n, m, b = len(windows), 2 * len(windows.angles) + len(ROOT_CHANNELS) * windows.root, len(windows.sigmas)
-    shapes = {"rows": (len(windows.rows), m), "scales": (m,), "mean": (windows.length, m)}
-    shapes |= {"basis": (windows.length, m, b), "coefficients": (n, b), "ends": (n,), "firsts": (len(windows.clips),)}
-    for name, shape in shapes.items():
-        array = getattr(windows, name)
-        if array.shape != shape or not np.isfinite(array).all():
-            raise InputError(f"{path}: expected {name} of shape {shape} and finite, found {array.shape}")
-    if not (n and (windows.ends >= windows.length - 1).all() and (windows.ends < len(windows.rows) - 1).all()):
-        raise InputError(f"{path}: expected windows that end inside the {len(windows.rows)} rows")
-    if len(windows.activities) != len(windows.clips) or (np.diff(windows.firsts, append=len(windows.rows)) <= 0).any():
-        raise InputError(f"{path}: expected clips with an activity and rows each, one after the other")
-    if unknown := [name for name in windows.angles if name not in POSE_NAMES[N_ROOT:]]:
-        raise InputError(f"{path}: expected names of joint angles, found {unknown[0]!r}")

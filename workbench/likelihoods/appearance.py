@@ -3,22 +3,26 @@
 A's own likelihood compares with the frame before alone, so that small errors add up: it drifts. A template does not.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Frame, View
-from workbench.errors import InputError
-from workbench.likelihoods.image_motion import patch_samples, smoothed
+from workbench.core.frame import Frame
+from workbench.core.traits import IMAGES, Traits, offering
+from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, Range, at_least, check
+from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
+from workbench.likelihoods.looks import PoseLook, Remembering
 
 ALONG, AROUND = 10, 24
 """Cells of a limb's template: along it, and once around it."""
@@ -34,6 +38,14 @@ class Template:
 
     mean: FloatArray
     n: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Templates:
+    """What was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
+
+    by_camera: Mapping[str, Template] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +68,8 @@ class Appearance:
     Raises InputError when a constant is out of range.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+
     body: Body
     k: float = 1.0
     sigma: float = 12.0
@@ -64,25 +78,13 @@ class Appearance:
     n_samples: int = 16
     blur_px: float = 2.0**0.5
     seed: int = 0
-    _templates: dict[str, Template] = field(default_factory=dict, init=False, repr=False)
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, good, expected in (
-            ("k", self.k > 0.0, "positive"),
-            ("sigma", self.sigma > 0.0, "positive"),
-            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
-            ("rate", 0.0 <= self.rate <= 1.0, "between 0 and 1"),
-            ("n_samples", self.n_samples >= 1, "at least 1"),
-            ("blur_px", self.blur_px >= 0.0, "at least 0"),
-        ):
-            if not good:
-                raise InputError(f"appearance: {name} must be {expected}, found {getattr(self, name)!r}")
-
-    @property
-    def templates(self) -> Mapping[str, Template]:
-        """What was learned so far, by the camera's name."""
-        return self._templates
+        check("appearance", POSITIVE, k=self.k, sigma=self.sigma)
+        check("appearance", INSIDE_UNIT, epsilon=self.epsilon)
+        check("appearance", Range("between 0 and 1", lambda rate: 0.0 <= rate <= 1.0), rate=self.rate)
+        check("appearance", at_least(1), n_samples=self.n_samples)
+        check("appearance", NOT_NEGATIVE, blur_px=self.blur_px)
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -97,45 +99,41 @@ class Appearance:
         v = -np.cos(angles)
         return patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
-        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
-            self._notes.append(f"appearance: {bad} of {len(pose)} poses were not finite")
-        if unknown := [view.camera.name for view in frame.views if view.camera.name not in self._templates]:
-            self._notes.append(f"appearance: nothing is known yet of how {unknown[0]} sees the person")
-        return over_views(self.body, frame, pose, self._one_view)
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """Look at a frame, the person still unknown."""
+        return self._look(Templates(), previous, frame)
 
-    def begin(self, frame: Frame, pose: FloatArray) -> None:
-        """Learn anew, from a frame and its expected pose (P,)."""
-        self._templates.clear()
-        self.observe(frame, pose)
+    def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> PoseLook:
+        images = [grey_levels(view, self.blur_px) for view in frame.views]
+        judges, notes = [], known.notes
+        for view, image in zip(frame.views, images, strict=True):
+            template = known.by_camera.get(view.camera.name)
+            if template is not None:
+                judges.append(partial(self._log_prob, view.camera, image, template))
+            elif previous is not None:
+                notes += (f"appearance: nothing is known yet of how {view.camera.name} sees the person",)
+        learn = partial(self._learn, known, frame, images)
+        return PoseLook("appearance", partial(over_views, self.body, judges), learn, notes)
 
-    def observe(self, frame: Frame, pose: FloatArray) -> None:
-        """Learn from a frame and its expected pose (P,); one that is not finite teaches nothing."""
-        if not np.isfinite(pose).all():
-            self._notes.append(f"appearance: frame {frame.index} has no finite expected pose to learn from")
-            return
-        frames = forward(self.body.skeleton, pose[None])
-        for view in frame.views:
-            points = limb_points(self.body, self.learned_from, view.camera, frames)
-            seen = cell_levels(smoothed(view, self.blur_px), points, self.learned_from)
-            before = self._templates.get(view.camera.name)
-            self._templates[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
-
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call."""
-        sentences = tuple(dict.fromkeys(self._notes))
-        self._notes.clear()
-        return sentences
-
-    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
-        if view.camera.name not in self._templates:
-            return np.zeros(len(frames.positions))
-        points = limb_points(self.body, self.samples, view.camera, frames)
-        image, template = smoothed(view, self.blur_px), self._templates[view.camera.name]
+    def _log_prob(self, camera: Camera, image: Float32Array, template: Template, frames: JointFrames) -> FloatArray:
+        points = limb_points(self.body, self.samples, camera, frames)
         ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
         log_prob: FloatArray = self.k * ratios.sum(axis=1)
         return log_prob
+
+    def _learn(
+        self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
+    ) -> Remembering[Templates]:
+        """Learn from a frame and its expected pose (P,); one that is not finite teaches nothing."""
+        if not np.isfinite(pose).all():
+            note = f"appearance: frame {frame.index} has no finite expected pose to learn from"
+            return Remembering(replace(known, notes=(note,)), self._look)
+        frames, by_camera = forward(self.body.skeleton, pose[None]), dict(known.by_camera)
+        for view, image in zip(frame.views, images, strict=True):
+            points = limb_points(self.body, self.learned_from, view.camera, frames)
+            seen, before = cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
+            by_camera[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
+        return Remembering(Templates(by_camera), self._look)
 
 
 def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:

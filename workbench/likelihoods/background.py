@@ -1,34 +1,28 @@
 """What a limb covers differs from the background that a still camera sees, and what lies just beside it does not."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import ClassVar
 
-import cv2
 import numpy as np
-from tqdm import tqdm
 
 from workbench.arrays import Float32Array, FloatArray
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Dataset, Frame, View
+from workbench.core.clip import Clip
+from workbench.core.frame import Frame, View
+from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.image_motion import float_levels, patch_samples
+from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, at_least, check
+from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
+from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.still_scene import StillScene, log_ratio, still_scenes
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
 """Where the points about a limb lie: in half widths from its axis, and beyond its end in lengths; off its outline."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
-
-
-@dataclass(frozen=True, eq=False)
-class StillScene:
-    """What one camera sees without the person: median and standard deviation, (height, width, C), of every pixel's one
-    or three levels, 0..255."""
-
-    median: Float32Array
-    sigma: Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +43,15 @@ class Background:
     The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part
     of the background; there this likelihood says nothing or, where the person leaves in the end, the wrong thing.
 
-    dataset: the clip. n_frames: as many of its frames, evenly spread, are used. least_sigma: a lower bound of σ, grey
+    n_frames: as many of the clip's frames, evenly spread, are used. least_sigma: a lower bound of σ, grey
     levels. epsilon: ε. n_samples: n. blur_px: of the smoothing. seed: of the points.
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+
     body: Body
-    dataset: Dataset
+    clip: Clip
     k: float = 0.5
     epsilon: float = 0.05
     least_sigma: float = 3.0
@@ -63,19 +59,13 @@ class Background:
     n_samples: int = 16
     blur_px: float = 0.7
     seed: int = 0
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, good, expected in (
-            ("k", self.k > 0.0, "positive"),
-            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
-            ("least_sigma", self.least_sigma > 0.0, "positive"),
-            ("n_frames", self.n_frames >= 3, "at least 3"),
-            ("n_samples", self.n_samples >= 1, "at least 1"),
-            ("blur_px", self.blur_px >= 0.0, "at least 0"),
-        ):
-            if not good:
-                raise InputError(f"background: {name} must be {expected}, found {getattr(self, name)!r}")
+        check("background", POSITIVE, k=self.k, least_sigma=self.least_sigma)
+        check("background", INSIDE_UNIT, epsilon=self.epsilon)
+        check("background", NOT_NEGATIVE, blur_px=self.blur_px)
+        check("background", at_least(3), n_frames=self.n_frames)
+        check("background", at_least(1), n_samples=self.n_samples)
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
@@ -86,27 +76,22 @@ class Background:
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.dataset, self.n_frames, self.blur_px, self.least_sigma)
+        return still_scenes(self.clip, self.n_frames, self.blur_px, self.least_sigma)
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
-        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
-            self._notes.append(f"background: {bad} of {len(pose)} poses were not finite")
-        return over_views(self.body, frame, pose, self._one_view)
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
+        judges = [partial(self._log_prob, view.camera, self._ratio(view)) for view in frame.views]
+        return PoseLook("background", partial(over_views, self.body, judges), lambda expected_pose: self)
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call."""
-        sentences = tuple(dict.fromkeys(self._notes))
-        self._notes.clear()
-        return sentences
-
-    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
+    def _ratio(self, view: View) -> Float32Array:
         if view.camera.name not in self.scenes:
             raise InputError(f"background: camera {view.camera.name} was not in the clip that it was learned from")
-        ratio = log_ratio(view, self.scenes[view.camera.name], self.blur_px, self.epsilon)
+        return log_ratio(view, self.scenes[view.camera.name], self.blur_px, self.epsilon)
+
+    def _log_prob(self, camera: Camera, ratio: Float32Array, frames: JointFrames) -> FloatArray:
         inside, beside = self.samples
-        within = mean_at(ratio, limb_points(self.body, inside, view.camera, frames))
-        around = mean_at(ratio, limb_points(self.body, beside, view.camera, frames, beside=True))
+        within = mean_at(ratio, limb_points(self.body, inside, camera, frames))
+        around = mean_at(ratio, limb_points(self.body, beside, camera, frames, beside=True))
         log_prob: FloatArray = self.k * (within - around).sum(axis=1)
         return log_prob
 
@@ -119,40 +104,3 @@ def points_about(inside: FloatArray) -> FloatArray:
     sides = np.column_stack([u, np.sign(v) * (near + (far - near) * np.abs(v) / width)])
     end = np.column_stack([first + (last - first) * u, 0.75 * v])
     return np.where(np.arange(len(inside))[:, None] % 3 == 2, end, sides)
-
-
-def still_scenes(dataset: Dataset, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
-    """Median and 1.4826 times the median absolute deviation of every camera's smoothed levels over the clip."""
-    used = set(np.unique(np.linspace(0, len(dataset) - 1, n_frames).round().astype(int)).tolist())
-    seen: dict[str, list[Float32Array]] = {}
-    for i, frame in enumerate(tqdm(dataset.frames(), "background", len(dataset), unit="frame", disable=None)):
-        if i in used:
-            for view in frame.views:
-                seen.setdefault(view.camera.name, []).append(levels(view, blur_px))
-    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
-
-
-def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
-    """The scene that F images (height, width, C) have in common."""
-    median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
-    for rows in np.array_split(np.arange(len(median)), 16):  # in strips, which take less memory
-        strip = np.stack([image[rows] for image in images])
-        median[rows] = np.median(strip, axis=0)
-        sigma[rows] = MAD_TO_SIGMA * np.median(np.abs(strip - median[rows]), axis=0)
-    return StillScene(median, np.maximum(sigma, np.float32(least_sigma)))
-
-
-@lru_cache(maxsize=8)
-def log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
-    """r of every pixel (height, width), see `Background`; kept for the last views."""
-    apart = (levels(view, blur_px) - scene.median) / scene.sigma
-    normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * apart**2
-    ratio: Float32Array = -np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))).astype(np.float32)
-    return ratio
-
-
-def levels(view: View, blur_px: float) -> Float32Array:
-    """The view's one or three levels (height, width, C), smoothed by a Gaussian."""
-    image = float_levels(view)
-    smooth = cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px > 0.0 else image
-    return np.ascontiguousarray(smooth, dtype=np.float32).reshape(*image.shape[:2], -1)

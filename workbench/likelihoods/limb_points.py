@@ -1,6 +1,6 @@
 """Points on the limbs as one camera sees them: what the cues that look at single frames have in common."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Frame, View
-from workbench.likelihoods.image_motion_kernel import place_points
+from workbench.likelihoods.image_motion.kernel import place_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +55,10 @@ def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
     return levels
 
 
-def over_views(
-    body: Body, frame: Frame, pose: FloatArray, one_view: Callable[[View, JointFrames], FloatArray]
-) -> FloatArray:
-    """The sum over the frame's views of `one_view`'s log likelihoods (N,); −inf where a pose (N, P) is not finite."""
-    finite = np.isfinite(pose).all(axis=1)
-    frames = forward(body.skeleton, pose[finite])
-    log_prob = np.full(len(pose), -np.inf)
-    log_prob[finite] = sum((one_view(view, frames) for view in frame.views), np.zeros(int(finite.sum())))
-    return log_prob
+def over_views(body: Body, judges: Sequence[Callable[[JointFrames], FloatArray]], pose: FloatArray) -> FloatArray:
+    """The sum over a frame's views of the log likelihoods (N,) that each view's judge gives to poses (N, P)."""
+    frames = forward(body.skeleton, pose)
+    return sum((judge(frames) for judge in judges), np.zeros(len(pose)))
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)

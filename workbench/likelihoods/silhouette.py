@@ -1,26 +1,25 @@
 """The whole person's outline before a still background: every pixel covered differs from it, every other does not."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import ClassVar
 
-import numba
 import numpy as np
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.arrays import Float32Array, FloatArray
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
-from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Dataset, Frame, View
+from workbench.core.clip import Clip
+from workbench.core.frame import Frame, View
+from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.background import StillScene, log_ratio, still_scenes
+from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, at_least, check
 from workbench.likelihoods.limb_points import limb_points, over_views
-
-CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
-"""Of a patch (u, v), once around it."""
-OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
-"""Which way along the limb and across it they lie from its middle."""
+from workbench.likelihoods.looks import PoseLook, Remembering
+from workbench.likelihoods.outlines import CORNERS, outline_sums, running_sums
+from workbench.likelihoods.still_scene import StillScene, log_ratio, still_scenes
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,240 +35,68 @@ class Silhouette:
     wider by rim_px on all sides. A: area of the outline of the pose expected one frame earlier, px². Neighbouring
     pixels err together: the whole person counts as k independent ones.
 
-    dataset: the clip. epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed. Raises
-    InputError when a constant is out of range or a camera was not in the clip.
+    epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
+    Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+
     body: Body
-    dataset: Dataset
+    clip: Clip
     k: float = 40.0
     epsilon: float = 0.05
     least_sigma: float = 3.0
     n_frames: int = 60
     rim_px: float = 0.4
-    _areas: dict[str, float] = field(default_factory=dict, init=False, repr=False)
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, good, expected in (
-            ("k", self.k > 0.0, "positive"),
-            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
-            ("least_sigma", self.least_sigma > 0.0, "positive"),
-            ("n_frames", self.n_frames >= 3, "at least 3"),
-            ("rim_px", self.rim_px >= 0.0, "at least 0"),
-        ):
-            if not good:
-                raise InputError(f"silhouette: {name} must be {expected}, found {getattr(self, name)!r}")
+        check("silhouette", POSITIVE, k=self.k, least_sigma=self.least_sigma)
+        check("silhouette", INSIDE_UNIT, epsilon=self.epsilon)
+        check("silhouette", at_least(3), n_frames=self.n_frames)
+        check("silhouette", NOT_NEGATIVE, rim_px=self.rim_px)
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.dataset, self.n_frames, 0.0, self.least_sigma)
+        return still_scenes(self.clip, self.n_frames, 0.0, self.least_sigma)
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
-        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
-            self._notes.append(f"silhouette: {bad} of {len(pose)} poses were not finite")
-        return over_views(self.body, frame, pose, self._one_view)
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
+        return self._look({}, previous, frame)
 
-    def begin(self, frame: Frame, pose: FloatArray) -> None:
-        """Measure the person's area in the first frame's expected pose (P,)."""
-        self._areas.clear()
-        self.observe(frame, pose)
+    def _look(self, areas: Mapping[str, float], previous: Frame | None, frame: Frame) -> PoseLook:
+        judges, notes = [], []
+        for view in frame.views:
+            reached, area = running_sums(self._ratio(view)), areas.get(view.camera.name)
+            if area is not None:
+                judges.append(partial(self._log_prob, view.camera, reached, area))
+            elif previous is not None:
+                name = view.camera.name
+                notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
+        judge, measure = partial(over_views, self.body, judges), partial(self._measure, areas, frame)
+        return PoseLook("silhouette", judge, measure, tuple(notes))
 
-    def observe(self, frame: Frame, pose: FloatArray) -> None:
-        """Measure it anew; a pose that is not finite, or out of the image, leaves it as it was."""
+    def _ratio(self, view: View) -> Float32Array:
+        if view.camera.name not in self.scenes:
+            raise InputError(f"silhouette: camera {view.camera.name} was not in the clip that it was learned from")
+        return log_ratio(view, self.scenes[view.camera.name], 0.0, self.epsilon)
+
+    def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
+        log_prob: FloatArray = self.k / area * self._sums(camera, reached, frames)
+        return log_prob
+
+    def _measure(self, areas: Mapping[str, float], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, float]]:
+        """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
+        measured = dict(areas)
         if np.isfinite(pose).all():
             frames = forward(self.body.skeleton, pose[None])
             for view in frame.views:
-                (area,) = self._sums(np.ones(view.image.shape[:2], dtype=np.float32), view, frames)
+                ones = running_sums(np.ones(view.image.shape[:2], dtype=np.float32))
+                (area,) = self._sums(view.camera, ones, frames)
                 if area >= 1.0:
-                    self._areas[view.camera.name] = float(area)
+                    measured[view.camera.name] = float(area)
+        return Remembering(measured, self._look)
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call."""
-        sentences = tuple(dict.fromkeys(self._notes))
-        self._notes.clear()
-        return sentences
-
-    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
-        name = view.camera.name
-        if name not in self.scenes:
-            raise InputError(f"silhouette: camera {name} was not in the clip that it was learned from")
-        if name not in self._areas:
-            self._notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
-            return np.zeros(len(frames.positions))
-        ratio = log_ratio(view, self.scenes[name], 0.0, self.epsilon)
-        log_prob: FloatArray = self.k / self._areas[name] * self._sums(ratio, view, frames)
-        return log_prob
-
-    def _sums(self, image: Float32Array, view: View, frames: JointFrames) -> FloatArray:
-        corners = limb_points(self.body, CORNERS, view.camera, frames).pixels
-        return outline_sums(image, corners, self.body.limbs.spheres, self.rim_px)
-
-
-def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
-    """The image's sum (N,) over the union of L outlines: pixels count by the part of their row that is covered.
-
-    corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen. spheres: (L,), whose
-    outline is the circle through its corners. rim_px: by which outlines are wider on all sides.
-    """
-    reached = np.zeros((image.shape[0], image.shape[1] + 1))
-    np.cumsum(image, axis=1, out=reached[:, 1:])
-    sums = np.empty(len(corners))
-    _outline_sums(reached, corners, spheres, rim_px, sums)
-    return sums
-
-
-def outline_sums_reference(
-    image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0
-) -> FloatArray:
-    """The same as `outline_sums` in plain NumPy."""
-    height, width = image.shape
-    edges = np.arange(width + 1) - 0.5
-    sums = np.zeros(len(corners))
-    for i, outlines in enumerate(corners.astype(np.float64)):
-        for y in range(height):
-            found = (_span(one, bool(spheres[k]), rim_px, float(y)) for k, one in enumerate(outlines))
-            spans = sorted(span for span in found if span)
-            end = -np.inf
-            for left, right in spans:
-                covered = np.clip(edges, max(left, end), max(right, end))
-                sums[i] += float(image[y] @ np.diff(covered))
-                end = max(end, right)
-    return sums
-
-
-def _span(corners: FloatArray, sphere: bool, rim_px: float, y: float) -> tuple[float, float] | None:
-    """Where a row meets an outline."""
-    axes = OUTWARDS.T @ corners  # along the limb and across it
-    lengths = np.linalg.norm(axes, axis=1)
-    if not lengths.min() > 0.0:
-        return None
-    if sphere:
-        centre, radius = corners.mean(axis=0), float(np.linalg.norm(corners[2] - corners[0])) / 2.0 + rim_px
-        half = radius**2 - (y - centre[1]) ** 2
-        return (centre[0] - np.sqrt(half), centre[0] + np.sqrt(half)) if half > 0.0 else None
-    corners = corners + rim_px * OUTWARDS @ (axes / lengths[:, None])
-    met = []
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        if min(y0, y1) <= y < max(y0, y1):
-            met.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
-    return (min(met), max(met)) if len(met) > 1 else None
-
-
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
-    height, width = reached.shape[0], reached.shape[1] - 1
-    n_limbs = corners.shape[1]
-    for i in numba.prange(corners.shape[0]):
-        lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
-        counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
-        top, bottom = height, -1
-        for limb in range(n_limbs):
-            if not _widened(corners[i, limb], rim_px, outline):
-                continue
-            if spheres[limb]:
-                low, high = _disc_spans(corners[i, limb], rim_px, width, counts, lefts, rights)
-            else:
-                low, high = _spans(outline, width, counts, lefts, rights)
-            top, bottom = min(top, low), max(bottom, high)
-        total = 0.0
-        for y in range(top, bottom + 1):
-            total += _union(reached[y], counts[y], lefts[y], rights[y])
-        sums[i] = total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
-    """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
-    ax, ay = (
-        corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0],
-        corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1],
-    )
-    bx, by = (
-        corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0],
-        corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1],
-    )
-    a, b = np.sqrt(np.float64(ax * ax + ay * ay)), np.sqrt(np.float64(bx * bx + by * by))
-    if not min(a, b) > 0.0:
-        return False
-    for k in range(4):
-        along, across = rim_px * OUTWARDS[k, 0] / a, rim_px * OUTWARDS[k, 1] / b
-        outline[k, 0] = corners[k, 0] + along * ax + across * bx
-        outline[k, 1] = corners[k, 1] + along * ay + across * by
-    return True
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
-    """Add to every row where it meets a disc, and return the first and the last row that may."""
-    x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
-    y = 0.25 * (corners[0, 1] + corners[1, 1] + corners[2, 1] + corners[3, 1])
-    dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
-    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + rim_px
-    low, high = _rows(y - radius, y + radius, counts.shape[0])
-    for row in range(low, high + 1):
-        square = radius * radius - (row - y) * (row - y)
-        if square > 0.0:
-            half = np.sqrt(square)
-            _add(row, x - half, x + half, width, counts, lefts, rights)
-    return low, high
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
-    """The same of a quadrangle."""
-    low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
-    for row in range(low, high + 1):
-        left, right = np.inf, -np.inf
-        for k in range(4):
-            x0, y0, x1, y1 = outline[k, 0], outline[k, 1], outline[(k + 1) % 4, 0], outline[(k + 1) % 4, 1]
-            if min(y0, y1) <= row and row < max(y0, y1):
-                x = x0 + (row - y0) / (y1 - y0) * (x1 - x0)
-                left, right = min(left, x), max(right, x)
-        if right > left:
-            _add(row, left, right, width, counts, lefts, rights)
-    return low, high
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _rows(above: float, below: float, height: int) -> tuple[int, int]:
-    """The rows of the image between two heights; the last is before the first where there are none."""
-    low, high = max(np.ceil(above), 0.0), min(np.floor(below), height - 1.0)
-    if not low <= high:  # also for NaN
-        return height, -1
-    return int(low), int(high)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: Any, rights: Any) -> None:
-    """Put a span into its row, from the left to the right by where spans begin."""
-    left, right = max(left + 0.5, 0.0), min(right + 0.5, float(width))  # from the image's left edge
-    if not right > left:
-        return
-    place = counts[row]
-    while place > 0 and lefts[row, place - 1] > left:
-        lefts[row, place], rights[row, place] = lefts[row, place - 1], rights[row, place - 1]
-        place -= 1
-    lefts[row, place], rights[row, place] = left, right
-    counts[row] += 1
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
-    """The row's sum over the union of its spans."""
-    total, end = 0.0, 0.0
-    for k in range(count):
-        left, right = max(lefts[k], end), rights[k]
-        if right > left:
-            total += _until(reached, right) - _until(reached, left)
-            end = right
-    return total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _until(reached: Any, x: float) -> Any:
-    """The sum of the row from its left edge to x."""
-    first = min(int(x), reached.shape[0] - 2)
-    return reached[first] + (x - first) * (reached[first + 1] - reached[first])
+    def _sums(self, camera: Camera, reached: FloatArray, frames: JointFrames) -> FloatArray:
+        corners = limb_points(self.body, CORNERS, camera, frames).pixels
+        return outline_sums(reached, corners, self.body.limbs.spheres, self.rim_px)

@@ -1,16 +1,23 @@
 """How well a body's surface explains observed points: the likelihood of paper D's data for a particle filter."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import ClassVar
 
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
-from workbench.body.surface import Surface, attach, person_surface, residuals
-from workbench.datasets.frame import Frame
-from workbench.errors import InputError
+from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
+from workbench.core.frame import Frame
+from workbench.core.observation_residuals import surface_residual
+from workbench.core.observations import Observables, Observed
+from workbench.core.residual import LOSSES, Loss, ResidualFunction
+from workbench.core.traits import POINTS, RESIDUALS, Traits, offering
+from workbench.likelihoods.constants import INSIDE_UNIT, POSITIVE, TEMPER, check, check_choice
+from workbench.likelihoods.looks import PoseLook, finite_rows
+
+_BLOCK = 2**20  # distances that are held at once, 8 MiB
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,56 +29,65 @@ class SurfacePoints:
     with r_k the distance of point k to the nearest part of the body's implicit surface. sigma: σ, m. epsilon: ε, the
     share of outliers. range_m: over which an outlier may lie, m. temper: below 1 flattens the posterior, since points
     of one stereo pair err together and N particles cannot follow a posterior that is much narrower than their spread.
+
+    Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
+    a loss, "squared", "huber" or "geman_mcclure", which bends at `scale`; sigma and scale are then in the kind's unit.
     The previous pose and frame do not matter. Raises InputError when a constant is out of range.
     """
+
+    traits: ClassVar[Traits] = offering(RESIDUALS, dataset=POINTS)
 
     body: Body
     sigma: float = 0.02
     epsilon: float = 0.15
     range_m: float = 2.0
     temper: float = 0.03
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
+    kind: Kind = "distance"
+    loss: str = "geman_mcclure"
+    scale: float = 0.03
 
     def __post_init__(self) -> None:
-        for name, good, expected in (
-            ("sigma", self.sigma > 0.0, "positive"),
-            ("epsilon", 0.0 < self.epsilon < 1.0, "between 0 and 1"),
-            ("range_m", self.range_m > 0.0, "positive"),
-            ("temper", 0.0 < self.temper <= 1.0, "above 0 and at most 1"),
-        ):
-            if not good:
-                raise InputError(f"surface points: {name} must be {expected}, found {getattr(self, name)!r}")
+        check("surface points", POSITIVE, sigma=self.sigma, range_m=self.range_m, scale=self.scale)
+        check("surface points", INSIDE_UNIT, epsilon=self.epsilon)
+        check("surface points", TEMPER, temper=self.temper)
+        check_choice("surface points", KINDS, kind=self.kind)
+        check_choice("surface points", tuple(LOSSES), loss=self.loss)
+
+    @property
+    def observables(self) -> Observables:
+        """Points, with the deviation sigma."""
+        return Observables(sigma=self.sigma, kind=self.kind)
+
+    @property
+    def residual_loss(self) -> Loss:
+        """The loss of whitened residuals."""
+        return Loss(self.loss, self.scale / self.sigma)
+
+    def residual(self, observed: Observed) -> ResidualFunction:
+        """Measure the residuals of the frame's points, whitened by sigma."""
+        return surface_residual(self.body.skeleton, self.surface, observed.points, self.kind, self.sigma)
 
     @cached_property
     def surface(self) -> Surface:
         """The body's implicit surface."""
         return person_surface(self.body)
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihoods (N,) of poses (N, P); −inf where one is not finite, 0 for all in a frame without points."""
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """Pick out the finite points; poses are all equally likely where there are none."""
         given = np.empty((0, 3)) if frame.points is None else frame.points
-        points = given[np.isfinite(given).all(axis=1)]
-        if not len(given):
-            self._notes.append(f"frame {frame.index}: there are no points")
-        elif lost := len(given) - len(points):
-            self._notes.append(f"frame {frame.index}: {lost} of {len(given)} points are not finite; left out")
-        finite = np.isfinite(pose).all(axis=1)
-        log_prob = np.full(len(pose), -np.inf)
-        frames = forward(self.body.skeleton, pose[finite])
-        log_prob[finite] = [
-            self._one(JointFrames(frames.rotations[i : i + 1], frames.positions[i : i + 1]), one, points)
-            for i, one in enumerate(pose[finite])
-        ]
+        points = given[finite_rows(given)]
+        note = "" if len(given) else f"frame {frame.index}: there are no points"
+        if lost := len(given) - len(points):
+            note = f"frame {frame.index}: {lost} of {len(given)} points are not finite; left out"
+        judge = partial(self._log_prob, points)
+        return PoseLook("surface points", judge, lambda expected_pose: self, (note,) if note else ())
+
+    def _log_prob(self, points: FloatArray, pose: FloatArray) -> FloatArray:
+        log_prob, together = np.empty(len(pose)), max(1, _BLOCK // max(1, len(points)))
+        for first in range(0, len(pose), together):
+            rows = slice(first, first + together)
+            apart = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
+            near = (1.0 - self.epsilon) * np.exp(-0.5 * apart**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
+            near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
+            log_prob[rows] = self.temper * np.log(near + self.epsilon / self.range_m).sum(axis=1)
         return log_prob
-
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call."""
-        sentences = tuple(dict.fromkeys(self._notes))
-        self._notes.clear()
-        return sentences
-
-    def _one(self, frames: JointFrames, pose: FloatArray, points: FloatArray) -> float:
-        attachment = attach(self.surface, frames, points, "distance")
-        apart = residuals(self.body.skeleton, self.surface, pose, points, "distance", attachment) / self.sigma
-        near = (1.0 - self.epsilon) * np.exp(-0.5 * apart**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
-        return self.temper * float(np.log(near + self.epsilon / self.range_m).sum())

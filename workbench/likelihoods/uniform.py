@@ -1,18 +1,19 @@
 """The likelihood that knows nothing: every pose is equally likely (paper A, fig. 7: the prior alone)."""
 
+from typing import ClassVar
+
 import numpy as np
 
-from workbench.arrays import FloatArray
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.traits import Traits, offering
+from workbench.likelihoods.looks import PoseLook
 
 
 class Uniform:
     """log p = 0 whatever the images show, so that a run shows what the temporal prior does by itself."""
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Zeros (N,) for poses (N, P)."""
-        return np.zeros(len(pose))
+    traits: ClassVar[Traits] = offering()
 
-    def warnings(self) -> tuple[str, ...]:
-        """Nothing is ever skipped."""
-        return ()
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """See nothing."""
+        return PoseLook("uniform", lambda pose: np.zeros(len(pose)), lambda expected_pose: self)

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.body.kinematics import joints
-from workbench.body.skeleton import Skeleton, person_skeleton
+from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 from workbench.files import whole_file
 from workbench.mocap.bvh_writer import bvh_text
-from workbench.mocap.motion import Motion
 from workbench.mocap.trc import trc_text
 
 SUFFIXES = (".bvh", ".trc", ".csv")
@@ -35,12 +33,6 @@ class Track:
 
     def __len__(self) -> int:
         return len(self.frames)
-
-
-def motion_track(motion: Motion) -> Track:
-    """The track of a motion; frames count from 0."""
-    skeleton, frames = person_skeleton(motion.shape), np.arange(len(motion))
-    return Track(skeleton, frames, frames / motion.rate_hz, joints(skeleton, motion.poses), motion.poses)
 
 
 def export(path: str | Path, track: Track, metres: bool = False) -> None:

@@ -16,7 +16,6 @@ from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.limbs import Body, Ends, Limbs, Radii, skeleton_limbs
 from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.body.surface import Surface, limbs_surface
 from workbench.errors import InputError
 from workbench.mocap.clip import Clip
 from workbench.mocap.retarget import continuous_turns
@@ -118,11 +117,6 @@ def full_poses(clip: Clip) -> FloatArray:
     return poses
 
 
-def full_surface(skeleton: Skeleton) -> Surface:
-    """A skin for a full skeleton, that of its limbs."""
-    return limbs_surface(_limbs(skeleton))
-
-
 def full_body(clip: Clip, shape: Shape) -> Body:
     """The full skeleton of a clip with limbs; shape: the measurements of the same person. Raises as `full_skeleton`."""
     skeleton = full_skeleton(clip)
@@ -167,7 +161,7 @@ def _root(clip: Clip, travels: BoolArray) -> int:
 
 
 def _places(clip: Clip) -> FloatArray:
-    """Where every joint is in its parent's frame, (F, K, 3) m; the root's is its offset."""
+    """Place every joint in its parent's frame, (F, K, 3) m; the root's is its offset."""
     places = np.broadcast_to(clip.offsets, clip.positions.shape).copy()
     for k, parent in enumerate(clip.parents):
         if parent >= 0:

@@ -100,7 +100,7 @@ def joint_centres(markers: Markers, positions: FloatArray, given: MarkersOf = NO
 
 
 def _alternatives(joint: str) -> Iterable[tuple[str, ...]]:
-    """What markers of a joint are called, in plain letters, the best first."""
+    """List what markers of a joint are called, in plain letters, the best first."""
     yield (_plain(joint),)
     if joint == "pelvis":
         yield from (("midhip",), ("hip",), ("lhip", "rhip"), ("lefthip", "righthip"))

@@ -40,7 +40,7 @@ class Motion:
         return rates
 
     def resampled(self, rate_hz: float) -> "Motion":
-        """The same motion at another rate, by cubic splines through the poses; the first frame stays in place."""
+        """Resample the motion to another rate by cubic splines through the poses; the first frame stays in place."""
         if rate_hz == self.rate_hz or len(self) < 2:
             return self
         times = np.arange(len(self)) / self.rate_hz

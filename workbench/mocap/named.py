@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.datasets.arm import bending_arm
-from workbench.datasets.gait import subjects, walker
-from workbench.datasets.running import runner, runners
 from workbench.errors import InputError
+from workbench.mocap.generated.arm import bending_arm
+from workbench.mocap.generated.gait import subjects, walker
+from workbench.mocap.generated.running import runner, runners
 from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import SUFFIXES, clip_name, find_clip, load_motion

@@ -145,7 +145,7 @@ def _follow(folder: Path, people: Sequence[FloatArray], person: int | None) -> l
 
 
 def _height(points: FloatArray) -> float:
-    """Of what is seen in the image, px: the longer side of its bounding box."""
+    """Measure what is seen in the image, px: the longer side of its bounding box."""
     return float(np.max(np.nanmax(points[:, :2], axis=0) - np.nanmin(points[:, :2], axis=0)))
 
 

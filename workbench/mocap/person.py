@@ -3,13 +3,12 @@
 from pathlib import Path
 
 from workbench.body.limbs import Body, person
-from workbench.body.shape import Shape
 from workbench.mocap.sources import load_motion
 
 
-def of_file(dataset_shape: Shape | None, *, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
+def of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
     """The person whose skeleton `file` carries (.amc with its .asf, or .bvh in `unit`), all lengths times `scale`.
 
-    dataset_shape is what the dataset knows of the person; it is not used. Raises InputError as the readers do.
+    Raises InputError as the readers do.
     """
     return person(load_motion(Path(file), unit=unit).shape.scaled(scale))

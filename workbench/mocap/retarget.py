@@ -131,7 +131,7 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
 
 
 def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
-    """Where the clip has the joints of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
+    """Find where the clip has the joints of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
 
     Raises InputError when the clip lacks a joint.
     """
@@ -287,7 +287,7 @@ def _put_turns(skeleton: Skeleton, poses: FloatArray, joint: str, rotations: Flo
 
 
 def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
-    """The same rotations (F, 3) without jumps in time, rad; limits: (3, 2), the usual range of each angle.
+    """Rewrite rotations (F, 3) without jumps in time, rad; limits: (3, 2), the usual range of each angle.
 
     Three turns (a, b, c) about different axes and (a + π, π − b, c + π) are one rotation: from frame to frame the
     nearer is taken. Of the two courses this allows the one that leaves the limits less is kept, or if neither does

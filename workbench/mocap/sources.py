@@ -180,7 +180,7 @@ def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = 
 
 
 def _index_row(path: Path) -> CmuClip | None:
-    """What the CMU index beside the file or in the folder above says about it."""
+    """Read what the CMU index beside the file or in the folder above says about it."""
     for folder in path.resolve().parents[:2]:
         if (folder / "index.csv").is_file():
             return _read_index(folder / "index.csv").get(path.stem)

@@ -1,14 +1,19 @@
 """A prior over walking, running and what lies between them: coefficients of one learned motion model, and its phase."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import ACTIVITY, DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.learning.activities import ActivityModel
-from workbench.priors.density import apart, log_normal
-from workbench.priors.state import StateSpace
+from workbench.priors.density import REFERENCE_RATE_HZ, apart, log_normal
+from workbench.priors.penalty import smoothness
 
-REFERENCE_RATE_HZ = 30.0
 N_PHASES = 64
 ANGLE_SIGMA_RAD = 0.1
 LEAST_SIGMA = 1e-9
@@ -27,10 +32,13 @@ class Activity:
     sigma_phase: cycles. sigma_phase_speed: cycles/s. sigma_position: m. sigma_rotation: rad, heading, pitch and roll.
     sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
     starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
-    heading, and a tenth of that sideways and upwards.
+    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change between frames at 14 Hz, by the
+    fields of `Smoothness`; the others keep their defaults.
 
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """
+
+    traits: ClassVar[Traits] = offering(DENSITY, MOTION, ACTIVITY, SEPARABLE)
 
     def __init__(
         self,
@@ -47,6 +55,7 @@ class Activity:
         start_position: float = 0.02,
         start_rotation: float = 0.03,
         start_velocity: float = 2.0,
+        penalty: Mapping[str, float] | None = None,
     ) -> None:
         self.model, names = model, model.pose_names
         self.parameters = tuple(name for name in names if name in (*names[:N_ROOT], *model.angles))
@@ -78,6 +87,12 @@ class Activity:
             self._start[self.space.slices[name]] = start
         self._kept = 1.0 - sigma_coefficients**2
         self._start_velocity = start_velocity
+        self._smoothness = smoothness(penalty)
+
+    @property
+    def powers(self) -> Powers:
+        """Its density, the motion model and the penalty of a fit."""
+        return Powers(density=self, motion=self.model, smoothness=self._smoothness)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the one whose pose comes nearest to a starting pose (P,)."""
@@ -98,8 +113,13 @@ class Activity:
         moved[:, self.space.slices["phase"]] %= 1.0
         return moved
 
+    @property
+    def free(self) -> IntArray:
+        """All columns (D,)."""
+        return np.arange(len(self.space))
+
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
         moved = self._predicted(state, dt_s)
         moved[:, self.space.slices["phase"]] %= 1.0
         return moved
@@ -108,6 +128,10 @@ class Activity:
         """log p(state | previous), (...), of states (..., D) that broadcast; the phase by the shortest way round."""
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
         return log_normal(apart(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """The states (N, D) as they are."""
+        return state
 
     def _predicted(self, state: FloatArray, dt_s: float) -> FloatArray:
         slices = self.space.slices

@@ -3,22 +3,26 @@
 Papers A (section 6.2, eq. 14–17) and B (section 3): `θ(t) = μ(ψ_t) + Σ_k c_{t,k} v_k(ψ_t)`.
 """
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
 from scipy.signal import resample
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.errors import InputError
+from workbench.learning.activities import ActivityModel
 from workbench.learning.cycles import ANGLES, CHANNEL_NAMES
 from workbench.learning.walking import WalkingModel
-from workbench.priors.density import apart, log_normal
-from workbench.priors.state import StateSpace
+from workbench.priors.density import REFERENCE_RATE_HZ, apart, log_normal
+from workbench.priors.penalty import smoothness
 
 HEADING = POSE_NAMES.index("root_heading")
-REFERENCE_RATE_HZ = 30.0
 TABLE_PHASES = 256
 
 
@@ -31,6 +35,8 @@ class Cyclic:
     sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
     start_*: standard deviations of the first states around the starting pose, in the same units;
     start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
+    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the others keep their
+    defaults.
 
     Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
@@ -38,6 +44,8 @@ class Cyclic:
     torso's own axis (A eq. 16), so that a torso that leans does not sink. Where the model has learned how the root
     sways and turns in a cycle (`cycles.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
     """
+
+    traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
 
     def __init__(
         self,
@@ -52,6 +60,7 @@ class Cyclic:
         start_phase: float = 0.015,
         start_position: float = 0.01,
         start_rotation: float = 0.02,
+        penalty: Mapping[str, float] | None = None,
     ) -> None:
         for name, given in (("sigma_position", sigma_position), ("sigma_rotation", sigma_rotation)):
             if len(given) != 3:
@@ -68,6 +77,7 @@ class Cyclic:
         self.start_phase = start_phase
         self.start_position = start_position
         self.start_rotation = start_rotation
+        self._smoothness, self._motion = smoothness(penalty), motion_model(model)
         self.space = StateSpace.of(
             {
                 "coefficients": (tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ"),
@@ -81,6 +91,11 @@ class Cyclic:
         self._table = np.ascontiguousarray(resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
         self._slope = TABLE_PHASES / 2.0 * (np.roll(self._table, -1, axis=0) - np.roll(self._table, 1, axis=0))
+
+    @property
+    def powers(self) -> Powers:
+        """Its density, the learned cycle as a motion model and the penalty of a fit."""
+        return Powers(density=self, motion=self._motion, smoothness=self._smoothness)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the state whose pose comes nearest to a starting pose (P,)."""
@@ -102,8 +117,13 @@ class Cyclic:
         noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * rng.standard_normal(state.shape)
         return self._drifted(state, state + self._deviations() * noise, dt_s)
 
+    @property
+    def free(self) -> IntArray:
+        """All columns (D,)."""
+        return np.arange(len(self.space))
+
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
         return self._drifted(state, state.copy(), dt_s)
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
@@ -111,6 +131,10 @@ class Cyclic:
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
         sigma = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._deviations()
         return log_normal(apart(self.space, mean, state), sigma)
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """The states (N, D) as they are."""
+        return state
 
     def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
         """`moved`, which is `state` with its noise, after the drift of `dt_s` seconds."""
@@ -188,6 +212,25 @@ class Cyclic:
         )
 
 
+def motion_model(model: WalkingModel) -> ActivityModel:
+    """A cyclic model as a motion model of one activity, with cycles two deviations slower and faster as examples.
+
+    The channels of the root, such as the sway, are left out: a fit has a root of its own.
+    """
+    mean_hz, deviation_hz = model.cycle_rate_hz
+    return ActivityModel(
+        angles=CHANNEL_NAMES[ANGLES],
+        mean=model.mean[:, ANGLES],
+        components=model.components[:, :, ANGLES],
+        scales=model.scales,
+        explained=np.array([model.explained]),
+        scores=np.zeros((3, len(model.scales))),
+        activities=("cycle",) * 3,
+        sources=("",) * 3,
+        cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]),
+    )
+
+
 def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
     """What ROOT_CHANNELS (N, 5) of walkers with headings (N,) add to the root's six numbers (N, 6) in the world."""
     aside, others = sway[:, :1], sway[:, 1:]
@@ -206,7 +249,7 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
 
 
 def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
-    """The same as `decode` in plain NumPy."""
+    """Compute `decode` in plain NumPy."""
     curves = interpolate_reference(table, phase)
     channels: FloatArray = curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
     return channels

@@ -3,7 +3,10 @@
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.priors.state import StateSpace
+from workbench.core.state_space import StateSpace
+
+REFERENCE_RATE_HZ = 30.0
+"""The frames a second for which priors are given their noise."""
 
 SAME = 1e-9
 """Columns without noise are where they were to this, in their unit."""

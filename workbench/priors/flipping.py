@@ -1,7 +1,9 @@
 """Jumps between the poses that one camera cannot tell apart (Sminchisescu & Triggs, Kinematic Jump Processes for
 Monocular 3D Human Tracking, CVPR 2003)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +12,23 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.core.prior import Powers, Prior, propose
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import (
+    ACTIVITY,
+    BODY_PARTS,
+    DENSITY,
+    LIMB_COLUMNS,
+    ONE_CAMERA,
+    SEPARABLE,
+    Traits,
+    needs_of_all,
+    offering,
+)
 from workbench.errors import InputError
+from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.mixture import deal
-from workbench.priors.state import Prior, StateSpace, propose
 
-REFERENCE_RATE_HZ = 30.0
 LIMBS = (
     ("left", "shoulder", "elbow", 1.0),
     ("right", "shoulder", "elbow", 1.0),
@@ -37,10 +51,18 @@ class Flipping:
 
     Left out: whole arms and legs, whose flip also turns the next limb; velocities, which a flip leaves as they are.
 
-    base: a prior with columns of its own for the joints' angles, `Smooth` (without limits on the limb's parameters that
-    are narrower than the body's) or `Jitter`. camera: gives the camera, when first asked. Raises InputError for another
-    base, for one that moves no limb, and for numbers out of range.
+    base: a prior with columns of its own for the joints' angles, such as `Smooth` (without limits on the limb's
+    parameters that are narrower than the body's), or for offsets to them, such as `Jitter`. camera: gives the camera,
+    when first asked. Raises InputError for a base without such columns and for numbers out of range.
     """
+
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare what the base offers but its density, and one camera that limbs may flip before."""
+        base: Traits = keys["base"]
+        lacks = "" if LIMB_COLUMNS in base.offers else f"flips need {LIMB_COLUMNS} of their base"
+        needs = needs_of_all({"base": base, "flips": offering(dataset=ONE_CAMERA)})
+        return Traits(base.offers - {DENSITY, ACTIVITY, BODY_PARTS, SEPARABLE}, needs, base.lacks or lacks)
 
     def __init__(
         self, base: Prior, camera: Callable[[], Camera], *, probability: float = 0.01, share: float = 0.1
@@ -52,9 +74,17 @@ class Flipping:
         self.parameters = base.parameters
         self.limbs = [limb for limb in LIMBS if all(self._column(name) is not None for name in angles(limb))]
         if not self.limbs:
-            raise InputError("prior: flips need a base with columns for the twist and bend of a limb: smooth or jitter")
+            raise InputError(
+                "prior: flips need a base with columns of its own for the twist and the bend of a limb, as smooth and "
+                f"jitter have; it has {', '.join(self.space.slices)}"
+            )
         self._camera = camera
         self._skeleton = person_skeleton(from_height(1.75))
+
+    @property
+    def powers(self) -> Powers:
+        """Pass on those of the base, without its density: which flip led to a state is not known."""
+        return replace(self.base.powers, density=None)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), as the base has them."""

@@ -1,23 +1,30 @@
 """The implicit prior of paper C: a database of motions, searched at random with the right odds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import DENSITY, Traits, offering
 from workbench.errors import InputError
-from workbench.learning.windows import Windows, advance, pose_rows
+from workbench.learning.windows import Windows, pose_rows
 from workbench.priors import implicit_tree
+from workbench.priors.density import REFERENCE_RATE_HZ
+from workbench.priors.implicit_density import ImplicitDensity
 from workbench.priors.implicit_fidelity import log_importance
-from workbench.priors.implicit_search import KdTree, kd_tree, search
+from workbench.priors.implicit_prediction import Prediction
+from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
 from workbench.priors.implicit_tree import LEAVES, Tree, median_tree, sign_tree
-from workbench.priors.state import StateSpace
 
-REFERENCE_RATE_HZ = 30.0
 SEARCHES = ("exact", "sign_tree", "median_tree")
 PREDICTIONS = ("copy", "increment", "blend")
+MOST_EXAMPLES = 2000
 
 
 class Implicit:
@@ -49,6 +56,11 @@ class Implicit:
 
     Deviations. Nothing keeps the angles inside the skeleton's limits but the database.
     """
+
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare a density where the search is exact."""
+        return offering(DENSITY) if keys.get("search", "exact") == "exact" else offering()
 
     def __init__(
         self,
@@ -88,10 +100,9 @@ class Implicit:
         moved = (*POSE_NAMES[:N_ROOT], *windows.angles) if windows.root else windows.angles
         self.parameters = tuple(name for name in POSE_NAMES if name in moved)
         self.search, self.leaf, self.beta, self.epsilon, self.start_beta = search, leaf, beta, epsilon, start_beta
-        self.inertia = inertia
-        self.pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
-        self._columns = np.array([POSE_NAMES.index(name) for name in windows.angles])
-        self._noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
+        pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
+        noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
+        self.prediction = Prediction(windows, pull, inertia, noise)
         self._start_noise = self._deviations((start_position,) * 3, (start_rotation,) * 3, start_angles)
         b = len(windows.sigmas)
         ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
@@ -105,21 +116,30 @@ class Implicit:
             }
         )
         self.tree = _tree(search, windows.coefficients)
+        self._density = self._of_search()
+
+    @property
+    def powers(self) -> Powers:
+        """Its density, where the search is exact, and poses of its database."""
+        return Powers(density=self._density, examples=self._examples)
 
     def searching(self, search: str, beta: float) -> "Implicit":
-        """The same prior with another search and temperature."""
+        """Exchange the prior's search and temperature."""
         other = copy(self)
         other.search, other.beta = search, beta
         other.reweight = self.reweight and search != "exact"
         if search != self.search:
             other.tree = _tree(search, self.windows.coefficients)
+        other._density = other._of_search()
         return other
 
     def only(self, kept: BoolArray) -> "Implicit":
-        """The same prior, but drawing from the windows kept (n,) alone, with the odds they have among themselves."""
+        """Restrict the prior to drawing from the windows kept (n,) alone, with the odds they have among themselves."""
         restricted = copy(self)
         restricted.windows = self.windows.only(kept)
+        restricted.prediction = replace(self.prediction, windows=restricted.windows)
         restricted.tree = _tree(self.search, restricted.windows.coefficients)
+        restricted._density = restricted._of_search()
         return restricted
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
@@ -128,7 +148,7 @@ class Implicit:
         As in C, section 6, by a linear search: an entry counts exp(−½ Σ_a (ψ_a − pose_a)² / (start_beta · s_a²)) over
         the modelled angles and, where the root is modelled, its pitch and roll, s_a being the database's deviations.
         """
-        ours, theirs = self._absolute()
+        ours, theirs = self.prediction.absolute
         rows = self.windows.rows[self.windows.ends][:, theirs]
         squares = (((rows - pose[ours]) / self.windows.scales[theirs]) ** 2).sum(axis=1, dtype=np.float64)
         odds = np.exp((squares.min() - squares) / (2.0 * self.start_beta)).cumsum()
@@ -202,35 +222,22 @@ class Implicit:
 
     def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
         """The states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
-        windows, n_pose = self.windows, len(POSE_NAMES)
-        ends = windows.ends[entries]
-        before, after = windows.rows[ends].astype(np.float64), windows.rows[ends + 1].astype(np.float64)
-        noise = noise * self._noise
-        pose = state[:, :n_pose].copy()
-        ours, theirs = self._absolute()
-        n_angles = len(self._columns)
-        pose[:, ours] += after[:, theirs] - before[:, theirs] + self.pull * (before[:, theirs] - pose[:, ours])
-        if windows.root:
-            first = 2 * len(windows.angles)
-            change = after[:, first : first + 4] / windows.rate_hz + noise[:, :4]
-            after[:, first : first + 4] += self.inertia * windows.rate_hz * noise[:, :4]
-            c, s = np.cos(pose[:, 3]), np.sin(pose[:, 3])
-            pose[:, 0] += c * change[:, 0] - s * change[:, 1]
-            pose[:, 1] += s * change[:, 0] + c * change[:, 1]
-            pose[:, 2:4] += change[:, 2:]
-        pose[:, 4:] += noise[:, 4:]
-        after[:, n_angles : 2 * n_angles] += self.inertia * windows.rate_hz * noise[:, self._columns]
-        after[:, theirs] = pose[:, ours]
-        memory = advance(state[:, n_pose:], after, windows.filters, windows.offset, len(windows.sigmas))
-        return np.concatenate([pose, memory], axis=1)
+        return self.prediction.predict(state, entries, noise)
 
-    def _absolute(self) -> tuple[IntArray, IntArray]:
-        """Columns of a pose, and of a row, that hold the same angle."""
-        n_angles = len(self._columns)
-        if not self.windows.root:
-            return self._columns, np.arange(n_angles)
-        lean = np.array([4, 5])
-        return np.concatenate([self._columns, lean]), np.concatenate([np.arange(n_angles), 2 * n_angles + lean])
+    def _examples(self) -> FloatArray:
+        """Poses (n, P) at the windows' ends, evenly thinned to MOST_EXAMPLES; root at the origin, heading zero."""
+        n = len(self.windows)
+        chosen = np.linspace(0, n - 1, min(n, MOST_EXAMPLES)).round().astype(np.int64)
+        ours, theirs = self.prediction.absolute
+        poses = np.zeros((len(chosen), len(POSE_NAMES)))
+        poses[:, ours] = self.windows.rows[self.windows.ends[chosen]][:, theirs]
+        return poses
+
+    def _of_search(self) -> ImplicitDensity | None:
+        """The density of what the exact search draws; None for another search."""
+        if isinstance(self.tree, KdTree):
+            return ImplicitDensity(self.prediction, self.tree, self.beta, self.epsilon)
+        return None
 
     def _deviations(
         self,
@@ -238,7 +245,7 @@ class Implicit:
         rotation: tuple[float, float, float],
         angles: float | Sequence[float],
     ) -> FloatArray:
-        n_angles = len(self._columns)
+        n_angles = len(self.windows.angles)
         for name, given, size in (
             ("sigma_position", position, 3), ("sigma_rotation", rotation, 3), ("sigma_angles", angles, n_angles),
         ):  # fmt: skip
@@ -247,7 +254,7 @@ class Implicit:
         deviations = np.zeros(len(POSE_NAMES))
         if self.windows.root:
             deviations[:N_ROOT] = (*position, *rotation)
-        deviations[self._columns] = angles
+        deviations[[POSE_NAMES.index(name) for name in self.windows.angles]] = angles
         deviations *= np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)
         return deviations
 
@@ -256,15 +263,3 @@ def _tree(search: str, coefficients: Float32Array) -> KdTree | Tree:
     build: dict[str, Callable[[Float32Array], KdTree | Tree]]
     build = {"exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree}
     return build[search](coefficients)
-
-
-def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
-    """An order (N,) that brings equal rows of (N, b) together, and where in it each group of equal rows begins.
-
-    Sorted by the first coefficient only, which tells all but equal rows apart in practice; rows that share it and
-    nothing else are merely searched more often than needed.
-    """
-    order = np.argsort(probes[:, 0], kind="stable")
-    sorted_probes = probes[order]
-    changes = (sorted_probes[1:] != sorted_probes[:-1]).any(axis=1)
-    return order, np.flatnonzero(np.append(True, changes)[: len(order)])

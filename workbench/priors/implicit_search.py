@@ -78,7 +78,7 @@ def kd_tree(coefficients: Float32Array) -> KdTree:
     """The leaves, groups and boxes of whitened coefficients (n, b)."""
     if coefficients.ndim != 2 or 0 in coefficients.shape:
         raise InputError(f"kd-tree: expected coefficients (n, b), found {coefficients.shape}")
-    n_components, coefficients = coefficients.shape[1], _padded(coefficients)
+    n_components, coefficients = coefficients.shape[1], padded(coefficients)
     order = _leaf_order(coefficients)
     leaves = _blocks(coefficients[order], np.inf)
     lowest, highest = leaves.min(axis=2), _blocks(coefficients[order], -np.inf).max(axis=2)
@@ -128,13 +128,13 @@ def search(
     after probe, as are the entries that come back. epsilon: the part of the mass that may be missed. Probes are shared
     out to numba's threads, on whose number nothing depends.
     """
-    _check(tree, probes, beta, epsilon)
+    check_probes(tree, probes, beta, epsilon)
     if counts.shape != (len(probes),) or counts.sum() != len(uniforms):
         raise ValueError(f"counts must be {len(probes)} numbers with the sum {len(uniforms)}")
     entries, ends = np.empty(len(uniforms), dtype=np.int64), np.cumsum(counts)
     visited, log_mass = np.empty(len(probes), dtype=np.int64), np.empty(len(probes))
     _search(
-        tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, _padded(probes), ends, beta, epsilon,
+        tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), ends, beta, epsilon,
         uniforms, entries, visited, log_mass,
     )  # fmt: skip
     return Found(entries, visited, log_mass)
@@ -142,11 +142,11 @@ def search(
 
 def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
     """The distribution (n,) that `search` draws from for one probe (b,), and how many entries it visited for it."""
-    _check(tree, probe[None], beta, epsilon)
+    check_probes(tree, probe[None], beta, epsilon)
     n = len(tree.order)
     weights, found = np.empty(n), np.empty(n, dtype=np.int64)
     n_found, visited, _, _ = _open(
-        tree.coefficients, tree.leaf_boxes, tree.group_boxes, _padded(probe[None])[0], n, beta, epsilon, weights, found
+        tree.coefficients, tree.leaf_boxes, tree.group_boxes, padded(probe[None])[0], n, beta, epsilon, weights, found
     )
     distribution = np.zeros(n)
     distribution[tree.order[found[:n_found]]] = weights[:n_found] / weights[:n_found].sum()
@@ -156,8 +156,8 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
 def found_distribution_reference(
     tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01
 ) -> tuple[FloatArray, int]:
-    """The same as `found_distribution` in plain NumPy."""
-    probe, n = _padded(probe[None])[0], len(tree.order)
+    """Compute `found_distribution` in plain NumPy."""
+    probe, n = padded(probe[None])[0], len(tree.order)
     exponents = np.full(n, np.inf)  # of the places found
     scanned: list[int] = []
 
@@ -203,12 +203,43 @@ def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -
     return log_prob
 
 
-def _padded(rows: FloatArray | Float32Array) -> Float32Array:
+def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
+    """An order (N,) that brings equal rows of (N, b) together, and where in it each group of equal rows begins.
+
+    Sorted by the first coefficient only, which tells all but equal rows apart in practice; rows that share it and
+    nothing else are merely searched more often than needed.
+    """
+    order = np.argsort(probes[:, 0], kind="stable")
+    sorted_probes = probes[order]
+    changes = (sorted_probes[1:] != sorted_probes[:-1]).any(axis=1)
+    return order, np.flatnonzero(np.append(True, changes)[: len(order)])
+
+
+def nearest_entries(tree: KdTree, probes: FloatArray, beta: float, epsilon: float = 0.01) -> IntArray:
+    """The likeliest entry (K,) for every probe (K, b), which is the nearest."""
+    check_probes(tree, probes, beta, epsilon)
+    entries = np.empty(len(probes), dtype=np.int64)
+    _nearest(tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), beta, epsilon, entries)
+    return entries
+
+
+def found_entries_reference(
+    tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01
+) -> tuple[IntArray, FloatArray]:
+    """The entries (F,) that `found_entries` finds for one probe (b,), and their probabilities (F,), in plain NumPy."""
+    distribution, _ = found_distribution_reference(tree, probe, beta, epsilon)
+    entries = np.flatnonzero(distribution)
+    return entries, distribution[entries]
+
+
+def padded(rows: FloatArray | Float32Array) -> Float32Array:
+    """Rows (n, b) with zeros up to a whole number of STRIDEs."""
     missing = -rows.shape[1] % STRIDE
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, missing))), dtype=np.float32)
 
 
-def _check(tree: KdTree, probes: FloatArray, beta: float, epsilon: float) -> None:
+def check_probes(tree: KdTree, probes: FloatArray, beta: float, epsilon: float) -> None:
+    """Raise ValueError for probes that are none of the tree's (K, b), InputError for numbers out of range."""
     if probes.ndim != 2 or probes.shape[1] != tree.n_components or not (np.abs(probes) <= LARGEST).all():
         raise ValueError(f"probes must be (K, {tree.n_components}) and within ±{LARGEST:g}, found {probes.shape}")
     if not beta > 0.0:
@@ -237,6 +268,36 @@ def _search(
             for i in range(ends[k - 1] if k > 0 else 0, ends[k]):
                 place = np.searchsorted(weights[:n_found], uniforms[i] * total, side="right")
                 entries[i] = order[found[min(place, n_found - 1)]]
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _nearest(
+    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, beta: float, epsilon: float,
+    entries: Any,
+) -> None:  # fmt: skip
+    n, n_probes = order.shape[0], probes.shape[0]
+    for chunk in numba.prange((n_probes + PROBES - 1) // PROBES):
+        log_prob, found = np.empty(n), np.empty(n, dtype=np.int64)
+        for k in range(chunk * PROBES, min((chunk + 1) * PROBES, n_probes)):
+            n_found = found_entries(
+                coefficients, order, leaf_boxes, group_boxes, probes[k], beta, epsilon, log_prob, found
+            )
+            entries[k] = found[log_prob[:n_found].argmax()]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def found_entries(
+    coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, beta: float, epsilon: float,
+    log_prob: Any, found: Any,
+) -> Any:  # fmt: skip
+    """Fill `found` (n,) with the entries that a search for a padded probe draws from, and `log_prob` (n,) with the logs
+    of the probabilities that it draws them with; return how many there are."""
+    n_found, _, mass, _ = _open(
+        coefficients, leaf_boxes, group_boxes, probe, order.shape[0], beta, epsilon, log_prob, found
+    )
+    for j in range(n_found):
+        log_prob[j], found[j] = np.log(log_prob[j] / mass), order[found[j]]
+    return n_found
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -96,7 +96,7 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
 def draw_reference(
     tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian"
 ) -> IntArray:
-    """The same as `draw` in plain NumPy."""
+    """Compute `draw` in plain NumPy."""
     entries = np.empty(len(probes), dtype=np.int64)
     for i, (probe, uniform) in enumerate(zip(probes, uniforms, strict=True)):
         node, low, high = 0, 0, 1 << tree.depth
@@ -182,7 +182,7 @@ def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _is_below(uniform: float, x: float) -> Any:
-    """Whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
+    """Tell whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
     cell = (min(max(x, -TABLE_END), TABLE_END) + TABLE_END) * (TABLE.shape[0] - 1) / (2.0 * TABLE_END)
     k = min(int(cell), TABLE.shape[0] - 2)
     above = TABLE[k] + (cell - k) * (TABLE[k + 1] - TABLE[k]) - uniform

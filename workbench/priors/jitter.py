@@ -1,17 +1,19 @@
 """Freedom for every joint on top of a linear model of motion, so that unusual arms can be followed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
+from workbench.core.prior import Density, Powers, Prior, propose
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
 from workbench.errors import InputError
-from workbench.priors.density import log_normal
-from workbench.priors.state import Prior, StateSpace, WithDensity, propose
-
-REFERENCE_RATE_HZ = 30.0
+from workbench.priors.density import REFERENCE_RATE_HZ, log_normal
 
 
 class Jitter:
@@ -30,6 +32,13 @@ class Jitter:
     Raises InputError for numbers out of range, and for parameters of the root.
     """
 
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare what the base offers, and columns for every joint of their own."""
+        base: Traits = keys["base"]
+        parts = {LIMB_COLUMNS, *({BODY_PARTS} if SEPARABLE in base.offers else ())}
+        return replace(base, offers=(base.offers - {ACTIVITY}) | parts)
+
     def __init__(
         self, base: Prior, *, sigma: float = 0.02, keep: float = 0.9, parameters: Sequence[str] | None = None
     ) -> None:
@@ -45,12 +54,22 @@ class Jitter:
         self.parameters = tuple(name for name in POSE_NAMES if name in {*base.parameters, *self.names})
         self._angles = [POSE_NAMES.index(name) for name in self.names]
         d = len(base.space)
-        self._base, self._offsets = slice(0, d), slice(d, d + len(self.names))
+        self._base, self.offsets = slice(0, d), slice(d, d + len(self.names))
         self.space = StateSpace(
             (*base.space.names, *(f"{name}_jitter" for name in self.names)),
             (*base.space.units, *["rad"] * len(self.names)),
-            {**base.space.slices, "jitter": self._offsets},
+            {**base.space.slices, "jitter": self.offsets},
         )
+
+    @property
+    def powers(self) -> Powers:
+        """Those of the base: its density with the offsets', and its motion without them, which still finds a start.
+
+        No smoothness, so that no fit takes the motion for all that this prior says.
+        """
+        powers = self.base.powers
+        density = None if powers.density is None else JitterDensity(self, powers.density)
+        return replace(powers, density=density, smoothness=None)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D): the base's around a starting pose (P,), with offsets as they are in the long run.
@@ -63,60 +82,64 @@ class Jitter:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        moved = self.base.step(self._of_base(state), dt_s, rng)
+        moved = self.base.step(self.of_base(state), dt_s, rng)
         return np.concatenate([moved, self._jittered(state, dt_s, rng)], axis=1)
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the base's proposal where it has one, and the log weights (N,) that correct for it."""
-        moved, correction = propose(self.base, self._of_base(state), dt_s, rng)
+        moved, correction = propose(self.base, self.of_base(state), dt_s, rng)
         return np.concatenate([moved, self._jittered(state, dt_s, rng)], axis=1), correction
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
-        poses = self.base.pose(self._of_base(state)).copy()
-        poses[:, self._angles] += state[:, self._offsets]
+        poses = self.base.pose(self.of_base(state)).copy()
+        poses[:, self._angles] += state[:, self.offsets]
         return poses
 
-    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D); the base must have a density."""
-        kept, _ = self._autoregression(dt_s)
-        return np.concatenate(
-            [self._density().mean(self._of_base(state), dt_s), kept * state[:, self._offsets]], axis=1
-        )
-
-    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
-        """log p(state | previous), (...), of states (..., D) that broadcast; the base must have a density."""
-        kept, sigma = self._autoregression(dt_s)
-        change = state[..., self._offsets] - kept * previous[..., self._offsets]
-        of_base = self._density().log_transition(self._of_base(previous), self._of_base(state), dt_s)
-        return of_base + log_normal(change, np.full(len(self.names), sigma))
-
-    def _autoregression(self, dt_s: float) -> tuple[float, float]:
-        """What is left of an offset after `dt_s` seconds, and the deviation of the noise that came to it."""
+    def autoregression(self, dt_s: float) -> tuple[float, float]:
+        """Tell what is left of an offset after `dt_s` seconds, and the deviation of the noise that came to it."""
         kept = self.keep ** (dt_s * REFERENCE_RATE_HZ)
         return kept, self.sigma * float(np.sqrt((1.0 - kept**2) / (1.0 - self.keep**2)))
 
     def _jittered(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        kept, sigma = self._autoregression(dt_s)
-        offsets = state[:, self._offsets]
+        kept, sigma = self.autoregression(dt_s)
+        offsets = state[:, self.offsets]
         moved: FloatArray = kept * offsets + sigma * rng.standard_normal(offsets.shape)
         return moved
 
-    def _of_base(self, state: FloatArray) -> FloatArray:
+    def of_base(self, state: FloatArray) -> FloatArray:
+        """The base's part of states (..., D)."""
         return np.ascontiguousarray(state[..., self._base])
 
-    def _density(self) -> WithDensity:
-        return with_density(self.base)
 
+@dataclass(frozen=True, eq=False)
+class JitterDensity:
+    """The density of a base prior times that of the offsets, which are independent of it."""
 
-def with_density(prior: Prior) -> WithDensity:
-    """The prior itself; InputError where its transitions have no density that could be evaluated."""
-    inner: Prior | None = prior
-    while isinstance(inner, Jitter):
-        inner = inner.base
-    if not isinstance(inner, WithDensity) or not isinstance(prior, WithDensity):
-        raise InputError(
-            f"inference: it needs a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "
-            f"{type(inner).__name__.lower()} can only be drawn from"
-        )
-    return prior
+    prior: Jitter
+    base: Density
+
+    @property
+    def free(self) -> IntArray:
+        """The base's free columns and all offsets."""
+        offsets = self.prior.offsets
+        return np.concatenate([self.base.free, np.arange(offsets.start, offsets.stop)])
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
+        kept, _ = self.prior.autoregression(dt_s)
+        moved = self.base.mean(self.prior.of_base(state), dt_s)
+        return np.concatenate([moved, kept * state[:, self.prior.offsets]], axis=1)
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) that broadcast."""
+        kept, sigma = self.prior.autoregression(dt_s)
+        offsets = self.prior.offsets
+        change = state[..., offsets] - kept * previous[..., offsets]
+        of_base = self.base.log_transition(self.prior.of_base(previous), self.prior.of_base(state), dt_s)
+        return of_base + log_normal(change, np.full(len(self.prior.names), sigma))
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """The states (N, D) with the base's columns that follow from others drawn given those."""
+        completed = self.base.complete(self.prior.of_base(previous), self.prior.of_base(state), dt_s, rng)
+        return np.concatenate([completed, state[:, self.prior.offsets]], axis=1)

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from inspect import Signature, signature
 from typing import Any, TypeVar, get_type_hints
 
+from workbench.core.traits import Traits
+
 P = TypeVar("P")
 
 
@@ -23,5 +25,6 @@ def learned(name: str, module: str, learn: Callable[..., Any], prior: Callable[.
     factory.__module__ = module
     factory.__doc__ = f"`{prior.__name__}` on what `{learn.__name__}` learns; parameters and what is raised: see there."
     factory.__annotations__ = {**get_type_hints(prior.__init__), **get_type_hints(learn), "return": prior}
+    factory.traits = getattr(prior, "traits", Traits())  # type: ignore[attr-defined]
     factory.__signature__ = Signature([*of_model.values(), *of_prior], return_annotation=prior)  # type: ignore[attr-defined]
     return factory

@@ -3,17 +3,21 @@
 `Mixture` is over one state that all its priors share, `Switching` over priors with states of their own.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from scipy.special import logsumexp
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.prior import Density, Powers, Prior, propose
+from workbench.core.smoothness import Smoothness
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
-from workbench.priors.state import Prior, StateSpace, propose
-
-REFERENCE_RATE_HZ = 30.0
+from workbench.priors.density import REFERENCE_RATE_HZ
 
 
 class Mixture:
@@ -36,6 +40,12 @@ class Mixture:
     has no share, for which no correction could make up.
     """
 
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare a density where all priors have one."""
+        priors = keys["priors"]
+        return Traits(offers_of_all(priors) & {DENSITY}, needs_of_all(priors))
+
     def __init__(
         self, priors: Mapping[str, Prior], weights: Mapping[str, float], *, shares: Mapping[str, float] | None = None
     ) -> None:
@@ -50,6 +60,18 @@ class Mixture:
                 raise InputError(f"prior: the mixture's {name!r} and {first[0]!r} must have the same columns")
         self.space = _with_component(first[1].space)
         self.parameters = _union(priors)
+
+    @property
+    def powers(self) -> Powers:
+        """The mixture of the priors' densities, where all have one over the same columns; what they have in common."""
+        found = [prior.powers.density for prior in self.priors.values()]
+        densities = [density for density in found if density is not None]
+        same = len(densities) == len(found) and all(np.array_equal(d.free, densities[0].free) for d in densities)
+        return Powers(
+            density=MixtureDensity(densities, self.weights) if same else None,
+            smoothness=common_smoothness(self.priors),
+            examples=all_examples(self.priors),
+        )
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
@@ -100,6 +122,60 @@ class Mixture:
                 yield prior, own
 
 
+@dataclass(frozen=True, eq=False)
+class MixtureDensity:
+    """p(s_t | s_t−1) = Σ_k π_k p_k(s_t | s_t−1) over the common columns; which k it was follows from them.
+
+    Of every prior the columns that follow from others must be the same.
+    """
+
+    densities: Sequence[Density]
+    weights: FloatArray
+
+    @property
+    def free(self) -> IntArray:
+        """The priors' free columns."""
+        return self.densities[0].free
+
+    def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Predict where the likeliest prior takes states (N, D) in `dt_s` seconds when its noise is zero, (N, D)."""
+        k = int(np.argmax(self.weights))
+        moved = self.densities[k].mean(np.ascontiguousarray(state[:, :-1]), dt_s)
+        return np.concatenate([moved, np.full((len(state), 1), float(k))], axis=1)
+
+    def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log p(state | previous), (...), of states (..., D) that broadcast."""
+        density: FloatArray = logsumexp(self._log_terms(previous, state, dt_s), axis=0)
+        return density
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """The states (N, D) with k drawn from its posterior ∝ π_k p_k, and then what follows from others by prior k.
+
+        A state that no prior leads to has its k drawn from π.
+        """
+        terms = self._log_terms(previous, state, dt_s)
+        possible = np.isfinite(terms).any(axis=0)
+        with np.errstate(divide="ignore"):
+            terms = np.where(possible, terms, np.log(self.weights)[:, None])
+        edges = np.cumsum(np.exp(terms - terms.max(axis=0)), axis=0)
+        component = (edges <= rng.random(len(state)) * edges[-1]).sum(axis=0)
+        completed = np.concatenate([state[:, :-1], component[:, None].astype(np.float64)], axis=1)
+        for k, density in enumerate(self.densities):
+            if (own := component == k).any():
+                completed[own, :-1] = density.complete(
+                    np.ascontiguousarray(previous[own, :-1]), np.ascontiguousarray(state[own, :-1]), dt_s, rng
+                )
+        return completed
+
+    def _log_terms(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
+        """log π_k p_k(state | previous), (K, ...)."""
+        before, after = np.ascontiguousarray(previous[..., :-1]), np.ascontiguousarray(state[..., :-1])
+        terms = np.stack([density.log_transition(before, after, dt_s) for density in self.densities])
+        with np.errstate(divide="ignore"):
+            log_weights: FloatArray = np.log(self.weights)
+        return terms + log_weights.reshape(-1, *[1] * (terms.ndim - 1))
+
+
 @runtime_checkable
 class Enterable(Protocol):
     """A prior that can take a particle over from another one without losing its velocity."""
@@ -126,6 +202,11 @@ class Switching:
     taken to their power. Raises InputError when these are no probabilities.
     """
 
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare what the priors need; a switch has no density."""
+        return Traits(needs=needs_of_all(keys["priors"]))
+
     def __init__(self, priors: Mapping[str, Prior], weights: Mapping[str, float], *, switching: float = 0.05) -> None:
         if not 0.0 <= switching <= 1.0:
             raise InputError(f"prior: switching must lie between 0 and 1, found {switching}")
@@ -134,6 +215,11 @@ class Switching:
         self.switching = switching
         self.space = _with_component(_with_velocity(side_by_side(priors)))
         self.parameters = _union(priors)
+
+    @property
+    def powers(self) -> Powers:
+        """Tell what the priors have in common. No density: what a particle that switches is handed over has none."""
+        return Powers(smoothness=common_smoothness(self.priors), examples=all_examples(self.priors))
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
@@ -188,6 +274,18 @@ def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArra
     last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
     component: IntArray = np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
     return component
+
+
+def common_smoothness(priors: Mapping[str, Prior]) -> Smoothness | None:
+    """The penalty of all priors, where it is one and the same."""
+    penalties = {prior.powers.smoothness for prior in priors.values()}
+    return penalties.pop() if len(penalties) == 1 else None
+
+
+def all_examples(priors: Mapping[str, Prior]) -> Callable[[], FloatArray] | None:
+    """The examples (n, P) of all priors that have some, one after the other."""
+    given = [prior.powers.examples for prior in priors.values() if prior.powers.examples is not None]
+    return (lambda: np.concatenate([examples() for examples in given])) if given else None
 
 
 def _enter(prior: Prior, poses: FloatArray, velocities: FloatArray, rng: np.random.Generator) -> FloatArray:

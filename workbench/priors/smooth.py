@@ -3,21 +3,24 @@
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
+from workbench.core.traits import BODY_PARTS, DENSITY, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.errors import InputError
-from workbench.priors.density import log_normal
-from workbench.priors.state import StateSpace
+from workbench.priors.density import REFERENCE_RATE_HZ, log_normal
+from workbench.priors.penalty import smoothness
 
 log = logging.getLogger(__name__)
 
-REFERENCE_RATE_HZ = 30.0
 UNLIMITED = 1e6
 FAR = 1e8
 """So many deviations from the mean, a draw between limits lies on the nearer one, to rounding."""
@@ -65,14 +68,15 @@ class Smooth:
     the values of the starting pose: the whole body has 25 + 25 numbers, an arm 4 + 4 and 21 that never change. The
     held ones belong to the state so that a prior has no memory of its own and a state alone stands for a pose.
 
-    parameters: names of the moving ones or of body parts (`skeleton.PARTS`), None for all of POSE_NAMES. sigma,
+    parameters: names of the moving ones or of body parts (`skeleton.BODY_PARTS`), None for all of POSE_NAMES. sigma,
     sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
     ("left_shoulder_twist"), by parameter of either side ("shoulder_twist") or by joint ("shoulder", "root_position"),
     the first that is there; what is not given comes from SIGMA and SIGMA_VELOCITY. damping: the rate at which
     velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
     sigma. start_pose, start_velocity: deviations of the first poses around the starting pose and of the first
     velocities around zero, in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere
-    within their limits.
+    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the
+    others keep their defaults.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
     them. We draw from it normalised, the truncated normal, exactly: the same as redrawing until a draw falls inside,
@@ -83,6 +87,8 @@ class Smooth:
 
     Raises InputError for an unknown name, a negative deviation, or limits that are none.
     """
+
+    traits: ClassVar[Traits] = offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS)
 
     def __init__(
         self,
@@ -96,6 +102,7 @@ class Smooth:
         start_pose: float = 2.0,
         start_velocity: float = 3.0,
         start_uniform: Sequence[str] = (),
+        penalty: Mapping[str, float] | None = None,
     ) -> None:
         for name, value in (("damping", damping), ("start_pose", start_pose), ("start_velocity", start_velocity)):
             if not 0.0 <= value < np.inf:
@@ -109,6 +116,7 @@ class Smooth:
         self.limits = _limits(self.parameters, lowest or {}, highest or {})
         self.start_pose = start_pose
         self.start_velocity = start_velocity
+        self._smoothness = smoothness(penalty)
         uniform = _known("start_uniform", start_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
         for i in self._uniform:
@@ -121,6 +129,11 @@ class Smooth:
         self._moving = [POSE_NAMES.index(name) for name in self.parameters]
         self._taken = [*self._moving, *(len(POSE_NAMES) + i for i in self._moving), *map(POSE_NAMES.index, held)]
         self._pose_columns = [self.space.names.index(name) for name in POSE_NAMES]
+
+    @property
+    def powers(self) -> Powers:
+        """Its density and the penalty of a fit."""
+        return Powers(density=self, smoothness=self._smoothness)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), within the limits, with velocities around zero.
@@ -155,8 +168,13 @@ class Smooth:
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity] + noise
         return moved
 
+    @property
+    def free(self) -> IntArray:
+        """All columns (D,)."""
+        return np.arange(len(self.space))
+
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D), within the limits."""
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D), within the limits."""
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         moved = state.copy()
         moved[:, moving] = np.clip(state[:, moving] + dt_s * state[:, velocity], *self.limits.T)
@@ -173,6 +191,10 @@ class Smooth:
         pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
         density: FloatArray = np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
         return density
+
+    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """The states (N, D) as they are."""
+        return state
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -243,7 +265,7 @@ def _space(parameters: tuple[str, ...], held: tuple[str, ...]) -> StateSpace:
 
 
 def _keys(parameter: str) -> tuple[str, str, str]:
-    """What a parameter's deviation may be listed under, the most specific first."""
+    """Tell what a parameter's deviation may be listed under, the most specific first."""
     either_side = parameter.removeprefix("left_").removeprefix("right_")
     part = either_side.partition("_")[0]
     if part == "root":
@@ -254,7 +276,7 @@ def _keys(parameter: str) -> tuple[str, str, str]:
 def _listed(
     option: str, parameters: tuple[str, ...], given: Mapping[str, float], default: Mapping[str, float]
 ) -> FloatArray:
-    """What the tables list for the parameters, (k,): the given one before the default."""
+    """Tell what the tables list for the parameters, (k,): the given one before the default."""
     _known(option, given, {key for parameter in POSE_NAMES for key in _keys(parameter)})
 
     def value(parameter: str) -> float:

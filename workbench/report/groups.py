@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.recording.reader import Run, Unreadable
+from workbench.recording.read.reader import Run, Unreadable
 from workbench.report.variation import (
     EXPERIMENT,
     Settings,
@@ -50,12 +50,12 @@ class Grouping:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Those complete, group by group."""
+        """Select those complete, group by group."""
         return tuple(run for group in self.groups for run in group.runs)
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong, a sentence each: failed, cut off, repeated, missing and unreadable runs."""
+        """Tell what is wrong, a sentence each: failed, cut off, repeated, missing and unreadable runs."""
         found = []
         for group in self.groups:
             for run in group.incomplete:

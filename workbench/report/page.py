@@ -5,7 +5,7 @@ import html
 
 from workbench.report.contents import Contents
 from workbench.report.picture import Picture
-from workbench.report.tables import Table, escaped, markdown, markup, text
+from workbench.report.tables import Table, escaped, markdown, markup, printable, text
 
 _STYLE = """
 :root { color: #222; background: #fff; font: 16px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; }
@@ -41,8 +41,7 @@ def terminal(found: Contents) -> str:
     parts += [f"{title}\n{text(table)}" for title, table in found.chief]
     if found.extremes:
         parts.append(f"{found.extremes[0]}\n{text(found.extremes[1])}")
-    # a stranger's recording may hold sequences that steer a terminal
-    return "".join(mark if mark.isprintable() or mark == "\n" else "�" for mark in "\n\n".join(parts))
+    return "\n".join(map(printable, "\n\n".join(parts).split("\n")))
 
 
 def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:

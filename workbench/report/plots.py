@@ -1,33 +1,27 @@
 """The report's plots: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Sequence
-from io import BytesIO
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.style import context
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
-from scipy.optimize import isotonic_regression
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
+from workbench.recording.study.drawing import GREY, INK, STYLE, label_ends, png
 from workbench.report.groups import Group, Grouping
 from workbench.report.picture import Picture
 from workbench.report.series import Colour, all_series, mixed, n_particles
 from workbench.report.statistics import CHIEF, headline, interval, joint_errors, statistic, values
 
-_INK, _GREY, _FAINT = "#222222", "#767676", "#E4E4E4"
-_STYLE = {
-    "font.size": 10.0, "axes.titlesize": 12.0, "axes.titlelocation": "left", "axes.titleweight": "bold",
-    "axes.titlepad": 14.0, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": _GREY,
-    "axes.labelcolor": _INK, "text.color": _INK, "xtick.color": _GREY, "ytick.color": _GREY,
-    "xtick.labelcolor": _INK, "ytick.labelcolor": _INK, "grid.color": _FAINT, "axes.axisbelow": True,
+_STYLE = STYLE | {
+    "font.size": 10.0, "axes.titlesize": 12.0, "axes.labelsize": 10.0, "xtick.labelsize": 10.0, "ytick.labelsize": 10.0,
+    "axes.titleweight": "bold", "axes.titlepad": 14.0, "grid.color": "#E4E4E4", "axes.axisbelow": True,
 }  # fmt: skip
-_HALO = withStroke(linewidth=2.5, foreground="white")
-_LABEL_GAP_PT = 13.0
+_LABEL_GAP = 0.06  # of the axes' height
 _FAR_APART = 4.0
 _MOST_GROUPS = 8  # per joint: more bands on a line hide each other
 
@@ -92,7 +86,7 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
             if len(groups) > 1:
                 axes.annotate(
                     f"{n_particles(group):.0f}", (seconds[i], mean[i]), (0.0, 9.0), textcoords="offset points",
-                    ha="center", va="bottom", fontsize=8.0, color=_GREY,
+                    ha="center", va="bottom", fontsize=8.0, color=GREY,
                 )  # fmt: skip
         ends.append((line.label, line.colour, float(seconds[-1]), float(mean[-1])))
     _widen(axes, [x for _, _, x, _ in ends])
@@ -114,7 +108,7 @@ def _coverage(grouping: Grouping, _: str) -> Picture | None:
         return None
     figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
     axes.grid(axis="x")
-    axes.axvline(nominal, color=_INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    axes.axvline(nominal, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.annotate(
         "as it should be", (nominal, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", fontsize=8.5,
@@ -231,23 +225,8 @@ def _mean(group: Group, metric: str) -> float:
 
 
 def _name_ends(axes: Axes, ends: Sequence[tuple[str, Colour, float, float]]) -> None:
-    """Labels beside the ends (label, colour, x, y) of lines, pushed apart where they would overlap."""
-    ordered = sorted(ends, key=lambda end: end[3])
-    scale = 72.0 / axes.figure.dpi
-    heights = [scale * float(axes.transData.transform((x, y))[1]) for _, _, x, y in ordered]
-    placed = spread(heights, _LABEL_GAP_PT)
-    for (name, colour, x, y), height, place in zip(ordered, heights, placed, strict=True):
-        axes.annotate(
-            name, (x, y), (9.0, place - height), textcoords="offset points", va="center",
-            color=mixed(colour, 0.0, 0.25), annotation_clip=False, path_effects=[_HALO],
-        )  # fmt: skip
-
-
-def spread(heights: Sequence[float], gap: float) -> FloatArray:
-    """Rising heights moved as little as it takes, in the sum of squares, to put neighbours `gap` apart."""
-    steps = gap * np.arange(len(heights))
-    placed: FloatArray = isotonic_regression(np.asarray(heights) - steps).x + steps
-    return placed
+    """Labels beside the ends (label, colour, x, y) of lines, in darker colours."""
+    label_ends(axes, [(name, mixed(colour, 0.0, 0.25), x, y) for name, colour, x, y in ends], _LABEL_GAP, 10.0)
 
 
 def _widen(axes: Axes, x: Sequence[float]) -> None:
@@ -263,6 +242,4 @@ def _of_more(left_out: int) -> str:
 
 
 def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
-    png = BytesIO()
-    figure.savefig(png, format="png", bbox_inches="tight", facecolor="white", metadata={"Software": None})
-    return Picture(name, title, caption, png.getvalue())
+    return Picture(name, title, caption, png(figure, bbox_inches="tight"))

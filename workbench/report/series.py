@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.recording.study.drawing import SERIES
 from workbench.report.groups import Group, Grouping
 from workbench.report.statistics import statistic
 from workbench.report.variation import label
 
 PARTICLES = "inference.n_particles"
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe & Ito's, told apart with every kind of colour vision; without their yellow, which white paper swallows."""
 _LIGHTEST = 0.55
 
 Colour = tuple[float, float, float]
@@ -43,11 +42,11 @@ def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
         if statistic(group, metric) is not None:
             name = label(keys, group.values) or str(group.settings["experiment"])
             members.setdefault(name, []).append(group)
-    best = sorted(members, key=lambda name: _least(members[name], metric))[: len(_COLOURS)]
+    best = sorted(members, key=lambda name: _least(members[name], metric))[: len(SERIES)]
     shown = [name for name in members if name in best]
     series = [
         Series(name, tuple(sorted(members[name], key=n_particles)), rgb(colour))
-        for name, colour in zip(shown, _COLOURS, strict=False)
+        for name, colour in zip(shown, SERIES, strict=False)
     ]
     return series, len(members) - len(series)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.evaluation.intervals import bootstrap_interval
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
 from workbench.report.groups import Group
 
 LEVEL = 0.95

@@ -28,8 +28,9 @@ def number(value: float) -> str:
 
 
 def text(table: Table) -> str:
-    """Aligned columns for the terminal."""
-    widths = [max(map(len, column)) for column in zip(table.header, *table.rows, strict=True)]
+    """Align columns for the terminal, every row in one line."""
+    rows = [[printable(cell) for cell in row] for row in (table.header, *table.rows)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
 
     def line(cells: Sequence[str]) -> str:
         aligned = [
@@ -38,7 +39,12 @@ def text(table: Table) -> str:
         ]
         return "  ".join(aligned).rstrip()
 
-    return "\n".join(map(line, (table.header, *table.rows)))
+    return "\n".join(map(line, rows))
+
+
+def printable(words: str) -> str:
+    """Replace what steers a terminal by spaces, which names in a stranger's recording may hold; one line."""
+    return "".join(letter if letter.isprintable() else " " for letter in words)
 
 
 def markdown(table: Table) -> str:

@@ -9,7 +9,14 @@ from typing import Any
 TARGET = "._target_"
 EXPERIMENT = "experiment"
 _REPETITION = ("seed",)
-_WITHOUT_EFFECT = ("threads", "paths", "recorder")  # on a run's numbers
+_WITHOUT_EFFECT = (
+    "threads",
+    "paths",
+    "recorder",
+    "parts",
+    "learn",
+    "people",
+)  # on numbers
 _PLACES = (".data", ".cache")
 
 Settings = Mapping[str, Any]
@@ -25,7 +32,7 @@ class Variation:
 
 
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
-    """What may have influenced a run's numbers but the seed: {dotted key: value}."""
+    """Tell what may have influenced a run's numbers but the seed: {dotted key: value}."""
     kept = {key: value for key, value in settings.items() if key not in (*_REPETITION, *_WITHOUT_EFFECT)}
     leaves = {key: value for key, value in _leaves(kept) if not key.endswith(_PLACES)}
     return {EXPERIMENT: experiment, **leaves}

@@ -12,13 +12,13 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.core.prior import Prior
+from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.errors import InputError
 from workbench.learning.windows import Windows
 from workbench.mocap.sources import clip_name
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import Fidelity, fidelity
-from workbench.priors.state import Prior
-from workbench.studies.study import Bars, Curves, Sticks, StudyResult
 
 SEARCHES = {"sign_tree": "sign tree", "exact": "our search"}
 METRIC_NAMES = {"sign_tree": "sign_tree", "exact": "search"}
@@ -280,5 +280,4 @@ def _bars(name: str, x_name: str, edges: FloatArray, mass: FloatArray, model: Fl
 def _edges(centre: float, values: FloatArray, deviation: float, n_bins: int) -> FloatArray:
     """Bins over all values and three and a half deviations to either side of the centre."""
     low, high = centre - 3.5 * deviation, centre + 3.5 * deviation
-    edges: FloatArray = np.linspace(min(low, values.min()), max(high, values.max()) + 1e-9, n_bins + 1)
-    return edges
+    return np.linspace(min(low, values.min()), max(high, values.max()) + 1e-9, n_bins + 1)

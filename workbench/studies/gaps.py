@@ -7,12 +7,12 @@ import numpy as np
 
 from workbench.arrays import BoolArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.study import Curves, StudyResult
 from workbench.errors import InputError
 from workbench.learning.gaps import METHODS, gap_study, gappy_sequences, remove_markers
 from workbench.learning.imputation import impute, impute_linear, impute_paper, impute_periodic
 from workbench.mocap.motion import Motion
 from workbench.studies.learning import angle, cyclic, degrees, title, walks
-from workbench.studies.study import Curves, StudyResult
 
 NAMES = dict(zip(METHODS, ("ours", "linear", "periodic spline", "paper's FPCA"), strict=True))
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "right_shoulder_flexion", "right_elbow_flexion")
@@ -30,7 +30,7 @@ class ImputeGaps:
     motions: str = "builtin"
     data: str | None = None
     cache: str = "~/.cache/workbench"
-    subjects: Sequence[str] | None = None
+    subjects: Sequence[str] | None = ("08", "16", "32", "35", "38")
     fractions: Sequence[float] = (0.1, 0.2, 0.3)
 
     def run(self, rng: np.random.Generator) -> StudyResult:
@@ -84,8 +84,7 @@ def _filled(motions: Sequence[Motion], fraction: float, rng: np.random.Generator
 
 def in_gaps(missing: BoolArray) -> BoolArray:
     """Missing samples (F,) and their neighbours, so that a curve drawn over a gap meets the observed ones."""
-    wide: BoolArray = np.convolve(missing, np.ones(3), mode="same") > 0.0
-    return wide
+    return np.convolve(missing, np.ones(3), mode="same") > 0.0
 
 
 def _note(fractions: Sequence[float], metrics: Mapping[str, float]) -> str:

@@ -49,7 +49,7 @@ def cyclic(motions: Sequence[Motion]) -> tuple[list[Motion], list[float]]:
 
 
 def angle(name: str) -> int:
-    """Where a joint angle stands among the 19."""
+    """Find where a joint angle stands among the 19."""
     return POSE_NAMES.index(name) - N_ROOT
 
 

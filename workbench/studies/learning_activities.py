@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.arrays import FloatArray
+from workbench.core.study import Curves, Figure, Scatter, StudyResult
 from workbench.learning.activities import ActivityModel, fewest, learn_activities
 from workbench.learning.activity_classes import accuracy_left_out, error_left_out_deg, mean_rates_hz
 from workbench.learning.activity_cycles import ActivityCycles, activity_cycles
 from workbench.learning.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title
-from workbench.studies.study import Curves, Figure, Scatter, StudyResult
 
 PARTS_SHOWN = {"whole body": "body", "legs": "lower_body"}
 ANGLES = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion", "left_elbow_flexion")

@@ -7,9 +7,9 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.study import Curves, StudyResult
 from workbench.learning.alignment import Alignment, align
 from workbench.studies.learning import angle, closed, cyclic, degrees, phases, title, walks
-from workbench.studies.study import Curves, StudyResult
 
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion")
 N_BINS = 64
@@ -56,8 +56,7 @@ def fold(series: FloatArray, at: FloatArray) -> FloatArray:
     bins = np.floor((at % 1.0) * N_BINS).astype(np.int64) % N_BINS
     sums, count = np.zeros((N_BINS, series.shape[1])), np.bincount(bins, minlength=N_BINS)[:, None]
     np.add.at(sums, bins, series)
-    mean: FloatArray = np.where(count > 0, sums / np.maximum(count, 1), np.nan)
-    return mean
+    return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
 def _before(names: Sequence[str], folded: Sequence[FloatArray], name: str) -> Curves:

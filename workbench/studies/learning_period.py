@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.study import Curves, StudyResult
 from workbench.learning.gaps import ClipPeriods, period_study
 from workbench.studies.learning import ANGLES, angle, title, walks
-from workbench.studies.study import Curves, StudyResult
 
 STATED_PCT = 2.0
 """Clips whose periods differ by more are named."""
@@ -53,8 +53,7 @@ def log10(ratios: FloatArray) -> FloatArray:
 
     A deviation from the paper's figure, which is linear: single angles differ by powers of ten at the peak.
     """
-    logarithms: FloatArray = np.log10(np.where(ratios > 0.0, ratios, np.nan))
-    return logarithms
+    return np.log10(np.where(ratios > 0.0, ratios, np.nan))
 
 
 def _clip(clip: ClipPeriods) -> Curves:

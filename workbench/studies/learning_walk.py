@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.study import Bars, Curves, Figure, StudyResult
 from workbench.learning.cycles import CHANNEL_NAMES, Cycles, walking_cycles
 from workbench.learning.walking import WalkingModel, learn_walking
 from workbench.studies.learning import ANGLES, closed, degrees, phases, title, walks
-from workbench.studies.study import Bars, Curves, Figure, StudyResult
 
 EIGENCURVES = 3
 """As many as in paper A, fig. 3c."""
@@ -60,8 +60,7 @@ class LearnWalk:
 
 def explained(scales: FloatArray) -> FloatArray:
     """Part of the variance (K,) that the first 1, 2, … of K components with standard deviations (K,) explain."""
-    shares: FloatArray = np.cumsum(scales**2) / np.sum(scales**2)
-    return shares
+    return np.cumsum(scales**2) / np.sum(scales**2)
 
 
 def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:

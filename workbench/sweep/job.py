@@ -17,7 +17,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.cli.execute import execute
+from workbench.experiment.parts import name_parts, packages
 from workbench.files import whole_file
 
 ENDED = ("complete", "failed", "interrupted")
@@ -47,7 +47,7 @@ def run_apart(config: DictConfig, experiment: str, folder: Path, output: Path, l
     (folder / _CONFIG).write_text(OmegaConf.to_yaml(config, resolve=True))
     (folder / "summary.json").unlink(missing_ok=True)  # an earlier attempt's, which says nothing about this one
     began = perf_counter()
-    command = [sys.executable, "-P", "-m", __name__, experiment, str(folder)]
+    command = [sys.executable, "-P", "-m", __name__, experiment, str(folder), *packages()]
     with output.open("ab") as out, Popen(command, stdin=PIPE, stdout=out, stderr=STDOUT, pass_fds=[lock]) as process:
         try:
             code = process.wait()
@@ -61,7 +61,7 @@ def run_apart(config: DictConfig, experiment: str, folder: Path, output: Path, l
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
-    """What summary.json in the folder says; None where there is none or it cannot be read."""
+    """Read what summary.json in the folder says; None where there is none or it cannot be read."""
     try:
         summary = json.loads((folder / "summary.json").read_text())
     except (OSError, ValueError):
@@ -76,8 +76,15 @@ def write_failure(folder: Path, error: str, summary: dict[str, Any]) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """The other process. Standard input stays open as long as the one that started it lives."""
+    """The other process. Standard input stays open as long as the one that started it lives.
+
+    arguments: the experiment's name, the folder, and the packages that may be built from: what the folder's
+    configuration says of these does not count.
+    """
+    from workbench.experiment.execute import execute  # here, as who starts jobs does without
+
     experiment, folder = arguments[0], Path(arguments[1])
+    name_parts(arguments[2:])
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     logging.captureWarnings(True)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have started the sweep with it ignored

@@ -13,9 +13,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.cli.identity import identity
-from workbench.cli.job import alone, read_summary, run_apart, write_failure
 from workbench.errors import InputError
+from workbench.experiment.identity import identity
+from workbench.sweep.job import alone, read_summary, run_apart, write_failure
 
 SUBDIR = "${hydra.job.num}"
 ERRORS = ("error_abs_mm", "error_px")
@@ -38,7 +38,7 @@ class Plan:
     jobs: tuple[int, ...]
 
     def of(self, job: int) -> str:
-        """What varies, as job number `job` has it."""
+        """Tell what varies, as job number `job` has it."""
         if self.varied is not None:
             return " ".join(self.varied[job])
         overrides = map(str, OmegaConf.load(self.folder / str(job) / ".hydra" / "overrides.yaml"))

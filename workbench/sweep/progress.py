@@ -10,9 +10,9 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.cli.job import ENDED, read_summary
-from workbench.cli.sweep import Plan, metric_of, plan_of
 from workbench.errors import InputError
+from workbench.sweep.job import ENDED, read_summary
+from workbench.sweep.plan import Plan, metric_of, plan_of
 
 PERIOD_S = 0.5
 

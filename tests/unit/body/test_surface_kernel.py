@@ -5,10 +5,11 @@ import pytest
 import surface_scenes as scenes
 
 from workbench.body import surface_reference
-from workbench.body.kinematics import forward
+from workbench.body.kinematics import forward, forward_reference
 from workbench.body.surface import (
     KINDS,
     attach,
+    nearest_distances,
     nearest_residual_jacobian,
     residual_jacobian,
     residuals,
@@ -55,6 +56,20 @@ def test_the_search_and_the_derivative_at_once_agree_with_one_after_the_other(sc
     np.testing.assert_allclose(jacobian, expected_jacobian, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.parametrize("n", [0, 1, 32, 100])
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
+def test_distances_in_many_poses_agree_with_the_reference(scene, n):
+    rng = np.random.default_rng(7)
+    pose, _, points = scenes.pose_and_points(rng, *scene, n)
+    poses = pose + 0.1 * rng.standard_normal((20, len(pose)))
+    found = nearest_distances(*scene, poses, points)
+    assert found.shape == (20, n)
+    for one, row in zip(poses, found, strict=True):
+        frames = forward_reference(scene[0], one[None])
+        expected = np.abs(surface_reference.distances(scene[1], frames, points)).min(axis=-1)
+        np.testing.assert_allclose(np.abs(row), expected, rtol=1e-11, atol=1e-13)
+
+
 def test_points_far_beyond_every_part_still_have_one():
     """Where squares overflow all parts are equally far, and the residual is not that of another point."""
     pose, _, points = scenes.pose_and_points(np.random.default_rng(3), *scenes.PERSON, 2)
@@ -69,6 +84,8 @@ def test_points_that_are_not_finite_are_refused():
     points = np.array([[0.0, 0.0, 1.0], [0.0, np.nan, 0.0]])
     with pytest.raises(InputError, match="expected finite points, found 1 others"):
         nearest_residual_jacobian(*scenes.PERSON, np.zeros(25), points, "distance")
+    with pytest.raises(InputError, match="expected finite points, found 1 others"):
+        nearest_distances(*scenes.PERSON, np.zeros((2, 25)), points)
 
 
 def test_the_scenes_hold_what_they_should():

@@ -15,8 +15,8 @@ from workbench.cli.export import estimated_track, main, true_track
 from workbench.errors import InputError
 from workbench.mocap.bvh import read_bvh
 from workbench.mocap.export import export
-from workbench.recording.reader import read
-from workbench.recording.recorder import Recorder
+from workbench.recording.read.reader import read
+from workbench.recording.write.recorder import Recorder
 
 N = 12  # more than one flush, and a rest
 

@@ -12,7 +12,7 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
-from workbench.recording.recorder import Recorder
+from workbench.recording.write.recorder import Recorder
 
 N_FRAMES = 2
 

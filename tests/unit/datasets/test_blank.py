@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from workbench.datasets.blank import Blank
-from workbench.datasets.motions import find_motion
 from workbench.errors import InputError
+from workbench.mocap.named import find_motion
 
 
 def test_frames_are_empty_and_evenly_spaced():
     blank = Blank(n_frames=5, rate_hz=20.0)
     frames = list(blank.frames())
-    assert len(blank) == len(frames) == 5
+    assert blank.known.n_frames == len(frames) == 5
     assert [frame.index for frame in frames] == [0, 1, 2, 3, 4]
     assert [frame.time_s for frame in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
     assert all(frame.views == () and frame.truth is None for frame in frames)
@@ -20,14 +20,13 @@ def test_frames_are_empty_and_evenly_spaced():
 
 def test_the_start_is_the_motions_and_the_lead_in_ends_there():
     motion = find_motion("builtin", data=None, rate_hz=30.0)
-    blank = Blank(first_frame=7)
-    assert (blank.start_pose == motion.poses[7]).all()
-    assert (blank.lead_in.poses == motion.poses[:8]).all()
-    assert blank.lead_in.activity == motion.activity
-    assert np.array_equal(blank.shape.as_dict(), motion.shape.as_dict())
-    assert blank.start_marks is None
-    assert blank.scale == 1.0
-    assert motion.name in blank.name
+    known = Blank(first_frame=7).known
+    assert (known.start_pose == motion.poses[7]).all()
+    assert (known.lead_in == motion.poses[:8]).all()
+    assert known.lead_in_activity == motion.activity
+    assert known.rate_hz == 30.0
+    assert np.array_equal(known.shape.as_dict(), motion.shape.as_dict())
+    assert motion.name in known.name
 
 
 @pytest.mark.parametrize(
@@ -37,4 +36,4 @@ def test_the_start_is_the_motions_and_the_lead_in_ends_there():
 )  # fmt: skip
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
-        Blank(**options)
+        _ = Blank(**options).known

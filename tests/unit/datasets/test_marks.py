@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.marks import COLUMNS, read_marks
+from workbench.datasets.files.marks import COLUMNS, read_marks
 from workbench.errors import InputError
 
 HEADER = "frame,joint,u,v,visible\n"

@@ -56,7 +56,7 @@ def dataset(scene, **given):
 
 def test_every_frame_has_a_view_of_every_camera_and_the_shortest_ends_it(scene):
     found = dataset(scene, first_frame=1)
-    assert (len(found), found.name) == (4, "left, right")
+    assert (found.known.n_frames, found.known.name) == (4, "left, right")
     frames = list(found.frames())
     assert [frame.index for frame in frames] == [1, 2, 3, 4]
     head = JOINT_NAMES.index("left_shoulder")
@@ -100,12 +100,12 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
 )
 def test_what_does_not_fit_together_is_refused(scene, given, said):
     with pytest.raises(InputError, match=said):
-        dataset(scene, **given)
+        _ = dataset(scene, **given).known
 
 
 def test_a_truth_of_another_time_is_refused(scene):
     with pytest.raises(InputError, match="expected markers in some of the 5 frames used, found none"):
-        dataset(scene, truth=str(scene / "truth.trc"), truth_first=50)
+        _ = dataset(scene, truth=str(scene / "truth.trc"), truth_first=50).known
 
 
 def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(scene, tmp_path):
@@ -116,8 +116,8 @@ def test_images_nearly_of_the_camera_s_size_are_stretched_and_others_refused(sce
             cv2.imwrite(str(folder / f"{t}.png"), np.zeros((300, width, 3), np.uint8))
         if refused:
             with pytest.raises(InputError, match="images are 380×300, expected the 400×300"):
-                dataset(scene, sources={"left": str(folder)}, keypoints={})
+                _ = dataset(scene, sources={"left": str(folder)}, keypoints={}).known
         else:
             with pytest.warns(UserWarning, match="397×300 are stretched to the camera's 400×300"):
-                stretched = dataset(scene, sources={"left": str(folder)}, keypoints={}, scale=0.5)
+                _ = (stretched := dataset(scene, sources={"left": str(folder)}, keypoints={}, scale=0.5)).known
             assert next(stretched.frames()).views[0].image.shape == (150, 200, 3)

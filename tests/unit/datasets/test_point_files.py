@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from workbench.datasets.gait import builtin_motions
+from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
-from workbench.datasets.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
@@ -231,8 +231,9 @@ def test_a_folder_is_read_in_natural_order_in_its_unit(tmp_path):
     points = [rng.standard_normal((4 + i, 3)) for i in range(12)]
     dataset = PointFiles(str(folder_of(tmp_path, points, 0.001)), rate_hz=20.0, unit="mm")
     frames = list(dataset.frames())
-    assert (len(dataset), dataset.name, dataset.scale) == (12, tmp_path.name, 1.0)
-    assert (dataset.shape, dataset.start_pose, dataset.start_marks, dataset.phase_ends) == (None, None, None, None)
+    known = dataset.known
+    assert (known.n_frames, known.name, known.shape) == (12, tmp_path.name, None)
+    assert (known.start_pose, known.start_marks, known.phase_ends) == (None, None, None)
     for i, (frame, expected) in enumerate(zip(frames, points, strict=True)):
         assert (frame.index, frame.time_s, frame.views, frame.truth) == (i, pytest.approx(i / 20.0), (), None)
         assert np.allclose(frame.points, expected)
@@ -246,13 +247,13 @@ def test_a_million_points_are_thinned_with_a_sentence(tmp_path):
             ply_header("binary_little_endian", len(points), [kind]).encode() + points.tobytes()
         )
     with pytest.warns(UserWarning, match=r"2 of 2 frames have more than 3000 .* frame_1.ply with 1000000"):
-        dataset = PointFiles(str(tmp_path), most_points=3000)
+        _ = (dataset := PointFiles(str(tmp_path), most_points=3000)).known
     first, second = (frame.points for frame in dataset.frames())
     assert first.shape == (3000, 3)
     assert np.isin(first.astype(np.float32)[:, 0], points[:, 0]).all()
     assert not np.array_equal(first, second)  # each frame its own
     with pytest.warns(UserWarning, match="thinned"):
-        again = PointFiles(str(tmp_path), most_points=3000)
+        _ = (again := PointFiles(str(tmp_path), most_points=3000)).known
     assert np.array_equal(first, next(again.frames()).points)
 
 
@@ -266,14 +267,14 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     for i, frame in enumerate(dataset.frames()):
         assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
         assert frame.truth.activity == "walk"
-    assert dataset.shape == motion.shape
+    assert dataset.known.shape == motion.shape
     # 3 cm and 0.05 rad; a normal number is beyond 5 deviations once in two million
-    assert 0.0 < np.abs(dataset.start_pose - motion.poses[8]).max() < 0.25
-    assert dataset.phase_ends[1] > dataset.phase_ends[0]
+    assert 0.0 < np.abs(dataset.known.start_pose - motion.poses[8]).max() < 0.25
+    assert dataset.known.phase_ends[1] > dataset.known.phase_ends[0]
     with pytest.raises(InputError, match="start=given needs the truth"):
-        PointFiles(folder, start="given")
+        _ = PointFiles(folder, start="given").known
     with pytest.raises(InputError, match=r"lasts 6\.0\d s"):
-        PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=100)
+        _ = PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=100).known
 
 
 @pytest.mark.parametrize(
@@ -284,7 +285,7 @@ def test_folders_without_points_are_named(tmp_path, files, words):
     for name in files:
         (tmp_path / name).touch()
     with pytest.raises(InputError) as caught:
-        PointFiles(str(tmp_path))
+        _ = PointFiles(str(tmp_path)).known
     assert all(word in str(caught.value) for word in [str(tmp_path), *words])
 
 
@@ -295,11 +296,11 @@ def test_other_sources_are_named(tmp_path):
         file.create_group("frames/0")
     for name, words in (("nowhere", "a folder"), ("none.h5", "/frames, found none"), ("group.h5", "/frames/0")):
         with pytest.raises(InputError, match=words):
-            PointFiles(str(tmp_path / name))
+            _ = PointFiles(str(tmp_path / name)).known
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "a.ply").mkdir()
     with pytest.raises(InputError, match="cannot be read"):
-        PointFiles(str(tmp_path / "sub"))
+        _ = PointFiles(str(tmp_path / "sub")).known
 
 
 @pytest.mark.parametrize(
@@ -309,4 +310,4 @@ def test_other_sources_are_named(tmp_path):
 )  # fmt: skip
 def test_mistakes_are_named(tmp_path, parameters, word):
     with pytest.raises(InputError, match=word):
-        PointFiles(str(folder_of(tmp_path, [np.ones((2, 3))])), **parameters)
+        _ = PointFiles(str(folder_of(tmp_path, [np.ones((2, 3))])), **parameters).known

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from workbench.datasets.points import Points
-from workbench.datasets.surroundings import BOX_M, WALL_M
-from workbench.datasets.visible_surface import first_depth
+from workbench.datasets.scenes.surroundings import BOX_M, WALL_M
+from workbench.datasets.scenes.visible import first_depth
 from workbench.errors import InputError
 
 SMALL = {"n_frames": 3, "n_points": 200}
@@ -38,12 +38,7 @@ def test_frames_carry_points_and_truth_and_no_views():
         assert frame.truth.pose.shape == (25,)
         assert frame.truth.joints.shape == (15, 3)
         assert frame.truth.activity == "walk"
-    assert (len(dataset), dataset.scale, dataset.start_marks, dataset.name) == (
-        3,
-        1.0,
-        None,
-        "points of walker_00_straight",
-    )
+    assert dataset.known.name == "points of walker_00_straight"
 
 
 def test_without_errors_all_points_lie_on_what_the_camera_sees():
@@ -77,7 +72,7 @@ def test_the_camera_stands_where_asked():
     depth = dataset.view_camera.to_camera(dataset.take.motion.poses[10, :3][None])[0, 2]
     assert depth == pytest.approx(5.0)
     with pytest.warns(UserWarning, match=r"the camera is \d\.\d m away instead of 4"):
-        scene(motion="builtin_run", n_frames=40)
+        _ = scene(motion="builtin_run", n_frames=40).view_camera
 
 
 def test_the_same_seed_gives_the_same_bits_and_every_parameter_counts():
@@ -149,10 +144,10 @@ def test_images_show_the_person_where_the_truth_is():
 
 def test_what_is_offered_of_the_start():
     auto, given = scene(), scene(start="given")
-    assert (auto.start_pose, auto.phase_ends) == (None, None)
-    assert np.array_equal(given.start_pose, given.take.rough_start(0))
-    assert np.abs(given.start_pose - given.take.motion.poses[0]).max() > 0.0
-    first, last = given.phase_ends
+    assert (auto.known.start_pose, auto.known.phase_ends) == (None, None)
+    assert np.array_equal(given.known.start_pose, given.take.rough_start(0))
+    assert np.abs(given.known.start_pose - given.take.motion.poses[0]).max() > 0.0
+    first, last = given.known.phase_ends
     assert last - first == pytest.approx(2 / 14 * 0.92, rel=0.25)  # a stride takes 0.92⁻¹ s, give or take a few %
 
 
@@ -186,6 +181,6 @@ def test_mistakes_are_named(parameters, words):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with pytest.raises(InputError) as caught:
-            scene(**parameters)
+            _ = scene(**parameters).known
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert "\n" not in str(caught.value)

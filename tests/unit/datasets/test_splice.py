@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.gait import average_subject, subjects, walker
-from workbench.datasets.motions import find_motion
-from workbench.datasets.splice import gait_phases, splice
-from workbench.datasets.take import check_start, find_take
+from workbench.datasets.scenes.splice import gait_phases, splice
+from workbench.datasets.scenes.take import find_take, given_start
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import average_subject, subjects, walker
+from workbench.mocap.named import find_motion
 
 RATE = 60.0
 WALK = walker(average_subject(), 6.0, RATE)
@@ -152,10 +152,10 @@ def test_the_rough_start_is_as_far_off_as_it_says_and_the_same_every_time():
 
 def test_a_start_that_cannot_be_given_is_refused():
     arm = find_take("builtin_arm", data=None, rate_hz=14.0, n_frames=20)
-    check_start("points", "auto", arm)
+    assert given_start("points", "auto", arm, 0) == (None, None)
     with pytest.raises(InputError, match="'builtin arm' has no gait cycle; use start=auto"):
-        check_start("points", "given", arm)
+        given_start("points", "given", arm, 0)
     with pytest.raises(InputError, match="needs the truth"):
-        check_start("points", "given", None)
+        given_start("points", "given", None, 0)
     with pytest.raises(InputError, match="auto, given, found 'now'"):
-        check_start("points", "now", arm)
+        given_start("points", "now", arm, 0)

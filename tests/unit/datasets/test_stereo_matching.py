@@ -9,10 +9,10 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
+from workbench.datasets.scenes.room import empty_view, room
+from workbench.datasets.scenes.stereo_matching import disparities, empty_disparity, nearer_points
+from workbench.datasets.scenes.visible import surface_points
 from workbench.datasets.stereo import N_EMPTY, Stereo
-from workbench.datasets.stereo_matching import disparities, empty_disparity, nearer_points
-from workbench.datasets.stereo_room import empty_view, room
-from workbench.datasets.visible_surface import surface_points
 from workbench.errors import InputError
 
 SMALL = {"n_frames": 2, "width": 320, "height": 240, "focal_px": 350.0, "baseline_m": 0.4, "n_points": 300}
@@ -165,10 +165,10 @@ def test_the_empty_room_is_rendered_too(dataset):
 
 
 def test_what_is_offered_of_the_start(dataset):
-    assert (dataset.start_pose, dataset.phase_ends, dataset.start_marks) == (None, None, None)
+    assert (dataset.known.start_pose, dataset.known.phase_ends) == (None, None)
     given = replace(dataset, start="given")
-    assert np.array_equal(given.start_pose, given.take.rough_start(0))
-    assert given.phase_ends == given.take.phase_ends
+    assert np.array_equal(given.known.start_pose, given.take.rough_start(0))
+    assert given.known.phase_ends == given.take.phase_ends
 
 
 @pytest.mark.parametrize(
@@ -187,5 +187,5 @@ def test_what_is_offered_of_the_start(dataset):
 )
 def test_mistakes_are_named(parameters, words):
     with pytest.raises(InputError) as caught:
-        Stereo(**{**SMALL, **parameters})
+        _ = Stereo(**{**SMALL, **parameters}).known
     assert all(word in str(caught.value) for word in words), str(caught.value)

@@ -9,9 +9,9 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.datasets import synthetic
-from workbench.datasets.gait import builtin_motions
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
 
 SMALL = {"n_frames": 3, "width": 160, "height": 120, "person_px": 70.0, "focal_px": 175.0}
@@ -28,21 +28,20 @@ def images(dataset):
 def test_frames_carry_pictures_and_truth():
     dataset = scene(first_frame=7, rate_hz=25.0)
     frames = list(dataset.frames())
-    assert len(frames) == len(dataset) == 3
+    assert len(frames) == dataset.known.n_frames == 3
     assert [frame.index for frame in frames] == [7, 8, 9]
     assert frames[1].time_s == pytest.approx(8 / 25.0)
     for frame in frames:
         assert frame.views[0].image.shape == (120, 160)
         assert frame.views[0].image.dtype == np.uint8
-        expected = joints(person_skeleton(dataset.shape), frame.truth.pose[None])[0]
+        expected = joints(person_skeleton(dataset.known.shape), frame.truth.pose[None])[0]
         assert np.array_equal(frame.truth.joints, expected)
-    assert np.array_equal(dataset.start_pose, frames[0].truth.pose)
-    assert (dataset.start_marks, dataset.scale) == (None, 1.0)
+    assert np.array_equal(dataset.known.start_pose, frames[0].truth.pose)
 
 
 def test_first_frame_counts_at_the_datasets_rate():
     later, whole = scene(first_frame=4), scene(n_frames=7)
-    assert np.array_equal(later.start_pose, list(whole.frames())[4].truth.pose)
+    assert np.array_equal(later.known.start_pose, list(whole.frames())[4].truth.pose)
 
 
 def test_the_person_is_where_the_truth_says():
@@ -51,7 +50,7 @@ def test_the_person_is_where_the_truth_says():
     frame = next(dataset.frames())
     rows, columns = np.nonzero(frame.views[0].image != 125)
     pixels = dataset.view_camera.project(frame.truth.joints)
-    radius_px = 70.0 / 1.75 * dataset.shape.head_radius + 1.0  # the largest distance from a joint to the outline
+    radius_px = 70.0 / 1.75 * dataset.known.shape.head_radius + 1.0  # the largest distance from a joint to the outline
     head = JOINT_NAMES.index("head_centre")
     assert rows.min() == pytest.approx(pixels[head, 1] - radius_px, abs=2.0)
     assert columns.min() > pixels[:, 0].min() - radius_px
@@ -66,7 +65,7 @@ def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view
         warnings.simplefilter("ignore", UserWarning)  # views along the walk have to step back
         dataset = scene(n_frames=40, path=path, view_deg=view_deg)
     camera, motion = dataset.view_camera, dataset._used_motion
-    pixels = camera.project(joints(person_skeleton(dataset.shape), motion.poses))
+    pixels = camera.project(joints(person_skeleton(dataset.known.shape), motion.poses))
     assert (pixels > 0.05 * np.array([160, 120]) - 1.0).all()
     assert (pixels < 0.95 * np.array([160, 120])).all()
     way, look = motion.poses[-1, :2] - motion.poses[0, :2], camera.rotation[2, :2]
@@ -77,7 +76,7 @@ def test_the_automatic_camera_sees_the_whole_walk_from_the_asked_side(path, view
 
 def test_a_walk_that_does_not_fit_is_seen_from_further_away_and_that_is_said():
     with pytest.warns(UserWarning, match=r"the person is \d+ px tall instead of 70"):
-        dataset = scene(n_frames=300)
+        _ = (dataset := scene(n_frames=300)).known
     assert (dataset.view_camera.project(dataset._used_motion.poses[:, :3]) > 0.0).all()
 
 
@@ -136,10 +135,10 @@ def test_a_clip_of_a_library(tmp_path):
     motions = builtin_motions(2, seed=3)
     write_library(tmp_path / "lib.h5", motions)
     dataset = scene(motion=f"{tmp_path / 'lib.h5'}:{motions[1].name}", rate_hz=60.0)
-    assert np.array_equal(dataset.start_pose, motions[1].poses[0])
-    assert dataset.shape == motions[1].shape
+    assert np.array_equal(dataset.known.start_pose, motions[1].poses[0])
+    assert dataset.known.shape == motions[1].shape
     with pytest.raises(InputError, match=r"no motion called 'nobody', expected one of walker_00_straight, "):
-        scene(motion=f"{tmp_path / 'lib.h5'}:nobody")
+        _ = scene(motion=f"{tmp_path / 'lib.h5'}:nobody").known
 
 
 def test_a_camera_from_a_file(tmp_path):
@@ -159,7 +158,7 @@ translation = [0.0, 1.0, {depth}]
     assert (picture != 125).any()
     file.write_text(template.format(depth=-4.0))
     with pytest.raises(InputError, match="'wide' never sees the person"):
-        scene(camera=str(file))
+        _ = scene(camera=str(file)).known
 
 
 @pytest.mark.parametrize(
@@ -189,7 +188,7 @@ translation = [0.0, 1.0, {depth}]
 )
 def test_mistakes_are_named(parameters, words):
     with pytest.raises(InputError) as caught:
-        scene(**parameters)
+        _ = scene(**parameters).known
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -6,7 +6,7 @@ import pytest
 
 from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.decode import count_frames, decode, image_files
+from workbench.datasets.files.decode import count_frames, decode, image_files
 from workbench.datasets.video import Video
 from workbench.errors import InputError
 
@@ -54,7 +54,7 @@ def video(scene, **parameters):
 
 def refusal(scene, **parameters):
     with pytest.raises(InputError) as caught:
-        video(scene, **parameters)
+        _ = video(scene, **parameters).known
     return str(caught.value)
 
 
@@ -65,15 +65,14 @@ def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
     assert [int(frame.views[0].image[0, 0, 0]) for frame in frames] == list(range(2, 11))  # img_10 after img_9
     assert frames[0].views[0].image[0, 0, 2] == 200  # RGB: blue is last
     assert frames[3].time_s == pytest.approx(5 / 25.0)
-    assert len(dataset) == 9
+    assert dataset.known.n_frames == 9
     assert [frame.index for frame in dataset.frames()] == list(range(2, 11))  # a second time
-    assert len(video(scene)) == 12
-    assert (dataset.shape, dataset.start_pose, dataset.start_marks, dataset.scale) == (None, None, None, 1.0)
+    assert video(scene).known.n_frames == 12
 
 
 def test_marks_become_the_start_and_the_truth(scene):
     dataset = video(scene, first_frame=3, start_marks="marks.csv", eval_marks="marks.csv", hidden_weight=0.2)
-    (start,) = dataset.start_marks.keypoints
+    (start,) = dataset.known.start_marks.keypoints
     assert np.array_equal(start[NECK], [31.0, 23.0, 1.0])
     assert np.array_equal(start[ANKLE], [10.5, 40.0, 0.2])
     assert np.isnan(np.delete(start, [NECK, ANKLE], axis=0)).all()
@@ -86,10 +85,10 @@ def test_marks_become_the_start_and_the_truth(scene):
 
 
 def test_marks_of_later_frames_may_help_the_start(scene):
-    marks = video(scene, first_frame=3, start_marks="marks.csv", start_last=10).start_marks
+    marks = video(scene, first_frame=3, start_marks="marks.csv", start_last=10).known.start_marks
     assert marks.times_s == pytest.approx([3 / 25.0, 10 / 25.0])
     assert np.array_equal(marks.keypoints[1, NECK], [5.0, 6.0, 1.0])
-    assert len(video(scene, first_frame=3, start_marks="marks.csv", start_last=9).start_marks.times_s) == 1
+    assert len(video(scene, first_frame=3, start_marks="marks.csv", start_last=9).known.start_marks.times_s) == 1
 
 
 def test_marks_become_keypoints_but_for_those_held_out(scene):
@@ -118,7 +117,7 @@ def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
     rows, columns = np.mgrid[0 : view.camera.height, 0 : view.camera.width]
     centroid = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
     # Rounding to 8 bits moves the centroid by some hundredths of a pixel; half a pixel would show a wrong convention.
-    neck = dataset.start_marks.keypoints[0, NECK, :2]
+    neck = dataset.known.start_marks.keypoints[0, NECK, :2]
     assert neck == pytest.approx(centroid, abs=0.1)
     full = load_cameras(scene / "camera.toml")[0]
     point = full.rotation.T @ (np.array([(40 - 31.0) / 80.0, (30 - 23.0) / 80.0, 1.0]) * 4.0 - full.translation)
@@ -126,8 +125,8 @@ def test_the_picture_the_camera_and_the_marks_shrink_alike(scene, scale):
 
 
 def test_a_camera_can_be_chosen_by_name(scene):
-    assert video(scene).camera.name == "left"
-    assert video(scene, which="right").camera.name == "right"
+    assert video(scene).known.cameras[0].name == "left"
+    assert video(scene, which="right").known.cameras[0].name == "right"
 
 
 def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
@@ -139,7 +138,7 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
     writer.release()
     dataset = video(scene, source="film.avi", first_frame=2, rate_hz=None)
     frames = list(dataset.frames())
-    assert dataset.rate_hz == 20.0
+    assert dataset.known.rate_hz == 20.0
     assert [frame.index for frame in frames] == [2, 3, 4, 5, 6, 7]
     for frame in frames:  # JPEG changes grey levels by a few
         assert frame.views[0].image.mean() == pytest.approx(20 * frame.index + 10, abs=4)
@@ -188,7 +187,7 @@ def test_images_must_be_images_of_the_cameras_size(scene):
     with pytest.raises(InputError, match="img_4"):
         list(video(scene).frames())
     (scene / "images" / "img_4.png").unlink()
-    dataset = video(scene)
+    _ = (dataset := video(scene)).known
     (scene / "images" / "img_11.png").unlink()
     with pytest.raises(InputError, match="ends before frame 10"):
         list(dataset.frames())

@@ -5,19 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import norm
-from test_evaluation import BODY, SKELETON, standing, step_of
+from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
 from workbench.evaluation.calibration import (
     covered,
     crps,
-    crps_reference,
     log_score,
     rank_histogram,
     ranks,
     share_below,
-    share_below_reference,
 )
 from workbench.evaluation.errors import step_errors
 from workbench.evaluation.posterior import weighted_quantiles
@@ -26,6 +24,17 @@ N = 20_001
 EVEN = np.full(N, 1.0 / N)
 NORMAL = norm.ppf((np.arange(N) + 0.5) / N)[:, None] * [1.0, 3.0] + [0.0, 10.0]
 """N(0, 1) and N(10, 3²) as evenly likely values: means over them are off by 1/N or so of the tails."""
+
+
+def share_below_reference(values, weights, truth):
+    """What `share_below` computes, in plain NumPy."""
+    return np.stack([weights @ (values < truth), weights @ (values == truth)])
+
+
+def crps_reference(values, weights, truth):
+    """What `crps` computes, from the definition: over all pairs of particles."""
+    spread = np.array([weights @ np.abs(np.subtract.outer(x, x)) @ weights for x in values.T])
+    return weights @ np.abs(values - truth) - 0.5 * spread
 
 
 def test_crps_of_two_particles_by_hand():

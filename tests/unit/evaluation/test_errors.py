@@ -2,45 +2,12 @@
 
 import numpy as np
 import pytest
+from single_steps import BODY, CAMERA, SKELETON, standing, step_of
 
-from workbench.arrays import FloatArray
-from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
-from workbench.body.limbs import person
-from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, Truth, View
+from workbench.core.frame import Truth
 from workbench.evaluation.errors import held, moved_joints, step_errors
 from workbench.evaluation.posterior import weighted_quantiles
-from workbench.inference.step import Step
-from workbench.priors.state import StateSpace
-
-BODY = person(from_height(1.8))
-SKELETON = BODY.skeleton
-CAMERA = plain_camera(640, 480, 700.0, (0.0, -7.0, 1.0), (0.0, 0.0, 1.0))
-
-
-def step_of(poses: FloatArray, truth: Truth, weights: FloatArray | None = None) -> Step:
-    n = len(poses)
-    weights = np.full(n, 1 / n) if weights is None else weights
-    view = View(CAMERA, np.zeros((480, 640), np.uint8))
-    return Step(
-        frame=Frame(0, 0.0, (view,), truth),
-        space=StateSpace.of({"pose": (tuple(map(str, range(25))), "-")}),
-        particles=poses,
-        poses=poses,
-        log_weights=np.log(weights),
-        ancestors=np.arange(n),
-        expected_pose=weights @ poses,
-        map_pose=poses[np.argmax(weights)],
-        ess=1 / (weights**2).sum(),
-        log_evidence=0.0,
-    )
-
-
-def standing() -> FloatArray:
-    pose = np.zeros(25)
-    pose[2] = 0.95
-    return pose
 
 
 def test_a_shift_of_the_root_is_an_absolute_error_only():

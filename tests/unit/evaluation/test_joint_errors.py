@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_evaluation import BODY, SKELETON, standing, step_of
+from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
 from workbench.evaluation.errors import AccelerationError, angle_error_deg, step_errors
 from workbench.evaluation.joint_errors import (
     acceleration_error,

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_evaluation import SKELETON, standing, step_of
+from single_steps import SKELETON, standing, step_of
 
 from workbench.body.kinematics import forward
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
 from workbench.evaluation.marker_offsets import ESTIMATED_S, MarkerOffsets
 
 RATE_HZ, N_FRAMES = 30.0, 40

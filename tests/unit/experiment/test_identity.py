@@ -5,8 +5,8 @@ import shutil
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.cli import identity as module
-from workbench.cli.identity import identity
+from workbench.experiment import identity as module
+from workbench.experiment.identity import identity
 
 
 def config(**changes):
@@ -61,7 +61,7 @@ def test_what_is_run_counts(changes):
 
 def test_another_code_is_another_run(monkeypatch):
     before = identity(config())
-    monkeypatch.setattr(module, "_code", lambda: "other")
+    monkeypatch.setattr(module, "_code", lambda _: "other")
     assert identity(config()) != before
 
 

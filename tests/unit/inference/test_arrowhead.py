@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from workbench.inference.bordered import Arrow
+from workbench.inference.fit.arrowhead import Pattern
 
 
 def random_system(n_band, n_border, width, seed):
     """A positive definite matrix of the pattern, and the same dense."""
     rng = np.random.default_rng(seed)
-    arrow = Arrow(n_band, n_border, width)
+    pattern = Pattern(n_band, n_border, width)
     n = n_band + n_border
     i, j = np.tril_indices(n)
     kept = (i >= n_band) | (i - j <= width)
@@ -17,7 +17,7 @@ def random_system(n_band, n_border, width, seed):
     values = rng.standard_normal(len(i)) + np.where(i == j, 4.0 * n, 0.0)
     dense = np.zeros((n, n))
     dense[i, j] = dense[j, i] = values
-    return arrow.fill(arrow.place(i, j), values), dense, rng
+    return pattern.fill(pattern.place(i, j), values), dense, rng
 
 
 PATTERNS = [(12, 0, 3), (12, 0, 11), (20, 5, 6), (9, 2, 0), (1, 3, 0)]
@@ -47,19 +47,19 @@ def test_covariances_are_blocks_of_the_dense_inverse(n_band, n_border, width):
 
 
 def test_entries_given_twice_add_and_the_upper_triangle_is_not_counted():
-    arrow = Arrow(3, 1, 1)
+    pattern = Pattern(3, 1, 1)
     i, j = np.indices((2, 2)) + 1
     values = np.array([[2.0, 0.5], [0.5, 3.0]])
-    matrix = arrow.fill(np.stack([arrow.place(i, j)] * 2), np.stack([values] * 2)).dense()
+    matrix = pattern.fill(np.stack([pattern.place(i, j)] * 2), np.stack([values] * 2)).dense()
     np.testing.assert_array_equal(matrix[1:3, 1:3], 2.0 * values)
     assert matrix.sum() == 2.0 * values.sum()
 
 
 def test_a_matrix_that_is_not_positive_definite_is_an_error():
-    arrow = Arrow(4, 2, 1)
+    pattern = Pattern(4, 2, 1)
     diagonal = np.arange(6)
     for wrong in (1, 5):
         values = np.ones(6)
         values[wrong] = -1.0
         with pytest.raises(np.linalg.LinAlgError):
-            arrow.fill(arrow.place(diagonal, diagonal), values).factor()
+            pattern.fill(pattern.place(diagonal, diagonal), values).factor()

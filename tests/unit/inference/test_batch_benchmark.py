@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from analysis.benchmarks.batch import TOLERANCE, Dense, by_scipy
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.residuals import Loss
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
+from workbench.inference.fit.motion import fit_motion, fit_problem
 
 
 @pytest.fixture(scope="module")

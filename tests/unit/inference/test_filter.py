@@ -1,51 +1,23 @@
 """The particle filter against the Kalman filter, and resampling against its expectations."""
 
 import weakref
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from linear_gaussian import MEAN0, STD0, A, LinearPrior, Memoryless, Position, Q, R, frames, simulate, streams
 
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
-from workbench.inference.particle_filter import DegenerateWeights, ParticleFilter, effective_sample_size
-from workbench.inference.resampling import RESAMPLING
-from workbench.priors.state import StateSpace
-
-A, Q, R = np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([0.05, 0.2]), 0.3
-MEAN0, STD0 = np.array([0.5, -0.2]), np.array([0.4, 0.3])
+from workbench.inference.particles.bootstrap import Bootstrap
+from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter
+from workbench.inference.particles.resampling import RESAMPLING
+from workbench.inference.particles.weights import effective_sample_size
 
 
-class LinearPrior:
-    """x_t = A x_{t-1} + N(0, Q²); the pose is the state."""
-
-    space = StateSpace.of({"position": (("x",), "m"), "velocity": (("v",), "m")})
-
-    def start(self, pose, n, rng):
-        return pose + STD0 * rng.standard_normal((n, 2))
-
-    def step(self, state, dt_s, rng):
-        return state @ A.T + Q * rng.standard_normal(state.shape)
-
-    def pose(self, state):
-        return state.copy()
-
-
-class Position:
-    """y_t = x_t + N(0, R²); the frame's index picks the measurement."""
-
-    def __init__(self, measured):
-        self.measured = measured
-
-    def log_prob(self, previous, frame, previous_pose, pose):
-        apart = (self.measured[frame.index] - pose[:, 0]) / R
-        return -0.5 * apart**2 - np.log(R * np.sqrt(2 * np.pi))
-
-    def warnings(self):
-        return ()
-
-
-class Constant(Position):
+class Constant(Memoryless):
     """Gives every particle the same log likelihood."""
 
     def __init__(self, value):
@@ -55,30 +27,36 @@ class Constant(Position):
         return np.full(len(pose), self.value)
 
 
-class Remembers(Position):
-    """Keeps what the filter tells it, and has something to say."""
+@dataclass(frozen=True, eq=False)
+class Remembers:
+    """Carries what the filter told it from frame to frame, and says how often it was told."""
 
-    def __init__(self, measured):
-        super().__init__(measured)
-        self.seen = []
+    told: tuple = ()
 
-    def begin(self, frame, pose):
-        self.seen = [("began", frame.index, pose)]
+    def look(self, previous, frame):
+        return RemembersLook(self, previous, frame)
 
-    def observe(self, frame, pose):
-        self.seen.append(("observed", frame.index, pose))
 
+@dataclass(frozen=True, eq=False)
+class RemembersLook:
+    likelihood: Remembers
+    previous: Frame | None
+    frame: Frame
+
+    @property
+    def notes(self):
+        return (f"seen {self.frame.index}",)
+
+    @property
     def diagnostics(self):
-        return {"told": float(len(self.seen))}
+        return {"told": float(len(self.likelihood.told)), "evaluated": 0.0}
 
+    def evaluate(self, previous_pose, pose):
+        assert self.previous is not None
+        return Evaluation(pose[:, 0], ("judged", "judged"), {"evaluated": 1.0})
 
-def frames(n):
-    return [Frame(index=t, time_s=0.1 * t, views=()) for t in range(n)]
-
-
-def streams(seed):
-    children = np.random.SeedSequence(seed).spawn(3)
-    return dict(zip(("start", "resampling", "prior"), map(np.random.default_rng, children), strict=True))
+    def remember(self, expected_pose):
+        return Remembers((*self.likelihood.told, (self.frame.index, expected_pose)))
 
 
 def kalman(measured):
@@ -95,36 +73,55 @@ def kalman(measured):
     return rows
 
 
-def simulate(n, seed):
-    rng = np.random.default_rng(seed)
-    x, measured = MEAN0 + STD0 * rng.standard_normal(2), [np.nan]
-    for _ in range(n - 1):
-        x = A @ x + Q * rng.standard_normal(2)
-        measured.append(x[0] + R * rng.standard_normal())
-    return np.array(measured)
-
-
 def run(n_particles, seed, measured, **options):
-    inference = ParticleFilter(LinearPrior(), Position(measured), n_particles=n_particles, **options)
+    inference = ParticleFilter(LinearPrior(), Position(measured), move=Bootstrap(**options), n_particles=n_particles)
     return list(inference.run(frames(len(measured)), MEAN0, streams(seed)))
 
 
 def test_a_likelihood_with_a_memory_is_told_every_frame_before_the_next_is_weighed():
-    likelihood = Remembers(simulate(4, seed=0))
-    inference = ParticleFilter(LinearPrior(), likelihood, n_particles=20)
+    told = []
+
+    class Listens(Remembers):
+        def look(self, previous, frame):
+            told.append(self.told)
+            return super().look(previous, frame)
+
+    inference = ParticleFilter(LinearPrior(), Listens(), n_particles=20)
     for _ in range(2):  # a second run begins anew
+        told.clear()
         steps = list(inference.run(frames(4), MEAN0, streams(1)))
-        assert [(what, index) for what, index, _ in likelihood.seen] == [
-            ("began", 0), ("observed", 1), ("observed", 2), ("observed", 3),
-        ]  # fmt: skip
-        for (*_, pose), step in zip(likelihood.seen, steps, strict=True):
-            np.testing.assert_array_equal(pose, step.expected_pose)
-        assert [dict(step.diagnostics) for step in steps] == [
-            {"told": 1.0},
-            {"told": 2.0},
-            {"told": 3.0},
-            {"told": 4.0},
-        ]
+        assert [step.diagnostics for step in steps] == [{"told": float(t), "evaluated": float(t > 0)} for t in range(4)]
+        assert told == [()]  # what it remembers is another
+
+
+def test_what_is_remembered_is_what_was_expected_and_looks_are_made_once():
+    looks = []
+
+    class Counts(Remembers):
+        def look(self, previous, frame):
+            looks.append((previous, frame, self.told))
+            return CountsLook(self, previous, frame)
+
+    class CountsLook(RemembersLook):
+        def remember(self, expected_pose):
+            return Counts((*self.likelihood.told, (self.frame.index, expected_pose)))
+
+    given = frames(4)
+    steps = list(ParticleFilter(LinearPrior(), Counts(), n_particles=20).run(given, MEAN0, streams(1)))
+    assert [(before, frame) for before, frame, _ in looks] == [(None, given[0]), *pairwise(given)]
+    for (index, pose), step in zip(looks[-1][2], steps, strict=False):
+        assert index == step.frame.index
+        np.testing.assert_array_equal(pose, step.expected_pose)
+
+
+def test_notes_of_the_look_and_its_evaluations_are_told_once():
+    steps = list(ParticleFilter(LinearPrior(), Remembers(), n_particles=20).run(frames(3), MEAN0, streams(1)))
+    assert [step.warnings for step in steps] == [("seen 0",), ("seen 1", "judged"), ("seen 2", "judged")]
+
+
+def test_a_filter_needs_a_start():
+    with pytest.raises(InputError, match="start"):
+        list(ParticleFilter(LinearPrior(), Remembers()).run(frames(2), None, streams(0)))
 
 
 @pytest.mark.parametrize("resampling", sorted(RESAMPLING))
@@ -251,13 +248,16 @@ def test_one_particle_runs():
     assert [step.ess for step in steps] == pytest.approx([1.0] * 4)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"n_particles": 0}, {"resampling": "stratifed"}, {"ess_threshold": 1.5}, {"on_degenerate": "ignore"}],
-)
+@pytest.mark.parametrize("options", [{"n_particles": 0}, {"on_degenerate": "ignore"}])
 def test_wrong_options_are_named(options):
     with pytest.raises(InputError, match=next(iter(options))):
         ParticleFilter(LinearPrior(), Constant(0.0), **options)
+
+
+@pytest.mark.parametrize("options", [{"resampling": "stratifed"}, {"ess_threshold": 1.5}])
+def test_wrong_options_of_the_move_are_named(options):
+    with pytest.raises(InputError, match=next(iter(options))):
+        Bootstrap(**options)
 
 
 def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_prior_proposed():

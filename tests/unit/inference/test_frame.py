@@ -6,20 +6,15 @@ from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
+from workbench.core.observation_residuals import keypoint_residual
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.frame_fit import (
-    Gaussian,
-    Smoothness,
-    fit_frame,
-    follow,
-    global_motion,
-    pose_prior,
-    track_poses,
-)
-from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.phase_grid import best_lines, find_phase, roots_from_points
-from workbench.inference.residuals import Loss, joint_residual, keypoint_residual
+from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame import Gaussian, fit_frame, follow, global_motion, pose_prior, track_poses
+from workbench.inference.fit.motion import fit_motion, fit_problem
+from workbench.inference.fit.phase_grid import best_lines, find_phase, roots_from_points
+from workbench.inference.fit.residuals import joint_residual
 
 SQUARED, ROBUST = Loss("squared", 1.0), Loss("geman_mcclure", 3.0)
 CAMERA = plain_camera(640, 480, 700.0, (3.0, -3.0, 1.2), (1.3, 2.0, 0.9))

@@ -2,22 +2,42 @@
 
 import numpy as np
 import pytest
-from linear_gaussian import MEAN0, LinearPrior, Position, assert_agree, exact, frames, moments, simulate, streams
+from linear_gaussian import (
+    MEAN0,
+    DrawnOnly,
+    LinearPrior,
+    Position,
+    assert_agree,
+    exact,
+    frames,
+    moments,
+    simulate,
+    streams,
+)
 
 from workbench.errors import InputError
-from workbench.inference.gauss_newton import GaussNewton
-from workbench.inference.particle_filter import ParticleFilter
-from workbench.priors.mixture import Mixture
-from workbench.priors.smooth import Smooth
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.gauss_newton import GaussNewton
 
 T, SEEDS, N = 8, 25, 400
 
 
+class Seen(LinearPrior):
+    """The pose shows the position only."""
+
+    def pose(self, state):
+        return state * [1.0, 0.0]
+
+
 class Squared(Position):
-    """The measurement is of the position's square, which no parabola touches everywhere."""
+    """The measurement is of the position's square, whose logarithm is not quadratic."""
 
     def log_prob(self, previous, frame, previous_pose, pose):
         return super().log_prob(previous, frame, previous_pose, pose * np.abs(pose))
+
+
+def about_the_peak(prior, likelihood):
+    return ParticleFilter(prior, likelihood, move=GaussNewton(), n_particles=N)
 
 
 def runs(make, likelihood, n_seeds=SEEDS):
@@ -31,26 +51,32 @@ def runs(make, likelihood, n_seeds=SEEDS):
 
 @pytest.mark.parametrize(("sigma", "h"), [(0.3, 0.0), (0.01, 0.0), (0.1, -0.9)])
 def test_converges_to_the_exact_posterior_and_evidence(sigma, h):
-    """With h the parabola is that of another parent."""
+    """With h the quadratic is that of another parent."""
     measured = simulate(T, seed=3, sigma=sigma, h=h)
     mean, variance, evidence = exact(measured, sigma=sigma, h=h)
-    found, _ = runs(lambda p, y: GaussNewton(p, y, n_particles=N), lambda: Position(measured, sigma=sigma, h=h))
+    found, _ = runs(
+        lambda p, y: ParticleFilter(p, y, move=GaussNewton(), n_particles=N),
+        lambda: Position(measured, sigma=sigma, h=h),
+    )
     assert_agree(found, [*mean[-1], *variance[-1], evidence])
 
 
-def test_a_likelihood_that_no_parabola_touches_is_weighted_right():
+def test_a_likelihood_that_is_not_quadratic_is_weighted_right():
     """Against a plain filter with fifty times as many particles, whose own error is a seventh."""
     measured = simulate(T, seed=3)
-    found, _ = runs(lambda p, y: GaussNewton(p, y, n_particles=N), lambda: Squared(measured, sigma=0.1))
+    found, _ = runs(
+        lambda p, y: ParticleFilter(p, y, move=GaussNewton(), n_particles=N), lambda: Squared(measured, sigma=0.1)
+    )
     plain, _ = runs(lambda p, y: ParticleFilter(p, y, n_particles=50 * N), lambda: Squared(measured, sigma=0.1), 6)
     assert_agree(found, plain.mean(axis=0))
 
 
 @pytest.mark.parametrize(("flatten", "share"), [(1.0, 0.8), (0.0, 0.5)])
-def test_the_weights_are_even_where_the_parabola_is_the_likelihood(flatten, share):
-    """Of the share that is drawn by it, in the limit; without the parabola it is the plain filter's."""
+def test_the_weights_are_even_where_the_quadratic_is_the_likelihood(flatten, share):
+    """Of the share that is drawn by it, in the limit; without the quadratic it is the plain filter's."""
     measured = simulate(T, seed=3, sigma=0.005)
-    make = lambda p, y: GaussNewton(p, y, n_particles=1000, flatten=flatten, share=share)  # noqa: E731
+    move = GaussNewton(flatten=flatten, share=share)
+    make = lambda p, y: ParticleFilter(p, y, move=move, n_particles=1000)  # noqa: E731
     _, size = runs(make, lambda: Position(measured, sigma=0.005), n_seeds=2)
     _, plain = runs(lambda p, y: ParticleFilter(p, y, n_particles=1000), lambda: Position(measured, sigma=0.005), 2)
     if flatten:
@@ -60,16 +86,18 @@ def test_the_weights_are_even_where_the_parabola_is_the_likelihood(flatten, shar
 
 
 def test_velocities_cost_nothing_and_evaluations_are_counted():
-    prior = Smooth(parameters=["left_elbow_flexion", "right_elbow_flexion"])  # two seen columns, and their velocities
     likelihood = Position(np.zeros(4))
-    steps = list(GaussNewton(prior, likelihood, n_particles=50, steps=3).run(frames(4), np.zeros(25), streams(0)))
-    assert [step.evaluations for step in steps] == [0.0, *[50 + 3 * (1 + 2 * 2) + 1] * 3]
+    inference = ParticleFilter(Seen(), likelihood, move=GaussNewton(steps=3), n_particles=50)
+    steps = list(inference.run(frames(4), MEAN0, streams(0)))
+    assert [step.evaluations for step in steps] == [0.0, *[50 + 3 * (1 + 2 * 1)] * 3]
     assert sum(step.evaluations for step in steps) == likelihood.evaluated
 
 
 def test_wrong_options_are_named():
     for option, value in (("share", 1.0), ("flatten", -0.1), ("steps", 0)):
         with pytest.raises(InputError, match=option):
-            GaussNewton(Smooth(), None, **{option: value})
+            GaussNewton(**{option: value})
     with pytest.raises(InputError, match="can only be drawn from"):
-        GaussNewton(Mixture({"a": Smooth()}, {"a": 1.0}), None)
+        ParticleFilter(DrawnOnly(), None, move=GaussNewton())
+    with pytest.raises(InputError, match="n_particles"):
+        ParticleFilter(LinearPrior(), None, move=GaussNewton(), n_particles=1)

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from linear_gaussian import LinearPrior
 
 from workbench.errors import InputError
-from workbench.inference.hybrid import Guided, Hybrid
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.guided import Hybrid, guides_of
 from workbench.learning.training import activity_model
 from workbench.priors.activity import Activity
-from workbench.priors.smooth import Smooth
 
 DT = 1 / 14
 N = 200_000
@@ -27,8 +28,7 @@ def proposal(prior, share, shift=0.5):
     fit = predicted[0] + shift * sigma
     fit[prior.driven.index(prior.space.slices["phase"].start)] += 3.0  # cycles counted on are the same phase
     fits, spreads = np.stack([fit, fit]), np.stack([np.diag((2.0 * sigma) ** 2)] * 2)
-    guided = Guided(prior, fits, spreads, np.array([0.0, DT]), share)
-    guided.start(prior.pose(state[:1])[0], 2, rng)  # uses the first frame's
+    _, guided = guides_of(prior, fits, spreads, np.array([0.0, DT]), share)
     moved, log_weights = guided.propose(state, DT, np.random.default_rng(1))
     return predicted[0], sigma, moved, np.exp(log_weights)
 
@@ -62,4 +62,4 @@ def test_unweighted_draws_are_the_product_of_fit_and_prior(prior):
 
 def test_another_prior_is_refused():
     with pytest.raises(InputError, match="prior=activity"):
-        Hybrid(Smooth(), None, None)
+        Hybrid(ParticleFilter(LinearPrior(), None), None)

@@ -8,8 +8,8 @@ from keypoint_scenes import BODY
 from view_scenes import CAMERAS, errors_mm, frames, swinging
 
 from workbench.errors import InputError
-from workbench.inference.keypoint_start import start_from_keypoints
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.start.keypoints import start_from_keypoints
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.smooth import Smooth
 

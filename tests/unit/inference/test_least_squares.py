@@ -7,11 +7,14 @@ import pytest
 from least_squares_scenes import WALKER, decoder, joint_residuals, walk
 
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Frame
-from workbench.inference.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.frame_fit import Smoothness, pose_prior
-from workbench.inference.least_squares import fit_poses, fit_sequence, steps
-from workbench.inference.residuals import Loss
+from workbench.core.frame import Frame
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
+from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame import pose_prior
+from workbench.inference.fit.frame_by_frame import fit_poses
+from workbench.inference.fit.motion_fit import fit_sequence
+from workbench.inference.fit.posterior import steps
 
 ROBUST = Loss("geman_mcclure", 3.0)
 

@@ -3,28 +3,32 @@
 import numpy as np
 import pytest
 from keypoint_scenes import BODY, CAMERA, NOTHING, PX_M, errors_mm, frames, keypoints, streams, walk
-from least_squares_scenes import SineModel
+from least_squares_scenes import Knowing, SineModel
 
-from workbench.body.surface import person_surface
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.observations import kinds_seen, observe
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionDecoder
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.motion_fit import fit_problem
-from workbench.inference.observed import kinds_seen, observe
-from workbench.inference.residuals import Loss
+from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.frame_by_frame import FrameByFrame
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.motion import fit_problem
+from workbench.inference.fit.motion_fit import MotionFit
+from workbench.inference.fit.residuals import views_residual
+from workbench.likelihoods.keypoints import KeypointLikelihood
 
 HIDDEN_ANKLES = [BODY.skeleton.joint("left_ankle"), BODY.skeleton.joint("right_ankle")]
-SURFACE = person_surface(BODY)
+STEADY = MotionFit(frames_per_style=None)
 
 
 def observed(shown):
     return observe(shown, BODY.skeleton, 1000, np.random.default_rng(0))[0]
 
 
-def run(shown, start=None, model=True, **given):
-    inference = LeastSquares(BODY, SineModel() if model else None, **{"n_particles": 20, **given})
+def run(shown, start=None, model=True, problem=STEADY, **given):
+    prior = Knowing(motion=SineModel()) if model else None
+    inference = LeastSquares(BODY, KeypointLikelihood(BODY, **given), prior, problem=problem, n_particles=20)
     return list(inference.run(shown, start, streams()))
 
 
@@ -35,7 +39,7 @@ def found(steps):
 def test_the_gradient_over_frames_is_that_of_finite_differences():
     times, phases, poses = walk(4)
     shown = frames(times, keypoints(poses, sigma_px=4.0, missed=0.2))
-    residuals = [one.residual(BODY.skeleton, SURFACE, "distance", 0.02, 3.0) for one in observed(shown)]
+    residuals = [views_residual(BODY.skeleton, one.keypoints, 3.0) for one in observed(shown)]
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
     problem = fit_problem(decoder, residuals, times, Loss("huber", 2.0), Smoothness(), 1)
     x = problem.unknowns(decoder.states(np.array([0.2, 0.1]), phases + 0.05, poses[:, :6] + 0.03))
@@ -51,7 +55,7 @@ SLOW = [pytest.param(heading, marks=pytest.mark.slow) for heading in (0, 130, 18
 @pytest.mark.parametrize("heading_deg", [50, *SLOW])
 def test_a_walk_is_found_in_keypoints_from_nothing(heading_deg):
     times, phases, poses = walk(8, heading=np.radians(heading_deg))
-    steps = run(frames(times, keypoints(poses, sigma_px=3.0, missed=0.1)), style="steady")
+    steps = run(frames(times, keypoints(poses, sigma_px=3.0, missed=0.1)))
     everywhere, across = errors_mm(found(steps), poses)
     # in the image a single joint's noise, of which the motion averages most; depth is known by the person's size
     assert across < 3.0 * 1e3 * PX_M
@@ -67,7 +71,7 @@ def test_a_walk_is_found_in_keypoints_from_nothing(heading_deg):
 def test_frames_between_keypoints_are_bridged_and_named():
     times, _, poses = walk(18)
     seen = [rows if t in (1, 2, 6, 10, 13, 15) else None for t, rows in enumerate(keypoints(poses, sigma_px=2.0))]
-    steps = run(frames(times, seen), style="steady", start=poses[0])
+    steps = run(frames(times, seen), start=poses[0])
     said = {t: step.warnings for t, step in enumerate(steps) if step.warnings}
     assert said == {
         0: ("frame 20: no keypoints; bridged by the frames beside it",),
@@ -89,19 +93,19 @@ def test_several_frames_tell_what_one_leaves_open():
     times, phases, poses = walk(6, phase=0.3)
     seen = keypoints(poses)
     seen[:, HIDDEN_ANKLES] = np.nan
-    one = observed(frames(times, seen))[0].residual(BODY.skeleton, SURFACE, "distance", 0.02, 3.0)
+    one = KeypointLikelihood(BODY, sigma_px=3.0).residual(observed(frames(times, seen))[0])
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
     twin = decoder.poses(decoder.states(np.array([0.5, -0.5]), -phases[:1], poses[:1, :6]))[0]
     assert np.abs(twin - poses[0]).max() > 0.1
     np.testing.assert_allclose(one(twin)[0], one(poses[0])[0], atol=1e-6)
-    steps = run(frames(times, seen), style="steady")
+    steps = run(frames(times, seen))
     mu = np.array([step.particles[:, 2].mean() for step in steps])
     assert np.abs((mu - phases + 0.5) % 1.0 - 0.5).max() < 0.05
 
 
 def test_wrong_keypoints_do_not_matter_under_a_loss_that_redescends():
     times, phases, poses = walk()
-    known = {"start": poses[0], "phases": (phases[0], phases[-1])}
+    known = {"start": poses[0], "problem": MotionFit(phases=(phases[0], phases[-1]))}
     seen = keypoints(poses, sigma_px=2.0)
     wrong = np.random.default_rng(5).random(seen.shape[:2]) < 0.1
     seen[wrong, :2] += 80.0
@@ -112,7 +116,7 @@ def test_wrong_keypoints_do_not_matter_under_a_loss_that_redescends():
     assert across["geman_mcclure"] < 15.0 < across["squared"]
 
 
-def test_points_and_keypoints_are_fitted_together():
+def test_points_and_keypoints_are_seen_together():
     times, _, poses = walk(4)
     rng = np.random.default_rng(1)
     cloud = poses[0, :3] + 0.1 * rng.standard_normal((40, 3))
@@ -120,18 +124,24 @@ def test_points_and_keypoints_are_fitted_together():
     both[2] = Frame(22, times[2], ())
     seen, warnings = observe(both, BODY.skeleton, 1000, rng)
     assert kinds_seen(seen) == ("points", "keypoints")
-    misses, slopes = seen[0].residual(BODY.skeleton, SURFACE, "distance", 0.02, 3.0)(poses[0])
-    assert misses.shape == (40 + 2 * 15 + 2,)  # every point, every pixel, pitch and roll
-    assert slopes.shape == (72, 25)
     assert warnings[2] == ("frame 22: no points or keypoints; bridged by the frames beside it",)
+    alone, warnings = observe(both, BODY.skeleton, 10, rng, KeypointLikelihood(BODY).observables)
+    assert kinds_seen(alone) == ("keypoints",)
+    assert warnings == [(), (), ("frame 22: no keypoints; bridged by the frames beside it",), ()]
+
+
+def test_a_camera_that_is_not_there_is_an_error():
+    times, _, poses = walk(2)
+    with pytest.raises(InputError, match="no camera 'ceiling', expected some of camera"):
+        run(frames(times, keypoints(poses)), poses[0], which=["ceiling"])
 
 
 def test_without_a_motion_the_poses_prior_holds_what_one_camera_does_not_see():
     times, _, poses = walk(4)
     shown = frames(times, keypoints(poses, sigma_px=2.0))
-    steps = run(shown, style="none", pose_prior=True)
+    steps = run(shown, problem=FrameByFrame(pose_prior=True))
     assert errors_mm(found(steps), poses)[1] < 30.0
-    steps = run(shown, style="none", model=False)
+    steps = run(shown, problem=FrameByFrame(), model=False)
     assert errors_mm(found(steps), poses)[1] < 30.0
 
 
@@ -144,7 +154,7 @@ def test_what_cannot_be_used_is_an_error():
         run(frames(times, few))
     with pytest.raises(InputError, match="none of 3 frames shows enough to start from; give the phases"):
         run(frames(times, few), poses[0])
-    with pytest.raises(InputError, match="expected points or keypoints to fit, found none in 2 frames"):
+    with pytest.raises(InputError, match="expected keypoints to fit, found none in 2 frames"):
         run(frames(times[:2], [NOTHING, None]))
     weightless = seen[0].copy()
     weightless[:4, 2] = 0.0

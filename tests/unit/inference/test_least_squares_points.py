@@ -1,18 +1,29 @@
 """Least squares on points of the surface: accuracy against known motion, and what it says of points it cannot use."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from least_squares_scenes import SineModel
+from least_squares_scenes import Knowing, SineModel
 
+from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import person_surface
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame, View
+from workbench.core.observation_residuals import surface_residual
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionDecoder
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.residuals import surface_residual
+from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.frame_by_frame import FrameByFrame
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.motion_fit import MotionFit
+from workbench.inference.fit.smooth_fit import SmoothFit
+from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.likelihoods.product import Product
+from workbench.likelihoods.surface_points import SurfacePoints
+from workbench.likelihoods.uniform import Uniform
 
 BODY, T = person(from_height(1.75)), 10
 SURFACE = person_surface(BODY)
@@ -65,11 +76,23 @@ def run(inference, shown, start=None):
     return list(inference.run(shown, start, streams()))
 
 
-@pytest.mark.parametrize("given", [{}, {"style": "steady"}, {"frames_per_style": 4}, {"kind": "field", "sigma": 0.5,
-                         "scale": 0.5}], ids=["frame", "steady", "groups", "field"])  # fmt: skip
-def test_a_walk_is_found_in_points_without_a_start(given):
+def fitting(problem=None, likelihood=None, model=True, **given):
+    likelihood = SurfacePoints(BODY) if likelihood is None else likelihood
+    prior = Knowing(motion=SineModel()) if model else None
+    return LeastSquares(BODY, likelihood, prior, problem=problem, **given)
+
+
+FIELD = SurfacePoints(BODY, kind="field", sigma=0.5, scale=0.5)
+
+
+@pytest.mark.parametrize(
+    ("problem", "likelihood"),
+    [(MotionFit(), None), (MotionFit(None), None), (MotionFit(4), None), (None, FIELD)],
+    ids=["frame", "steady", "groups", "field"],
+)
+def test_a_walk_is_found_in_points_without_a_start(problem, likelihood):
     poses = truth()
-    steps = run(LeastSquares(BODY, SineModel(), n_particles=50, **given), frames(poses))
+    steps = run(fitting(problem, likelihood, n_particles=50), frames(poses))
     # the points lie within 1 cm of the skin before noise, and 400 of them average a noise of 2 cm to millimetres
     assert error_mm(np.array([step.expected_pose for step in steps]), poses) < 15.0
     assert [step.frame.index for step in steps] == list(range(5, 15))
@@ -81,17 +104,17 @@ def test_given_ends_of_the_phase_are_used():
     poses = truth()
     start = poses[0] + 0.03
     phases = (0.3, 0.3 + 1.1 * 9 / 14)
-    steps = run(LeastSquares(BODY, SineModel(), style="steady", phases=phases), frames(poses), start)
+    steps = run(fitting(MotionFit(None, phases)), frames(poses), start)
     assert error_mm(np.array([step.expected_pose for step in steps]), poses) < 15.0
     wrong = (0.8, 0.8 + 1.1 * 9 / 14)
-    steps = run(LeastSquares(BODY, SineModel(), style="steady", phases=wrong), frames(poses), start)
+    steps = run(fitting(MotionFit(None), phase_ends=wrong), frames(poses), start)
     assert error_mm(np.array([step.expected_pose for step in steps]), poses) > 40.0  # half a cycle off: the other leg
 
 
 def test_squares_do_not_stand_outliers_that_a_redescending_loss_ignores():
     poses = truth()
     errors = {
-        loss: error_mm(np.array([step.expected_pose for step in run(LeastSquares(BODY, SineModel(), loss=loss),
+        loss: error_mm(np.array([step.expected_pose for step in run(fitting(likelihood=SurfacePoints(BODY, loss=loss)),
                        frames(poses))]), poses)
         for loss in ("squared", "huber", "geman_mcclure")
     }  # fmt: skip
@@ -100,11 +123,11 @@ def test_squares_do_not_stand_outliers_that_a_redescending_loss_ignores():
 
 def test_without_a_model_the_walk_is_tracked_from_the_true_start():
     poses = truth()
-    inference = LeastSquares(BODY, style="none", n_particles=10)
+    inference = fitting(FrameByFrame(), model=False, n_particles=10)
     steps = run(inference, frames(poses[:2], outliers=0.0, sigma_m=0.0), poses[0])
     assert error_mm(steps[0].expected_pose[None], poses[:1]) < 15.0
     assert steps[0].space.names == BODY.skeleton.dof_names
-    prior = LeastSquares(BODY, SineModel(), style="none", pose_prior=True, n_particles=10)
+    prior = fitting(FrameByFrame(pose_prior=True), n_particles=10)
     steps = run(prior, frames(poses), poses[0])
     assert np.abs(np.array([step.expected_pose for step in steps])[:, 6:]).max() < np.pi
 
@@ -119,7 +142,7 @@ def test_frames_it_cannot_use_are_bridged_and_named():
     shown[7] = Frame(12, shown[7].time_s, (), points=np.full((30, 3), np.nan))
     shown[8] = Frame(13, shown[8].time_s, (), points=np.repeat(shown[8].points, 3000, axis=0))  # over a million
     shown[9] = Frame(14, shown[9].time_s, (), points=np.random.default_rng(9).uniform(-3.0, 3.0, (400, 3)))
-    steps = run(LeastSquares(BODY, SineModel()), shown)
+    steps = run(fitting(), shown)
     said = [" / ".join(step.warnings) for step in steps]
     assert [k for k, sentences in enumerate(said) if sentences] == [3, 6, 7, 8, 9]
     assert "frame 8: no points" in said[3]
@@ -131,31 +154,70 @@ def test_frames_it_cannot_use_are_bridged_and_named():
     assert error_mm(np.array([step.expected_pose for step in steps[:9]]), poses[:9]) < 20.0
 
 
+def test_without_a_choice_the_prior_says_which_problem():
+    assert fitting().problem == MotionFit()
+    assert fitting().space.names[:3] == ("a1", "a2", "phase")
+    assert fitting(model=False).problem == SmoothFit()
+    assert fitting(model=False).space.names == BODY.skeleton.dof_names
+    stiff = Smoothness(phase=0.005)
+    assert LeastSquares(BODY, SurfacePoints(BODY), Knowing(smoothness=stiff)).smoothness is stiff
+    assert fitting().smoothness == Smoothness()
+
+
+def test_points_and_keypoints_are_fitted_together_by_their_product():
+    """Seen from the side, points alone leave the far limbs open, which keypoints of that camera show."""
+    poses = truth()[:4]
+    camera = plain_camera(640, 480, 700.0, (0.3, -5.0, 1.2), (0.3, 0.0, 1.0))
+    pixels = camera.project(joints(BODY.skeleton, poses))
+    marks = np.concatenate([pixels, np.ones((4, 15, 1))], axis=2)
+    image = np.zeros((480, 640), np.uint8)
+    shown = [
+        replace(frame, views=(View(camera, image, rows),))
+        for frame, rows in zip(frames(poses, n=60), marks, strict=True)
+    ]
+    terms = {"points": SurfacePoints(BODY), "keypoints": KeypointLikelihood(BODY)}
+    together = Product(terms, {"points": 1.0, "keypoints": 1.0})
+    errors = [
+        error_mm(np.array([step.expected_pose for step in run(fitting(MotionFit(None), one), shown, poses[0])]), poses)
+        for one in (together, terms["points"])
+    ]
+    assert errors[0] < 15.0
+    assert errors[0] < errors[1]
+
+
+def test_a_product_with_a_term_without_residuals_is_refused():
+    with pytest.raises(InputError, match="least squares needs residuals of every term of a product, colour has none"):
+        fitting(
+            likelihood=Product({"points": SurfacePoints(BODY), "colour": Uniform()}, {"points": 1.0, "colour": 0.5})
+        )
+
+
+def test_points_that_the_likelihood_does_not_look_at_are_not_fitted():
+    shown = frames(truth()[:2])
+    inference = fitting(FrameByFrame(), KeypointLikelihood(BODY), most_points=1)
+    with pytest.raises(InputError, match="expected keypoints to fit, found none in 2 frames"):
+        run(inference, shown, truth()[0])
+
+
 def test_what_is_out_of_range_is_an_error():
-    for given, sentence in [
-        ({"style": "swing"}, "style must be one of steady, frame, smooth, none"),
-        ({"kind": "depth"}, "kind must be one of"),
-        ({"loss": "cauchy"}, "loss must be one of"),
-        ({"sigma_px": 0.0}, "sigma_px must be above zero"),
-        ({"scale": 0.0}, "scale must be above zero"),
-        ({"sigma_phase": np.inf}, "sigma_phase must be above zero"),
-        ({"most_points": 0}, "most_points must be above zero"),
-    ]:
-        with pytest.raises(InputError, match=sentence):
-            LeastSquares(BODY, SineModel(), **given)
-    for given in ({}, {"style": "none", "pose_prior": True}):
+    with pytest.raises(InputError, match="most_points must be above zero"):
+        fitting(most_points=0)
+    with pytest.raises(InputError, match="frames_per_style must be above zero"):
+        MotionFit(0)
+    for problem in (MotionFit(), FrameByFrame(pose_prior=True)):
         with pytest.raises(InputError, match="expected a motion model"):
-            LeastSquares(BODY, **given)
-    fitting = LeastSquares(BODY, SineModel())
+            fitting(problem, model=False)
+    with pytest.raises(InputError, match=r"expected a likelihood with residuals.*found Uniform"):
+        fitting(likelihood=Uniform())
     with pytest.raises(InputError, match="at least one frame"):
-        run(fitting, [])
-    with pytest.raises(InputError, match="expected points or keypoints to fit, found none in 2 frames"):
-        run(fitting, [Frame(0, 0.0, ()), Frame(1, 0.1, (), points=np.empty((0, 3)))])
+        run(fitting(), [])
+    with pytest.raises(InputError, match="expected points to fit, found none in 2 frames"):
+        run(fitting(), [Frame(0, 0.0, ()), Frame(1, 0.1, (), points=np.empty((0, 3)))])
 
 
 def test_the_same_seed_gives_the_same_bits():
     shown = frames(truth())
-    first, second = (run(LeastSquares(BODY, SineModel(), most_points=200, n_particles=5), shown) for _ in range(2))
+    first, second = (run(fitting(most_points=200, n_particles=5), shown) for _ in range(2))
     for one, other in zip(first, second, strict=True):
         np.testing.assert_array_equal(one.poses, other.poses)
         np.testing.assert_array_equal(one.particles, other.particles)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_residuals, walk
 
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionDecoder
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.residuals import Loss
+from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.motion import fit_motion, fit_problem
 
 T = 8
 STYLES = {"steady": T, "groups of 4": 4, "frame": 1}
@@ -62,7 +62,7 @@ def test_step_and_covariances_equal_those_of_dense_algebra(frames_per_style):
     fitted, states = problem(frames_per_style, noise_m=0.02)
     quadratic = fitted.expand(fitted.unknowns(states))
     dense, factor = quadratic.normal.dense(), quadratic.normal.factor()
-    assert quadratic.normal.arrow.width < len(dense) - 1  # the pattern is narrower than the matrix
+    assert quadratic.normal.pattern.width < len(dense) - 1  # the pattern is narrower than the matrix
     np.testing.assert_allclose(factor.solve(quadratic.gradient), np.linalg.solve(dense, quadratic.gradient), rtol=1e-7)
     inverse = np.linalg.inv(dense)
     for block, own in zip(factor.covariances(fitted.columns), fitted.columns, strict=True):

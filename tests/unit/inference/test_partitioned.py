@@ -2,19 +2,29 @@
 
 import numpy as np
 import pytest
-from linear_gaussian import MEAN0, LinearPrior, Position, assert_agree, exact, frames, moments, simulate, streams
+from linear_gaussian import (
+    MEAN0,
+    DrawnOnly,
+    IsDensity,
+    LinearPrior,
+    Memoryless,
+    Position,
+    assert_agree,
+    exact,
+    frames,
+    moments,
+    simulate,
+    streams,
+)
 
+from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
-from workbench.inference.particle_filter import ParticleFilter
-from workbench.inference.partitioned import PARTS, Partitioned, columns_of_parts
-from workbench.learning.training import walking_model
-from workbench.priors.cyclic import Cyclic
-from workbench.priors.jitter import Jitter
-from workbench.priors.mixture import Mixture
-from workbench.priors.smooth import Smooth
-from workbench.priors.state import StateSpace
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.partitioned import PARTS, Partitioned, columns_of_parts
+from workbench.priors.density import log_normal
 
 T, SEEDS, N = 8, 25, 200
+LEGS_FIRST = ("lower_body", "upper_body")
 
 
 class TwoJoints(LinearPrior):
@@ -40,11 +50,13 @@ def test_converges_to_the_exact_posterior_and_evidence(flatten, parts):
     model = {"sigma": 0.1, "g": 1.0, "h": -0.5}
     measured = simulate(T, seed=3, sigma=0.1, h=-0.5)
     mean, variance, evidence = exact(measured, **model)
-    found, _ = runs(lambda p, y: Partitioned(p, y, n_particles=N, flatten=flatten, parts=parts), measured, **model)
+    found, _ = runs(
+        lambda p, y: ParticleFilter(p, y, move=Partitioned(flatten, parts), n_particles=N), measured, **model
+    )
     assert_agree(found, [*mean[-1], *variance[-1], evidence])
 
 
-class Twice:
+class Twice(IsDensity):
     """Two linear models side by side, whose columns belong to three parts of the body."""
 
     names = ("root_x", "left_knee_flexion", "left_elbow_flexion", "right_elbow_flexion")
@@ -85,8 +97,7 @@ def test_three_parts_are_exact_too():
     mean, variance, evidence = exact(measured, **model)
     found = []
     for seed in range(SEEDS):
-        inference = Partitioned(Twice(), Both(measured, **model), n_particles=N)
-        assert len(inference.columns) == 3
+        inference = ParticleFilter(Twice(), Both(measured, **model), move=Partitioned(), n_particles=N)
         step = list(inference.run(frames(T), np.tile(MEAN0, 2), streams(seed)))[-1]
         means, variances = moments(step)
         found.append([*means[[1, 3]], *variances[[1, 3]], step.log_evidence])
@@ -96,27 +107,52 @@ def test_three_parts_are_exact_too():
 def test_one_part_that_decides_all_leaves_nothing_to_weigh():
     """Where only the first part is seen, and is trusted fully, every particle ends with the same weight."""
     measured = simulate(T, seed=3)
-    make = lambda p, y: Partitioned(p, y, n_particles=50, flatten=1.0, parts=["lower_body", "upper_body"])  # noqa: E731
+    move = Partitioned(flatten=1.0, parts=LEGS_FIRST)
+    make = lambda p, y: ParticleFilter(p, y, move=move, n_particles=50)  # noqa: E731
     assert runs(make, measured, n_seeds=1)[1] == pytest.approx(1.0)
 
 
-class Each:
+class SixAngles(IsDensity):
+    """Random walks of three angles of the legs and three of the arms."""
+
+    names = tuple(
+        f"{side}_{joint}_flexion" for joint in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
+    )
+    names = (*names[:3], *names[4:7])
+    space, parameters = StateSpace.of({"angles": (names, "rad")}), names
+
+    def start(self, pose, n, rng):
+        return pose + 0.1 * rng.standard_normal((n, 6))
+
+    def step(self, state, dt_s, rng):
+        return state + 0.1 * rng.standard_normal(state.shape)
+
+    def mean(self, state, dt_s):
+        return state.copy()
+
+    def log_transition(self, previous, state, dt_s):
+        return log_normal(state - previous, np.full(6, 0.1))
+
+    def pose(self, state):
+        return state.copy()
+
+
+class Each(Memoryless):
     """Every angle is measured alike: N(0, 0.05²)."""
 
     def log_prob(self, previous, frame, previous_pose, pose):
-        return -0.5 * ((pose[:, 6:] / 0.05) ** 2).sum(axis=1)
-
-    def warnings(self):
-        return ()
+        return -0.5 * ((pose / 0.05) ** 2).sum(axis=1)
 
 
 def test_part_by_part_more_particles_count_for_the_same_evaluations():
     """Of six angles, each of which leaves a share r of the particles, r^6 are left at once, r^3 in two parts."""
-    prior = Smooth(parameters=["left_arm", "left_hip_flexion", "left_knee_flexion"])
-    pose, sizes = np.zeros(25), {}
+    prior, pose, sizes = SixAngles(), np.zeros(6), {}
     for name, inference in (
         ("at once", ParticleFilter(prior, Each(), n_particles=1000)),
-        ("in parts", Partitioned(prior, Each(), n_particles=500, parts=["lower_body", "upper_body"])),
+        (
+            "in parts",
+            ParticleFilter(prior, Each(), move=Partitioned(parts=["lower_body", "upper_body"]), n_particles=500),
+        ),
     ):
         steps = list(inference.run(frames(4), pose, streams(0)))
         assert sum(step.evaluations for step in steps) == 3000
@@ -124,23 +160,29 @@ def test_part_by_part_more_particles_count_for_the_same_evaluations():
     assert sizes["in parts"] > 2.0 * sizes["at once"]
 
 
-def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part(tmp_path):
-    base = Cyclic(walking_model(motions="builtin", cache=str(tmp_path), n_components=3))
-    for prior in (Jitter(base), Smooth()):
-        columns = columns_of_parts(prior.space, PARTS)
-        assert sorted(np.concatenate(columns)) == list(range(len(prior.space)))
-        names = [{prior.space.names[i] for i in part} for part in columns]
-        assert all("hip" in name or "knee" in name for name in names[1])
-        assert all("shoulder" in name or "elbow" in name or "neck" in name for name in names[2])
-        assert len(names[1]) == (8 if prior.space.names[0] == "c1" else 16)
+def test_columns_go_with_their_parameter_and_the_rest_with_the_first_part():
+    names = (
+        "c1",
+        "phase",
+        "left_knee_flexion",
+        "left_elbow_flexion",
+        "left_knee_flexion_velocity",
+        "left_elbow_flexion_jitter",
+    )
+    columns = columns_of_parts(StateSpace.of({"all": (names, "1")}), PARTS)
+    assert [[names[i] for i in part] for part in columns] == [
+        ["c1", "phase"],
+        ["left_knee_flexion", "left_knee_flexion_velocity"],
+        ["left_elbow_flexion", "left_elbow_flexion_jitter"],
+    ]
 
 
-def test_what_cannot_be_parted_is_named(tmp_path):
+def test_what_cannot_be_parted_is_named():
     with pytest.raises(InputError, match="all of which are in one part"):
-        Partitioned(Cyclic(walking_model(motions="builtin", cache=str(tmp_path), n_components=3)), None)
+        ParticleFilter(LinearPrior(), None, move=Partitioned())
     with pytest.raises(InputError, match="tail"):
-        Partitioned(Smooth(), None, parts=["root", "tail"])
+        ParticleFilter(TwoJoints(), None, move=Partitioned(parts=["root", "tail"]))
     with pytest.raises(InputError, match="flatten"):
-        Partitioned(Smooth(), None, flatten=2.0)
+        Partitioned(flatten=2.0)
     with pytest.raises(InputError, match="can only be drawn from"):
-        Partitioned(Mixture({"a": Smooth()}, {"a": 1.0}), None)
+        ParticleFilter(DrawnOnly(), None, move=Partitioned())

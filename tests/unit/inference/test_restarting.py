@@ -8,10 +8,11 @@ import pytest
 from linear_gaussian import streams
 
 from workbench.body.limbs import person
+from workbench.core.clip import Clip
 from workbench.datasets.synthetic import Synthetic
 from workbench.evaluation.errors import step_errors
-from workbench.inference.particle_filter import ParticleFilter
-from workbench.inference.restarting import REFERENCE_FRAMES, Restarting
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.restarting import REFERENCE_FRAMES, Restarting
 from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
 from workbench.likelihoods.product import Product
@@ -46,17 +47,17 @@ def blind(frames):
 def run(scene, make, frames):
     """Errors, px, of every frame, the width of a forearm, and the steps that started anew."""
     dataset, prior, _ = scene
-    body = person(dataset.shape)
-    cues = {"background": Background(body, dataset), "appearance": Appearance(body)}
+    body = person(dataset.known.shape)
+    cues = {"background": Background(body, Clip(dataset)), "appearance": Appearance(body)}
     likelihood = Product(cues, dict.fromkeys(cues, 0.5))
-    steps = list(make(prior, likelihood, body).run(frames, dataset.start_pose, streams(0)))
+    steps = list(make(prior, likelihood, body).run(frames, dataset.known.start_pose, streams(0)))
     errors = [step_errors(step, body) for step in steps]
     anew = [step for step in steps if step.diagnostics.get("restarted") == 1.0]
     return np.array([error["error_px"] for error in errors]), errors[-1]["forearm_px"], anew
 
 
 def restarting(prior, likelihood, body):
-    return Restarting(prior, likelihood, body=body, n_particles=PARTICLES)
+    return Restarting(ParticleFilter(prior, likelihood), body, n_particles=PARTICLES)
 
 
 def test_who_is_lost_is_told_by_the_cues_and_found_by_detected_joints(scene):

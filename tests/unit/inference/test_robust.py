@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.inference.robust import LOSSES, geman_mcclure, huber, squared
+from workbench.core.residual import LOSSES, geman_mcclure, huber, squared
 
 Z = np.array([-10.0, -1.0, -0.5, 0.0, 1e-3, 0.5, 1.0, 3.0])
 

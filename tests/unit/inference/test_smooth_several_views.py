@@ -1,7 +1,6 @@
 """Least squares on the keypoints of several views: what they tell together, poses without a motion model, limbs."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,20 +11,24 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
+from workbench.core.residual import Loss, robust, stacked
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import PoseDecoder
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.least_squares import LeastSquares
-from workbench.inference.limb_lengths import LENGTHS, length_jacobian, measure, of_keypoints, shape_of
-from workbench.inference.observed import views_residual
-from workbench.inference.residuals import Loss, limit_residual, robust, stacked
-from workbench.inference.smooth_fit import smooth_problem
+from workbench.inference.fit.decoding import PoseDecoder
+from workbench.inference.fit.frame_by_frame import FrameByFrame
+from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.fit.residuals import limit_residual, views_residual
+from workbench.inference.fit.smooth import smooth_problem
+from workbench.inference.fit.smooth_fit import SmoothFit
+from workbench.inference.start.limb_lengths import LENGTHS, length_jacobian, measure, of_keypoints, shape_of
+from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton
 
 
-def run(shown, start=None, body=BODY, **given):
-    return list(LeastSquares(body, None, **{"n_particles": 20, **given}).run(shown, start, streams()))
+def run(shown, problem, **given):
+    inference = LeastSquares(BODY, KeypointLikelihood(BODY, **given), problem=problem, n_particles=20)
+    return list(inference.run(shown, None, streams()))
 
 
 def found(steps):
@@ -42,11 +45,11 @@ def test_every_view_adds_its_residuals_and_one_person_is_upright():
     assert slopes.shape == (62, 25)
 
 
-@pytest.mark.parametrize("style", ["none", "smooth"])
-def test_two_cameras_see_depth_that_one_does_not(style):
+@pytest.mark.parametrize("problem", [FrameByFrame(), SmoothFit()], ids=["frame by frame", "smooth"])
+def test_two_cameras_see_depth_that_one_does_not(problem):
     times, poses = swinging(SKELETON)
     errors = [
-        errors_mm(SKELETON, found(run(frames(SKELETON, times, poses, cameras, 1.0), style=style)), poses)
+        errors_mm(SKELETON, found(run(frames(SKELETON, times, poses, cameras, 1.0), problem)), poses)
         for cameras in (CAMERAS, CAMERAS[:1])
     ]
     assert errors[0] < 10.0  # a pixel is 7 mm there, and some of it is depth
@@ -58,10 +61,10 @@ def test_a_smooth_fit_bridges_frames_that_show_nothing():
     shown = frames(SKELETON, times, poses)
     for t in (6, 7):
         shown[t] = replace(shown[t], views=())
-    steps = run(shown, style="smooth")
+    steps = run(shown, SmoothFit())
     assert errors_mm(SKELETON, found(steps)[6:8], poses[6:8]) < 40.0  # the arm moves by 100 mm between frames
     assert steps[6].warnings == ("frames 6 to 7: no keypoints; bridged by the frames beside them",)
-    assert errors_mm(SKELETON, found(run(shown, style="none"))[6:8], poses[6:8]) > 40.0
+    assert errors_mm(SKELETON, found(run(shown, FrameByFrame()))[6:8], poses[6:8]) > 40.0
 
 
 def test_a_smooth_fit_keeps_the_limits_that_single_frames_break():
@@ -69,9 +72,9 @@ def test_a_smooth_fit_keeps_the_limits_that_single_frames_break():
     poses[:, SKELETON.dof("left_elbow_flexion")] = -0.6  # bent the wrong way, as a wrong keypoint would have it
     low, high = SKELETON.limits.T
     beyond = {}
-    for style in ("none", "smooth"):
-        fitted = found(run(frames(SKELETON, times, poses), style=style, loss="huber"))
-        beyond[style] = np.abs(fitted - np.clip(fitted, low, high)).max()
+    for name, problem in (("none", FrameByFrame()), ("smooth", SmoothFit())):
+        fitted = found(run(frames(SKELETON, times, poses), problem, loss="huber"))
+        beyond[name] = np.abs(fitted - np.clip(fitted, low, high)).max()
     assert beyond["smooth"] < 0.1 < beyond["none"]
 
 
@@ -129,14 +132,14 @@ def test_one_camera_measures_proportions_under_a_given_height():
     skeleton = person_skeleton(tall)
     times, poses = swinging(skeleton, 8, rate_hz=7.0)
     shown = frames(skeleton, times, poses, CAMERAS[:1])
-    body = of_keypoints(SimpleNamespace(frames=lambda: iter(shown)), height_m=1.9)
+    body = of_keypoints(shown, height_m=1.9)
     assert body.shape.thigh == pytest.approx(average.thigh, rel=0.05)  # PROPORTION_SIGMA
     assert abs(body.shape.neck[2] - tall.neck[2]) < abs(body.shape.neck[2] - average.neck[2])
     blind = [replace(frame, views=()) for frame in shown]
     with pytest.raises(InputError, match="expected keypoints in the dataset's frames"):
-        of_keypoints(SimpleNamespace(frames=lambda: iter(blind)))
+        of_keypoints(blind)
     with pytest.raises(InputError, match="height"):
-        of_keypoints(SimpleNamespace(frames=lambda: iter(shown)), height_m=19.0)
+        of_keypoints(shown, height_m=19.0)
 
 
 def test_frames_that_are_near_in_time_are_not_looked_at_twice():
@@ -148,6 +151,6 @@ def test_frames_that_are_near_in_time_are_not_looked_at_twice():
             taken.append(frame.index)
             yield frame
 
-    of_keypoints(SimpleNamespace(frames=played), n_frames=3)
+    of_keypoints(played(), n_frames=3)
     assert taken[-1] == 21  # the frames 0, 10 and 20, and the one with which it stops
     assert from_height(1.7, upper_arm=0.162 * 1.7, forearm=0.154 * 1.7) == shape_of(np.zeros(9))

@@ -7,6 +7,7 @@ import pytest
 from linear_gaussian import (
     MEAN0,
     LinearPrior,
+    LookOf,
     Position,
     assert_agree,
     exact,
@@ -19,11 +20,15 @@ from linear_gaussian import (
 
 from workbench.errors import InputError
 from workbench.evaluation.calibration import covered
-from workbench.inference.particle_filter import ParticleFilter
-from workbench.inference.smoothing import BackwardSimulation, FixedLag
-from workbench.priors.smooth import Smooth
+from workbench.inference.particles.bootstrap import Bootstrap
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.smoothing import BackwardSimulation, FixedLag
 
 T, SEEDS = 8, 25
+
+
+def plain(measured, **model):
+    return ParticleFilter(LinearPrior(), Position(measured, **model))
 
 
 def rows(make, h=0.0):
@@ -40,7 +45,7 @@ def rows(make, h=0.0):
 def test_backward_simulation_converges_to_the_smoother(h):
     """h: the likelihood looks at the previous pose as well, as image motion does."""
     options = {"n_particles": 150, "n_paths": 150, "moves": 2, "least_ancestors": 1}
-    found, measured = rows(lambda p, y: BackwardSimulation(p, y, **options), h)
+    found, measured = rows(lambda p, y: BackwardSimulation(ParticleFilter(p, y), **options), h)
     mean, variance, _ = exact(measured, h=h)
     for t in (0, 5, T - 1):
         assert_agree(found[t], [*mean[t], *variance[t]])
@@ -56,8 +61,8 @@ def test_smoothing_is_needed_here():
 
 @pytest.mark.parametrize("ess_threshold", [0.5, 1.0])
 def test_fixed_lag_converges_to_the_posterior_given_that_many_frames_more(ess_threshold):
-    options = {"n_particles": 500, "lag": 3, "least_ancestors": 1, "ess_threshold": ess_threshold}
-    found, measured = rows(lambda p, y: FixedLag(p, y, **options))
+    options, move = {"n_particles": 500, "lag": 3, "least_ancestors": 1}, Bootstrap(ess_threshold=ess_threshold)
+    found, measured = rows(lambda p, y: FixedLag(ParticleFilter(p, y, move=move), **options))
     for frame, seen in ((0, 4), (3, 7), (T - 3, T), (T - 1, T)):
         mean, variance, _ = exact(measured[:seen])
         assert_agree(found[frame], [*mean[frame], *variance[frame]])
@@ -66,18 +71,16 @@ def test_fixed_lag_converges_to_the_posterior_given_that_many_frames_more(ess_th
 def test_every_frame_is_told_once_in_order_and_ancestors_lead_along_the_paths():
     measured = simulate(T, seed=0)
     for inference in (
-        FixedLag(LinearPrior(), Position(measured), n_particles=50, lag=4),
-        FixedLag(LinearPrior(), Position(measured), n_particles=50, lag=40, least_ancestors=1),
-        FixedLag(LinearPrior(), Position(measured), n_particles=50, lag=4, least_ancestors=20),
-        BackwardSimulation(LinearPrior(), Position(measured), n_particles=50, n_paths=20),
+        FixedLag(plain(measured), n_particles=50, lag=4),
+        FixedLag(plain(measured), n_particles=50, lag=40, least_ancestors=1),
+        FixedLag(plain(measured), n_particles=50, lag=4, least_ancestors=20),
+        BackwardSimulation(plain(measured), n_particles=50, n_paths=20),
     ):
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
         assert [step.frame.index for step in steps] == list(range(T))
-        plain = list(
-            ParticleFilter(LinearPrior(), Position(measured), n_particles=50).run(frames(T), MEAN0, streams(1))
-        )
-        for before, step, filtered in zip(steps, steps[1:], plain[1:], strict=False):
-            origin = {tuple(x): tuple(plain[step.frame.index - 1].particles[a]) for x, a in
+        own = list(plain(measured).rebuilt(n_particles=50).run(frames(T), MEAN0, streams(1)))
+        for before, step, filtered in zip(steps, steps[1:], own[1:], strict=False):
+            origin = {tuple(x): tuple(own[step.frame.index - 1].particles[a]) for x, a in
                       zip(filtered.particles, filtered.ancestors, strict=True)}  # fmt: skip
             parents = before.particles[step.ancestors]
             if isinstance(inference, FixedLag):  # a path of the filter's own ancestry
@@ -90,7 +93,7 @@ def test_one_move_accepts_every_proposal_where_the_previous_pose_does_not_matter
     measured = simulate(T, seed=0)
     for h, accepted in ((0.0, True), (-0.9, False)):
         options = {"n_particles": 60, "n_paths": 40, "moves": 1, "least_ancestors": 1}
-        inference = BackwardSimulation(LinearPrior(), Position(measured, h=h), **options)
+        inference = BackwardSimulation(plain(measured, h=h), **options)
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
         assert all(step.diagnostics["acceptance"] == 1.0 for step in steps[:-1]) == accepted
 
@@ -100,17 +103,19 @@ def test_paths_are_rejuvenated():
     measured = simulate(60, seed=0)
     distinct = []
     for inference in (
-        FixedLag(LinearPrior(), Position(measured), n_particles=100, lag=100, least_ancestors=1),
-        BackwardSimulation(LinearPrior(), Position(measured), n_particles=100, n_paths=100, least_ancestors=1),
+        FixedLag(plain(measured), n_particles=100, lag=100, least_ancestors=1),
+        BackwardSimulation(plain(measured), n_particles=100, n_paths=100, least_ancestors=1),
     ):
         distinct.append(next(iter(inference.run(frames(60), MEAN0, streams(1)))).diagnostics["distinct"])
     assert distinct[0] < 10 < 30 < distinct[1]
 
 
 MAKE = {
-    "fixed lag": lambda y, least: FixedLag(LinearPrior(), y, n_particles=200, lag=15, least_ancestors=least),
+    "fixed lag": lambda y, least: FixedLag(
+        ParticleFilter(LinearPrior(), y), n_particles=200, lag=15, least_ancestors=least
+    ),
     "backward simulation": lambda y, least: BackwardSimulation(
-        LinearPrior(), y, n_particles=60, n_paths=200, least_ancestors=least
+        ParticleFilter(LinearPrior(), y), n_particles=60, n_paths=200, least_ancestors=least
     ),
 }
 
@@ -134,12 +139,12 @@ def test_a_frame_that_few_ancestors_are_left_of_is_told_fewer_frames_late(name):
 def test_ancestors_lead_along_the_paths_where_the_lag_grows_too():
     measured = simulate(40, seed=0, sigma=0.05)
     given = frames(40), MEAN0
-    plain = list(ParticleFilter(LinearPrior(), Position(measured, sigma=0.05), n_particles=200).run(*given, streams(1)))
+    filtered = list(plain(measured, sigma=0.05).rebuilt(n_particles=200).run(*given, streams(1)))
     steps = list(MAKE["fixed lag"](Position(measured, sigma=0.05), 20).run(*given, streams(1)))
     assert max(np.diff([step.diagnostics["lag"] for step in steps])) >= 2.0
     for t in range(1, 40):
-        parents = plain[t - 1].particles[plain[t].ancestors]
-        own = {tuple(x): tuple(parent) for x, parent in zip(plain[t].particles, parents, strict=True)}
+        parents = filtered[t - 1].particles[filtered[t].ancestors]
+        own = {tuple(x): tuple(parent) for x, parent in zip(filtered[t].particles, parents, strict=True)}
         led = steps[t - 1].particles[steps[t].ancestors]
         assert [own[tuple(x)] for x in steps[t].particles] == [tuple(x) for x in led]
 
@@ -165,10 +170,10 @@ def test_bands_of_enough_ancestors_hold_the_truth_as_often_as_they_say(name):
 def test_evaluations_are_counted():
     measured = simulate(T, seed=0)
     for inference in (
-        FixedLag(LinearPrior(), (likelihood := Position(measured)), n_particles=50),
-        BackwardSimulation(LinearPrior(), (likelihood := Position(measured)), n_particles=50, n_paths=20, moves=3),
+        FixedLag(plain(measured), n_particles=50),
+        BackwardSimulation(plain(measured), n_particles=50, n_paths=20, moves=3),
     ):
-        likelihood = inference.filter.likelihood
+        likelihood = inference.likelihood
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
         assert sum(step.evaluations for step in steps) == likelihood.evaluated > 0
 
@@ -176,18 +181,37 @@ def test_evaluations_are_counted():
 def test_the_same_seed_gives_the_same_steps():
     measured = simulate(T, seed=0)
     for make in (FixedLag, BackwardSimulation):
-        runs = [
-            list(make(LinearPrior(), Position(measured), n_particles=40).run(frames(T), MEAN0, streams(seed)))
-            for seed in (5, 5, 6)
-        ]
+        runs = [list(make(plain(measured), n_particles=40).run(frames(T), MEAN0, streams(seed))) for seed in (5, 5, 6)]
         for first, second in zip(runs[0], runs[1], strict=True):
             assert (first.particles == second.particles).all()
         assert not all((a.particles == b.particles).all() for a, b in pairwise([runs[0][3], runs[2][3]]))
 
 
+class Forgets(Position):
+    """Judges as `Position`, but knows of no measurement after its frame any more."""
+
+    def look(self, previous, frame):
+        look = LookOf(Position(self.measured), previous, frame)
+        look.remember = lambda expected: Forgets(np.where(np.arange(T) > frame.index, self.measured, 99.0))
+        return look
+
+
+def test_paths_are_judged_by_the_look_that_the_filter_had():
+    measured = simulate(T, seed=0)
+    options = {"n_particles": 50, "n_paths": 20, "least_ancestors": 1}
+    for one, other in zip(
+        *(
+            BackwardSimulation(ParticleFilter(LinearPrior(), y), **options).run(frames(T), MEAN0, streams(1))
+            for y in (Position(measured), Forgets(measured))
+        ),
+        strict=True,
+    ):
+        assert (one.particles == other.particles).all()
+
+
 def test_no_frames_no_steps():
     for make in (FixedLag, BackwardSimulation):
-        assert list(make(LinearPrior(), Position([]), n_particles=4).run([], MEAN0, streams(0))) == []
+        assert list(make(plain([]), n_particles=4).run([], MEAN0, streams(0))) == []
 
 
 @pytest.mark.parametrize(
@@ -195,4 +219,4 @@ def test_no_frames_no_steps():
 )
 def test_wrong_options_are_named(make, option):
     with pytest.raises(InputError, match=option):
-        make(Smooth(), None, **{option: 0})
+        make(ParticleFilter(LinearPrior(), None), **{option: 0})

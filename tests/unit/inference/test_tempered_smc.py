@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from linear_gaussian import (
     MEAN0,
+    DrawnOnly,
     LinearPrior,
     Position,
     assert_agree,
@@ -17,22 +18,20 @@ from linear_gaussian import (
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
-from workbench.inference.annealed import NO_POSTERIOR, Annealed
-from workbench.inference.auxiliary import Auxiliary
-from workbench.inference.particle_filter import ParticleFilter
-from workbench.inference.restarting import Restarting, lost, mirrored
-from workbench.inference.tempered_smc import TemperedSMC, next_temperature
-from workbench.priors.mixture import Mixture
-from workbench.priors.smooth import Smooth
+from workbench.inference.particles.annealed import NO_POSTERIOR, Annealed
+from workbench.inference.particles.auxiliary import Auxiliary
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.particles.restarting import Restarting, lost, mirrored
+from workbench.inference.particles.tempered_smc import TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
 EXACT = {
-    "tempered": lambda p, y, n: TemperedSMC(p, y, n_particles=n),
-    "tempered, slowly": lambda p, y, n: TemperedSMC(p, y, n_particles=n, ess_threshold=0.8, moves=1),
-    "auxiliary": lambda p, y, n: Auxiliary(p, y, n_particles=n),
-    "restarting": lambda p, y, n: Restarting(p, y, n_particles=n),
+    "tempered": lambda p, y, n: ParticleFilter(p, y, move=TemperedSMC(), n_particles=n),
+    "tempered, slowly": lambda p, y, n: ParticleFilter(p, y, move=TemperedSMC(0.8, moves=1), n_particles=n),
+    "auxiliary": lambda p, y, n: ParticleFilter(p, y, move=Auxiliary(), n_particles=n),
+    "restarting": lambda p, y, n: Restarting(ParticleFilter(p, y), n_particles=n),
 }
-EVERY = EXACT | {"annealed": lambda p, y, n: Annealed(p, y, n_particles=n)}
+EVERY = EXACT | {"annealed": lambda p, y, n: ParticleFilter(p, y, move=Annealed(), n_particles=n)}
 
 
 @pytest.mark.parametrize("name", EXACT)
@@ -49,7 +48,7 @@ def test_a_look_ahead_that_is_trusted_fully_is_exact_too():
     """As published; with the heavy tails that the docstring speaks of, so for a likelihood that is not sharp."""
     measured = simulate(T, seed=3)
     mean, variance, evidence = exact(measured)
-    make = lambda p, y: Auxiliary(p, y, n_particles=N, flatten=1.0)  # noqa: E731
+    make = lambda p, y: ParticleFilter(p, y, move=Auxiliary(flatten=1.0), n_particles=N)  # noqa: E731
     assert_agree(last_moments(make, Position(measured), T, range(SEEDS)), [*mean[-1], *variance[-1], evidence])
 
 
@@ -149,8 +148,9 @@ def test_who_was_lost_is_found_again():
     measured = simulate(60, seed=2)
     measured[45:] += 8.0  # no velocity that the prior knows takes the person there
     followed = {}
-    for name, make in (("plain", ParticleFilter), ("restarting", Restarting)):
-        steps = list(make(Jump(), Position(measured, sigma=0.1), n_particles=600).run(frames(60), MEAN0, streams(0)))
+    for name, around in (("plain", lambda plain: plain), ("restarting", Restarting)):
+        plain = ParticleFilter(Jump(), Position(measured, sigma=0.1), n_particles=600)
+        steps = list(around(plain).run(frames(60), MEAN0, streams(0)))
         followed[name] = abs(steps[52].expected_pose[0] - measured[52])
         anew = [step.frame.index for step in steps if step.diagnostics.get("restarted") == 1.0]
         assert (min(anew, default=None) in range(46, 50)) == (name == "restarting")
@@ -179,18 +179,28 @@ def test_the_mirror_image_exchanges_left_and_right_and_leaves_the_root():
 @pytest.mark.parametrize("make", [TemperedSMC, Annealed, Auxiliary])
 def test_a_prior_that_can_only_be_drawn_from_is_refused(make):
     with pytest.raises(InputError, match="can only be drawn from"):
-        make(Mixture({"a": Smooth()}, {"a": 1.0}), None)
+        ParticleFilter(DrawnOnly(), None, move=make())
 
 
 @pytest.mark.parametrize(
     ("make", "option", "value"),
     [
-        (TemperedSMC, "n_particles", 1), (TemperedSMC, "moves", 0), (TemperedSMC, "ess_threshold", 1.0),
+        (TemperedSMC, "moves", 0), (TemperedSMC, "ess_threshold", 1.0),
         (Annealed, "layers", 0), (Annealed, "power", 0.0), (Annealed, "shrink", 1.5),
         (Auxiliary, "flatten", 1.5),
-        (Restarting, "share", 0.0), (Restarting, "drop", -1.0), (Restarting, "patience", 0),
     ],
 )  # fmt: skip
 def test_wrong_options_are_named(make, option, value):
     with pytest.raises(InputError, match=option):
-        make(Smooth(), None, **{option: value})
+        make(**{option: value})
+
+
+def test_one_particle_cannot_be_tempered():
+    with pytest.raises(InputError, match="n_particles"):
+        ParticleFilter(LinearPrior(), None, move=TemperedSMC(), n_particles=1)
+
+
+@pytest.mark.parametrize(("option", "value"), [("share", 0.0), ("drop", -1.0), ("patience", 0)])
+def test_wrong_options_of_restarting_are_named(option, value):
+    with pytest.raises(InputError, match=option):
+        Restarting(ParticleFilter(LinearPrior(), None), **{option: value})

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.inference.resampling import _pick
-from workbench.inference.weights import logsumexp
+from workbench.inference.particles.resampling import _pick
+from workbench.inference.particles.weights import logsumexp
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])

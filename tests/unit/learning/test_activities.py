@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from workbench.errors import InputError
-from workbench.learning.activities import learn_activities, read_activities, write_activities
+from workbench.learning.activities import ActivityModel, learn_activities
 from workbench.learning.activity_cycles import ActivityCycles
-from workbench.learning.store import Provenance
+from workbench.learning.store import Provenance, load, save
 
 T, ANGLES = 24, ("left_hip_flexion", "left_knee_flexion", "right_hip_flexion", "neck_turn")
 PROVENANCE = Provenance({"a.bvh": "12"}, {"variance": 0.9}, ("free",))
@@ -112,8 +112,8 @@ def test_one_cycle_is_no_model():
 
 
 def test_a_model_survives_the_disk(tmp_path, model):
-    write_activities(tmp_path / "deep" / "m.h5", model, PROVENANCE)
-    read = read_activities(tmp_path / "deep" / "m.h5")
+    save(tmp_path / "deep" / "m.h5", model, PROVENANCE)
+    read = load(ActivityModel, tmp_path / "deep" / "m.h5")
     for name in ("mean", "components", "scales", "explained", "scores", "cycle_rate_hz"):
         assert getattr(read, name).tobytes() == getattr(model, name).tobytes()
     assert (read.angles, read.activities, read.sources) == (model.angles, model.activities, model.sources)
@@ -132,9 +132,9 @@ def test_a_model_survives_the_disk(tmp_path, model):
     ],
 )
 def test_models_that_do_not_fit_together_are_refused(tmp_path, model, change):
-    write_activities(tmp_path / "m.h5", replace(model, **change), PROVENANCE)
+    save(tmp_path / "m.h5", replace(model, **change), PROVENANCE)
     with pytest.raises(InputError, match=r"m\.h5"):
-        read_activities(tmp_path / "m.h5")
+        load(ActivityModel, tmp_path / "m.h5")
 
 
 @pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all"])
@@ -143,17 +143,17 @@ def test_what_is_no_model_is_refused(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"m\.h5"):
-        read_activities(path)
+        load(ActivityModel, path)
 
 
 @pytest.mark.parametrize("attribute", ["format", None])
 def test_other_hdf5_files_are_refused(tmp_path, model, attribute):
     path = tmp_path / "m.h5"
-    write_activities(path, model, PROVENANCE)
+    save(path, model, PROVENANCE)
     with h5py.File(path, "r+") as file:
         if attribute:
-            file.attrs[attribute] = "workbench walking model 1"
+            file.attrs[attribute] = "workbench model 2, WalkingModel"
         else:
             del file["activities"]
     with pytest.raises(InputError, match=r"m\.h5"):
-        read_activities(path)
+        load(ActivityModel, path)

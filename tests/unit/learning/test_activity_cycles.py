@@ -9,10 +9,10 @@ import pytest
 from workbench.body.kinematics import forward_reference
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES, Skeleton, person_skeleton
-from workbench.datasets.gait import builtin_motions
-from workbench.datasets.running import average_runner, runner
 from workbench.errors import InputError
 from workbench.learning.activity_cycles import activity_cycles, cut, joined, normalised
+from workbench.mocap.generated.gait import builtin_motions
+from workbench.mocap.generated.running import average_runner, runner
 
 PERSON = person_skeleton(from_height(1.75))
 S = np.sqrt(0.5)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
+from workbench.learning import training
 from workbench.learning.training import cyclic_model, database_motions, motion_windows, training_motions
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
 
 
@@ -41,6 +42,25 @@ def names(motions):
 def test_clips_and_subjects_are_left_out_by_any_of_their_names(library, tmp_path, leave_out, missing):
     found = database_motions(library, data=None, cache=str(tmp_path), leave_out=leave_out)
     assert set(names(database_motions(library, data=None, cache=str(tmp_path)))) - set(names(found)) == missing
+
+
+def test_walks_leave_out_clips_and_subjects_too(library, tmp_path):
+    options = {"data": None, "cache": str(tmp_path), "subjects": None}
+    found = training_motions(library, leave_out=["12_03", "13"], **options)
+    assert set(names(training_motions(library, **options))) - set(names(found)) == {"12_03", "13_04"}
+    with pytest.raises(InputError, match="none of 6 is left"):
+        training_motions(library, leave_out=[str(k) for k in range(10, 16)], **options)
+
+
+def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):
+    """Subjects that are left out are not even imported."""
+    asked = []
+    monkeypatch.setattr(training, "cmu_clips", lambda folder, subjects: asked.append(subjects) or [])
+    monkeypatch.setattr(training, "_imported", lambda clips, cache, name: builtin_motions(2))
+    for motions in ("cmu", "recorded"):
+        options = {"data": str(tmp_path), "cache": str(tmp_path), "subjects": training.WALKERS}
+        assert training_motions(motions, leave_out=["32", "35"], **options)
+    assert asked == [["02", "05", "06", "07", "08", "16", "39"]] * 2
 
 
 def test_activities_choose(library, tmp_path):

@@ -6,9 +6,10 @@ import pytest
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
-from workbench.learning.cycles import CHANNEL_NAMES, ROOT_CHANNELS, gait_events, walking_cycles
-from workbench.learning.store import Provenance, read_model, write_model
-from workbench.learning.walking import learn_walking
+from workbench.learning.cycles import CHANNEL_NAMES, ROOT_CHANNELS, walking_cycles
+from workbench.learning.store import Provenance, load, save
+from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.mocap.gait_events import gait_events
 from workbench.mocap.motion import Motion
 
 RATE = 60.0
@@ -107,8 +108,8 @@ def test_wrong_options_are_refused(options):
 def test_a_model_survives_the_disk(tmp_path):
     model = learn_walking(planted(), n_components=2)
     provenance = Provenance({"a.amc": "12"}, {"variance": 0.95}, ("free",))
-    write_model(tmp_path / "deep" / "m.h5", model, provenance)
-    read = read_model(tmp_path / "deep" / "m.h5")
+    save(tmp_path / "deep" / "m.h5", model, provenance)
+    read = load(WalkingModel, tmp_path / "deep" / "m.h5")
     for name in ("mean", "components", "scales"):
         assert (getattr(read, name) == getattr(model, name)).all()
     assert (read.cycle_rate_hz, read.explained, read.n_cycles) == (
@@ -126,7 +127,7 @@ def test_what_is_no_model_is_refused(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"m\.h5"):
-        read_model(path)
+        load(WalkingModel, path)
 
 
 def swaying(heading_rate=0.0, **options):
@@ -156,7 +157,7 @@ def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
 
 def test_a_model_that_sways_is_written_and_read_back(tmp_path):
     model = learn_walking([walk(), swaying(), walk(first=0.1)], n_components=2, scaling="joints", root=True, n_phases=T)
-    write_model(tmp_path / "model.h5", model, Provenance({}, {}, ()))
-    found = read_model(tmp_path / "model.h5")
+    save(tmp_path / "model.h5", model, Provenance({}, {}, ()))
+    found = load(WalkingModel, tmp_path / "model.h5")
     assert found.mean.shape == (T, len(CHANNEL_NAMES) + len(ROOT_CHANNELS))
     np.testing.assert_array_equal(found.components, model.components)

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
-from workbench.learning.store import Provenance
-from workbench.learning.windows import learn_windows, read_windows, write_windows
+from workbench.learning.store import Provenance, load, save
+from workbench.learning.windows import Windows, learn_windows
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 
 PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
@@ -24,8 +24,8 @@ def windows(motions):
 
 
 def test_clips_are_written_and_read(windows, motions, tmp_path):
-    write_windows(tmp_path / "w.h5", windows, PROVENANCE)
-    again = read_windows(tmp_path / "w.h5")
+    save(tmp_path / "w.h5", windows, PROVENANCE)
+    again = load(Windows, tmp_path / "w.h5")
     assert again.clips == windows.clips == tuple(motion.name for motion in motions)
     assert again.activities == windows.activities == ("walk",) * 3
     assert (again.firsts == windows.firsts).all()
@@ -33,13 +33,13 @@ def test_clips_are_written_and_read(windows, motions, tmp_path):
 
 @pytest.mark.parametrize("damage", ["activities", "firsts", "clips"])
 def test_clips_that_do_not_fit_are_refused(windows, tmp_path, damage):
-    write_windows(tmp_path / "w.h5", windows, PROVENANCE)
+    save(tmp_path / "w.h5", windows, PROVENANCE)
     with h5py.File(tmp_path / "w.h5", "r+") as file:
         value = {"activities": ["walk"], "firsts": windows.firsts[::-1].copy(), "clips": np.arange(3)}[damage]
         del file[damage]
         file[damage] = value
     with pytest.raises(InputError, match=r"w\.h5: expected"):
-        read_windows(tmp_path / "w.h5")
+        load(Windows, tmp_path / "w.h5")
 
 
 def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):

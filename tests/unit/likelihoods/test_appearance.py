@@ -8,7 +8,7 @@ from workbench.body.kinematics import forward
 from workbench.errors import InputError
 from workbench.likelihoods.appearance import ALONG, AROUND, Appearance, Template, cells, learned, template_log_ratio
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.image_motion_reference import grey_levels
+from workbench.likelihoods.image_motion.reference import grey_levels
 from workbench.likelihoods.limb_points import limb_points
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
@@ -27,9 +27,8 @@ def view(level, index=0):
 
 @pytest.mark.parametrize("difference", [0, 10, 100])
 def test_a_flat_limb_that_changes_its_level(difference):
-    likelihood = Appearance(ROD, k=2.0, sigma=SIGMA, epsilon=EPSILON)
-    likelihood.begin(view(100), scenes.root()[0])
-    found = likelihood.log_prob(view(100), view(100 + difference, 1), scenes.root(), scenes.root())
+    likelihood = scenes.begun(Appearance(ROD, k=2.0, sigma=SIGMA, epsilon=EPSILON), view(100), scenes.root()[0])
+    found = scenes.log_prob(likelihood, view(100), view(100 + difference, 1), scenes.root(), scenes.root())
     np.testing.assert_allclose(found, 2.0 * ratio(difference), rtol=1e-6)
 
 
@@ -62,14 +61,13 @@ def test_cells_go_around_the_limb():
 
 def test_a_side_is_learned_when_it_is_seen():
     """A body that turns half around shows its other side: not known, so worth nothing, until it is learned, too."""
-    likelihood = Appearance(ROD, sigma=SIGMA, epsilon=EPSILON)
     front, back = scenes.root(), scenes.root(heading=np.pi)
-    likelihood.begin(view(100), front[0])
-    assert likelihood.log_prob(view(100), view(100, 1), back, back)[0] == 0.0
-    likelihood.observe(view(200, 1), back[0])
+    likelihood = scenes.begun(Appearance(ROD, sigma=SIGMA, epsilon=EPSILON), view(100), front[0])
+    assert scenes.log_prob(likelihood, view(100), view(100, 1), back, back)[0] == 0.0
+    likelihood = likelihood.look(view(100), view(200, 1)).remember(back[0])
     both = np.concatenate([front, back])
     for level, first, second in ((100, 0.0, 100.0), (200, 100.0, 0.0)):
-        found = likelihood.log_prob(view(100), view(level, 2), both, both)
+        found = scenes.log_prob(likelihood, view(100), view(level, 2), both, both)
         np.testing.assert_allclose(found, [ratio(first), ratio(second)], rtol=1e-6)
 
 
@@ -95,9 +93,7 @@ def test_an_outlier_hardly_changes_the_template_and_what_is_not_seen_not_at_all(
 def test_a_hidden_limb_teaches_nothing():
     """A rod 50 cm behind a broader one."""
     body = scenes.rods(((-0.5, 0.0, -0.2), (-0.5, 0.0, 0.2), 0.05), ((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.3))
-    likelihood = Appearance(body)
-    likelihood.begin(view(100), scenes.root()[0])
-    n = likelihood.templates["front"].n
+    n = scenes.begun(Appearance(body), view(100), scenes.root()[0]).memory.by_camera["front"].n
     assert not n[0].any()
     assert n[1].any()
 
@@ -107,27 +103,35 @@ def test_the_texture_is_best_explained_where_it_went():
     image = scenes.texture(np.random.default_rng(5))
     now = image.copy()
     now[90:150, 150:180] = image[90:150, 145:175]
-    likelihood = Appearance(ROD, blur_px=1.0)
-    likelihood.begin(scenes.frame(0, (scenes.FRONT, image)), scenes.root()[0])
+    first = scenes.frame(0, (scenes.FRONT, image))
+    likelihood = scenes.begun(Appearance(ROD, blur_px=1.0), first, scenes.root()[0])
     shifts = np.arange(-8, 9)
     poses = np.repeat(scenes.root(), len(shifts), axis=0)
     poses[:, 1] = shifts / 75.0
-    found = likelihood.log_prob(view(0), scenes.frame(1, (scenes.FRONT, now)), poses, poses)
+    found = scenes.log_prob(likelihood, view(0), scenes.frame(1, (scenes.FRONT, now)), poses, poses)
     assert shifts[np.argmax(found)] == 5
 
 
 def test_a_new_run_begins_with_nothing():
-    likelihood = Appearance(ROD)
-    pose = scenes.root()
-    assert likelihood.log_prob(view(0), view(0), pose, pose)[0] == 0.0
-    assert likelihood.warnings() == ("appearance: nothing is known yet of how front sees the person",)
-    likelihood.begin(view(100), pose[0])
-    likelihood.observe(view(150), np.full(25, np.nan))
-    assert likelihood.warnings() == ("appearance: frame 0 has no finite expected pose to learn from",)
-    likelihood.begin(view(200), pose[0])
-    assert set(np.unique(likelihood.templates["front"].n)) == {0.0, 1.0}
-    seen = likelihood.templates["front"].mean[likelihood.templates["front"].n > 0]
-    np.testing.assert_allclose(seen, 200.0, rtol=1e-6)  # smoothed in float32
+    likelihood, pose = Appearance(ROD), scenes.root()
+    once = scenes.begun(likelihood, view(100), pose[0])
+    assert scenes.log_prob(once, view(0), view(0), pose, pose)[0] != 0.0
+    look = likelihood.look(view(0), view(0))
+    assert look.evaluate(pose, pose).log_prob[0] == 0.0
+    assert look.notes == ("appearance: nothing is known yet of how front sees the person",)
+    anew = scenes.begun(likelihood, view(200), pose[0]).memory.by_camera["front"]
+    assert set(np.unique(anew.n)) == {0.0, 1.0}
+    np.testing.assert_allclose(anew.mean[anew.n > 0], 200.0, rtol=1e-6)  # smoothed in float32
+
+
+def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_once():
+    once = scenes.begun(Appearance(ROD), view(100), scenes.root()[0])
+    assert once.look(view(100), view(150, 1)).notes == ()
+    twice = once.look(view(100), view(150, 1)).remember(np.full(25, np.nan))
+    assert twice.memory.by_camera == once.memory.by_camera
+    look = twice.look(view(150, 1), view(150, 2))
+    assert look.notes == ("appearance: frame 1 has no finite expected pose to learn from",)
+    assert look.remember(scenes.root()[0]).look(view(150, 2), view(150, 3)).notes == ()
 
 
 @pytest.mark.parametrize(

@@ -5,45 +5,18 @@ from types import SimpleNamespace
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
+from still_clips import EPSILON, by_hand, clip, of_frames, with_block
 
 from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
-from workbench.likelihoods.background import Background, log_ratio, points_about, still_scene
+from workbench.likelihoods.background import Background, points_about
 from workbench.likelihoods.image_motion import ImageMotion, patch_samples
-from workbench.likelihoods.image_motion_kernel import PosedView
-from workbench.likelihoods.image_motion_reference import limb_patches
+from workbench.likelihoods.image_motion.kernel import PosedView
+from workbench.likelihoods.image_motion.reference import limb_patches
+from workbench.likelihoods.still_scene import log_ratio, still_scene
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
-EPSILON, SIGMA = 0.05, 3.0
-
-
-def clip(*images, camera=scenes.FRONT):
-    """A dataset of these images by one camera."""
-    frames = [scenes.frame(i, (camera, image)) for i, image in enumerate(images)]
-
-    class Clip:
-        name, shape, start_pose, start_marks, scale = "clip", None, None, None, 1.0
-
-        def __len__(self):
-            return len(frames)
-
-        def frames(self):
-            return iter(frames)
-
-    return Clip(), frames
-
-
-def with_block(image, level, rows, columns):
-    changed = image.copy()
-    changed[rows, columns] = level
-    return changed
-
-
-def by_hand(difference):
-    """r of a pixel that differs from the background by so much."""
-    normal = np.exp(-0.5 * (difference / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
-    return -np.log(EPSILON + (1.0 - EPSILON) * 256.0 * normal)
 
 
 def test_median_and_deviation_of_a_pixel_are_robust():
@@ -57,8 +30,8 @@ def test_median_and_deviation_of_a_pixel_are_robust():
 
 @pytest.mark.parametrize("difference", [0.0, 3.0, 60.0])
 def test_ratio_of_a_pixel(difference):
-    dataset, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
-    likelihood = Background(ROD, dataset, blur_px=0.0)
+    still, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
+    likelihood = Background(ROD, still, blur_px=0.0)
     found = log_ratio(frames[-1].views[0], likelihood.scenes["front"], 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
 
@@ -67,8 +40,8 @@ def test_ratio_of_a_pixel(difference):
 def test_channels_count_as_one(channels):
     """Their deviations are averaged: three equal ones say what a grey image says."""
     empty = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 100, np.uint8)
-    dataset, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
-    scene = Background(ROD, dataset, blur_px=0.0).scenes["front"]
+    still, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
+    scene = Background(ROD, still, blur_px=0.0).scenes["front"]
     assert scene.median.shape == empty.shape
     found = log_ratio(frames[-1].views[0], scene, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
@@ -80,12 +53,12 @@ def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside():
     corners = limb_patches(ROD.limbs, view).corners[0, 0].reshape(-1, 2)
     (left, top), (right, bottom) = np.ceil(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
     empty = scenes.flat(100)
-    dataset, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
-    likelihood = Background(ROD, dataset, blur_px=0.0, k=2.0)
+    still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
+    likelihood = Background(ROD, still, blur_px=0.0, k=2.0)
     poses = np.concatenate(
         [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
     )
-    found = likelihood.log_prob(frames[2], frames[3], poses, poses)
+    found = scenes.log_prob(likelihood, frames[2], frames[3], poses, poses)
     # points lie 0.2 half widths or 1.5 px within the outline and 0.15 outside of it: interpolation reaches no further
     np.testing.assert_allclose(found, [2.0 * (by_hand(80.0) - by_hand(0.0)), 0.0, 0.0], rtol=1e-5, atol=1e-9)
 
@@ -103,20 +76,21 @@ def test_points_about_a_limb_lie_beside_it_and_beyond_its_end():
 @pytest.fixture(scope="module")
 def walk():
     dataset = Synthetic(n_frames=24, rate_hz=10.0, width=320, height=240, person_px=130.0, focal_px=350.0)
-    return SimpleNamespace(dataset=dataset, frames=list(dataset.frames()), body=dataset._body)
+    frames = list(dataset.frames())
+    return SimpleNamespace(clip=of_frames(frames), frames=frames, body=dataset._body)
 
 
 def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(walk):
     """The bare image-motion term cannot tell the walker from a body at rest beside him; this can, in every frame."""
-    bare, background = ImageMotion(walk.body), Background(walk.body, walk.dataset)
+    bare, background = ImageMotion(walk.body), Background(walk.body, walk.clip)
     gained = []
     for before, now in zip(walk.frames[8:15], walk.frames[9:16], strict=True):
         true_before, true_now = (np.array([frame.truth.pose]) for frame in (before, now))
         aside = true_before + np.r_[1.2, np.zeros(24)] * (1.0 if true_before[0, 0] < 0.0 else -1.0)
         previous, poses = np.concatenate([true_before, aside]), np.concatenate([true_now, aside])
-        paper = bare.log_prob(before, now, previous, poses)
+        paper = scenes.log_prob(bare, before, now, previous, poses)
         assert paper[1] > paper[0]  # nothing moves there, so that it even wins
-        ratio = background.log_prob(before, now, previous, poses)
+        ratio = scenes.log_prob(background, before, now, previous, poses)
         gained.append(ratio[0] - ratio[1])
     assert min(gained) > 5.0
 
@@ -124,7 +98,7 @@ def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(
 def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
     frame = scenes.frame(0, (scenes.FRONT, scenes.flat(100)))
     with pytest.raises(InputError, match="camera front was not in the clip"):
-        Background(walk.body, walk.dataset).log_prob(frame, frame, scenes.root(), scenes.root())
+        Background(walk.body, walk.clip).look(frame, frame)
 
 
 @pytest.mark.parametrize(
@@ -134,3 +108,10 @@ def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
 def test_constants_out_of_range_are_named(constant, value):
     with pytest.raises(InputError, match=rf"background: {constant} must be .* found"):
         Background(ROD, clip(scenes.flat(1))[0], **{constant: value})
+
+
+def test_the_frames_it_is_learned_from_are_spread_over_the_clip():
+    """Of seven frames the first, the middle and the last, whose median is the middle one's level."""
+    still, _ = clip(*[scenes.flat(level) for level in (10, 0, 0, 20, 0, 0, 90)])
+    np.testing.assert_array_equal(Background(ROD, still, n_frames=3).scenes["front"].median, 20.0)
+    np.testing.assert_array_equal(Background(ROD, still, n_frames=60).scenes["front"].median, 0.0)

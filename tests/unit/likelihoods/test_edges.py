@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import forward
-from workbench.datasets.frame import View
+from workbench.core.frame import View
 from workbench.errors import InputError
-from workbench.learning.store import Provenance
-from workbench.likelihoods.edge_filters import ALONG, POINTS, RIDGE_SCALES_PX, filtered, responses
-from workbench.likelihoods.edge_model import BINS, EdgeModel, learn_edges, read_edges, write_edges
+from workbench.learning.store import Provenance, load, save
 from workbench.likelihoods.edges import Edges, response_log_ratio, response_log_ratio_reference
+from workbench.likelihoods.edges.filters import ALONG, POINTS, RIDGE_SCALES_PX, filtered, responses
+from workbench.likelihoods.edges.model import BINS, EdgeModel, learn_edges
 from workbench.likelihoods.limb_points import limb_points
 
 ROD = scenes.rods(((0.0, 0.0, -0.4), (0.0, 0.0, 0.4), 0.1))  # 15 px wide, from column 152 to 167
@@ -91,8 +91,8 @@ def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     seen = [(ROD, View(scenes.FRONT, bar(int(level))), scenes.root()[0]) for level in rng.integers(120, 250, 8)]
     model = learn_edges(seen, rng)
     assert model.on.sum(axis=-1).tolist() == [[8 * 2 * ALONG], [8 * ALONG]]  # at both sides, on the axis
-    write_edges(tmp_path / "edges.h5", model, PROVENANCE)
-    kept = read_edges(tmp_path / "edges.h5")
+    save(tmp_path / "edges.h5", model, PROVENANCE)
+    kept = load(EdgeModel, tmp_path / "edges.h5")
     np.testing.assert_array_equal(kept.log_ratio(["rod_0"]), model.log_ratio(["rod_0"]))
 
     likelihood = Edges(ROD, k=2.0)
@@ -100,7 +100,7 @@ def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     places = np.repeat(scenes.root(), 9, axis=0)
     places[:, 1] = np.linspace(-0.4, 0.4, 9)
     frame = scenes.frame(0, (scenes.FRONT, bar()))
-    found = likelihood.log_prob(frame, frame, places, places)
+    found = scenes.log_prob(likelihood, frame, frame, places, places)
     assert np.argmax(found) == 4
     assert found[4] > np.delete(found, 4).max() + 1.0
 
@@ -125,7 +125,7 @@ def test_limbs_that_were_not_learned_are_an_error():
 @pytest.mark.parametrize("damage", ["missing", "junk", "format", "shape", "lacks"])
 def test_a_file_that_is_no_edge_model(tmp_path, damage):
     path = tmp_path / "edges.h5"
-    write_edges(path, EdgeModel(("rod",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS))), PROVENANCE)
+    save(path, EdgeModel(("rod",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS))), PROVENANCE)
     if damage == "missing":
         path.unlink()
     elif damage == "junk":
@@ -139,4 +139,4 @@ def test_a_file_that_is_no_edge_model(tmp_path, damage):
             if damage == "shape":
                 file["on"] = np.ones((2, 2, BINS))
     with pytest.raises(InputError, match=r"edges\.h5: "):
-        read_edges(path)
+        load(EdgeModel, path)

@@ -6,20 +6,22 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from workbench.body.kinematics import forward
-from workbench.datasets.frame import View
-from workbench.likelihoods.image_motion import ImageMotion, patch_samples, smoothed
-from workbench.likelihoods.image_motion_kernel import PosedView
-from workbench.likelihoods.image_motion_reference import hidden_samples, limb_patches
+from workbench.core.frame import View
+from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.image_motion import ImageMotion, patch_samples
+from workbench.likelihoods.image_motion.kernel import PosedView
+from workbench.likelihoods.image_motion.reference import hidden_samples, limb_patches
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))
 BALL = scenes.rods(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2))
-SIGMA, EPSILON, P_OCCLUDED = 6.0, 0.05, 0.01
+SIGMA, EPSILON, P_OCCLUDED, N = 6.0, 0.05, 0.01, 50
 GREY = 1e-4  # what float32 smoothing and interpolation may do to a grey level; times r / σ² it is an error in log p
 
 
 def log_prob(body, now, pose, before=128, previous_pose=None, **options):
     frames = scenes.frame(0, (scenes.FRONT, scenes.flat(before))), scenes.frame(1, (scenes.FRONT, scenes.flat(now)))
-    return ImageMotion(body, **options).log_prob(*frames, pose if previous_pose is None else previous_pose, pose)
+    likelihood = ImageMotion(body, **{"sigma": SIGMA, "n_samples": N, **options})
+    return scenes.log_prob(likelihood, *frames, pose if previous_pose is None else previous_pose, pose)
 
 
 def p_limb(alpha, difference=0.0, visible=1.0, n=1):
@@ -75,7 +77,10 @@ def test_before_a_still_background_the_limb_that_moves_beats_the_one_at_rest():
     frames = scenes.frame(0, (scenes.FRONT, before)), scenes.frame(1, (scenes.FRONT, now))
     at_rest, moved = scenes.root((0.0, 0.8, 0.0)), scenes.root((0.0, 0.08, 0.0))
     previous, poses = np.concatenate([scenes.root(), at_rest]), np.concatenate([moved, at_rest])
-    paper, still = (ImageMotion(ROD, background=kind).log_prob(*frames, previous, poses) for kind in ("none", "still"))
+    paper, still = (
+        scenes.log_prob(ImageMotion(ROD, sigma=SIGMA, background=kind), *frames, previous, poses)
+        for kind in ("none", "still")
+    )
     assert abs(paper[0] - paper[1]) < 0.1  # the paper's likelihood cannot tell them apart
     assert still[0] - still[1] > 2.0
 
@@ -105,8 +110,9 @@ def test_body_behind_the_camera_is_occluded_altogether():
     likelihood = ImageMotion(scenes.PERSON)
     frames = (scenes.frame(i, (scenes.FRONT, scenes.flat(128))) for i in range(2))
     pose = scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))
-    np.testing.assert_allclose(likelihood.log_prob(*frames, pose, pose), 12 * np.log(P_OCCLUDED), rtol=1e-12)
-    assert likelihood.warnings() == ("image motion: 100% of the sample points lay outside the images of front",)
+    found = likelihood.look(*frames).evaluate(pose, pose)
+    np.testing.assert_allclose(found.log_prob, 12 * np.log(P_OCCLUDED), rtol=1e-12)
+    assert found.notes == ("image motion: 100% of the sample points lay outside the images of front",)
 
 
 def test_patch_of_an_upright_rod():
@@ -151,7 +157,7 @@ def test_a_shifted_texture_is_best_explained_by_the_true_displacement(body, shif
     dx, dy = np.meshgrid(steps, steps)
     poses = np.repeat(scenes.root(), dx.size, axis=0)
     poses[:, 1], poses[:, 2] = dx.ravel() / 75.0, -dy.ravel() / 75.0  # px to metres; image y points down
-    found = ImageMotion(body, blur_px=1.0).log_prob(*frames, np.zeros_like(poses), poses)
+    found = scenes.log_prob(ImageMotion(body, sigma=SIGMA, blur_px=1.0), *frames, np.zeros_like(poses), poses)
     best = np.argmax(found)
     assert (dx.ravel()[best], dy.ravel()[best]) == shift
     # the shift is one of whole pixels: nothing differs at the truth, up to float32
@@ -233,26 +239,26 @@ def test_sphere_hides_a_disc():
 
 def test_points_outside_the_image_lower_the_visible_fraction():
     """The rod's lower part hangs below the picture: y = 119.5 + 75 (0.3 − 0.6 u + 1.5) px must stay below 239."""
-    likelihood = ImageMotion(ROD)
+    likelihood = ImageMotion(ROD, sigma=SIGMA, n_samples=N)
     frames = [scenes.frame(i, (scenes.FRONT, scenes.flat(128))) for i in range(2)]
     pose = scenes.root((0.0, 0.0, -1.5))
     inside = 119.5 + 75.0 * (0.3 - 0.6 * likelihood.samples[:, 0] + 1.5) < 239.0
     assert 10 < inside.sum() < 40
-    found = likelihood.log_prob(*frames, pose, pose)
+    look = likelihood.look(*frames)
+    found, notes = look.evaluate(pose, pose).log_prob, look.evaluate(pose, pose).notes
     np.testing.assert_allclose(found, np.log(p_limb(0.0, visible=inside.mean())), rtol=1e-12)
     share = f"{1 - inside.mean():.0%}"
-    assert likelihood.warnings() == (f"image motion: {share} of the sample points lay outside the images of front",)
-    assert likelihood.warnings() == ()
+    assert notes == (f"image motion: {share} of the sample points lay outside the images of front",)
     # a point outside in either frame is not compared
-    np.testing.assert_array_equal(likelihood.log_prob(*frames, pose, scenes.root()), found)
-    np.testing.assert_array_equal(likelihood.log_prob(*frames, scenes.root(), pose), found)
+    np.testing.assert_array_equal(look.evaluate(pose, scenes.root()).log_prob, found)
+    np.testing.assert_array_equal(look.evaluate(scenes.root(), pose).log_prob, found)
 
 
 @pytest.mark.parametrize(("exponent", "n"), [("mean", lambda compared: 1), ("sum", lambda compared: compared)])
 def test_only_the_points_compared_enter_the_exponent(exponent, n):
     """A rod half below the picture while everything brightens: the mean, or sum, is over what is seen of it."""
     pose = scenes.root((0.0, 0.0, -1.5))
-    inside = 119.5 + 75.0 * (1.8 - 0.6 * ImageMotion(ROD).samples[:, 0]) < 239.0
+    inside = 119.5 + 75.0 * (1.8 - 0.6 * ImageMotion(ROD, n_samples=N).samples[:, 0]) < 239.0
     found = log_prob(ROD, 128 + 7, pose, exponent=exponent)
     expected = np.log(p_limb(0.0, 7.0, visible=inside.mean(), n=n(inside.sum())))
     np.testing.assert_allclose(found, expected, atol=50 * 7.0 * GREY / SIGMA**2)
@@ -262,7 +268,7 @@ def test_smoothing_is_a_gaussian_of_the_grey_levels():
     rgb = np.random.default_rng(0).integers(0, 256, (240, 320, 3)).astype(np.uint8)
     grey = rgb @ np.array([0.299, 0.587, 0.114])  # Rec. 601
     expected = gaussian_filter(grey, np.sqrt(2.0), mode="mirror")
-    np.testing.assert_allclose(smoothed(View(scenes.FRONT, rgb), np.sqrt(2.0)), expected, atol=1e-3)
+    np.testing.assert_allclose(grey_levels(View(scenes.FRONT, rgb), np.sqrt(2.0)), expected, atol=1e-3)
 
 
 def test_samples_are_spread_evenly():

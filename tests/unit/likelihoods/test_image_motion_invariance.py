@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import cv2
+import likelihood_scenes as scenes
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
 from workbench.likelihoods.image_motion import ImageMotion
 
 BODY = person(from_height(1.7))
@@ -43,8 +44,8 @@ def test_a_particle_does_not_see_the_others(seed, order, kept):
     before, now, previous, pose = scene(seed)
     chosen = np.array(order)[:kept]
     likelihood = ImageMotion(BODY)
-    everyone = likelihood.log_prob(before, now, previous, pose)
-    some = likelihood.log_prob(before, now, previous[chosen], pose[chosen])
+    everyone = scenes.log_prob(likelihood, before, now, previous, pose)
+    some = scenes.log_prob(likelihood, before, now, previous[chosen], pose[chosen])
     np.testing.assert_array_equal(some, everyone[chosen])
 
 
@@ -54,10 +55,12 @@ def test_views_add_up(seed):
     before, now, previous, pose = scene(seed)
     likelihood = ImageMotion(BODY)
     alone = [
-        likelihood.log_prob(with_views(before, [a]), with_views(now, [b]), previous, pose)
+        scenes.log_prob(likelihood, with_views(before, [a]), with_views(now, [b]), previous, pose)
         for a, b in zip(before.views, now.views, strict=True)
     ]
-    together = likelihood.log_prob(before, with_views(now, now.views[::-1]), previous, pose)  # in whatever order
+    together = scenes.log_prob(
+        likelihood, before, with_views(now, now.views[::-1]), previous, pose
+    )  # in whatever order
     np.testing.assert_allclose(together, alone[0] + alone[1], rtol=1e-14)
 
 
@@ -85,9 +88,9 @@ def test_moving_the_world_with_its_cameras_changes_nothing(seed, heading, shift)
             yield replace(view, camera=camera)
 
     likelihood = ImageMotion(BODY)
-    expected = likelihood.log_prob(before, now, previous, pose)
+    expected = scenes.log_prob(likelihood, before, now, previous, pose)
     moved = [with_views(frame, moved_views(frame)) for frame in (before, now)]
-    found = likelihood.log_prob(moved[0], moved[1], moved_pose(previous), moved_pose(pose))
+    found = scenes.log_prob(likelihood, moved[0], moved[1], moved_pose(previous), moved_pose(pose))
     # float32 grey levels: δ = 1e-4 in a residual r of up to 5 σ moves log p by r δ / σ² per limb, 24 limbs
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=24 * 5 * 1e-4 / likelihood.sigma)
 
@@ -104,8 +107,8 @@ def test_only_differences_of_grey_levels_count(seed, offset):
         )
 
     likelihood = ImageMotion(BODY)
-    dark = likelihood.log_prob(scaled(before, 0), scaled(now, 0), previous, pose)
-    bright = likelihood.log_prob(scaled(before, offset), scaled(now, offset), previous, pose)
+    dark = scenes.log_prob(likelihood, scaled(before, 0), scaled(now, 0), previous, pose)
+    bright = scenes.log_prob(likelihood, scaled(before, offset), scaled(now, offset), previous, pose)
     np.testing.assert_allclose(bright, dark, rtol=0.0, atol=24 * 5 * 1e-4 / likelihood.sigma)
 
 
@@ -118,6 +121,6 @@ def test_equal_colours_are_grey(seed):
         return with_views(frame, [View(v.camera, np.repeat(v.image[..., None], 3, axis=2)) for v in frame.views])
 
     likelihood = ImageMotion(BODY)
-    grey = likelihood.log_prob(before, now, previous, pose)
-    colour = likelihood.log_prob(coloured(before), coloured(now), previous, pose)
+    grey = scenes.log_prob(likelihood, before, now, previous, pose)
+    colour = scenes.log_prob(likelihood, coloured(before), coloured(now), previous, pose)
     np.testing.assert_allclose(colour, grey, rtol=0.0, atol=24 * 5 * 1e-4 / likelihood.sigma)

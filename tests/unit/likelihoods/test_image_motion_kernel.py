@@ -7,8 +7,10 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward_reference
-from workbench.likelihoods import image_motion_kernel, image_motion_reference
-from workbench.likelihoods.image_motion import ImageMotion, smoothed
+from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.image_motion import kernel as image_motion_kernel
+from workbench.likelihoods.image_motion import reference as image_motion_reference
 
 
 def tolerance(likelihood):
@@ -49,7 +51,7 @@ def scene(camera, n, seed=1):
 def by_reference(likelihood, previous, frame, previous_poses, poses):
     body, posed, packed = likelihood.body, [], []
     for f, p in ((previous, previous_poses), (frame, poses)):
-        camera, image = f.views[0].camera, smoothed(f.views[0], likelihood.blur_px)
+        camera, image = f.views[0].camera, grey_levels(f.views[0], likelihood.blur_px)
         posed.append(image_motion_kernel.PosedView(camera, image, forward_reference(body.skeleton, p)))
         packed.append(image_motion_kernel.PackedView(camera, image_motion_kernel.packed(image), p))
     constants = likelihood.samples, likelihood.model
@@ -117,7 +119,7 @@ def test_the_scenes_hold_what_they_should():
     limbs = scenes.PERSON.limbs
     for name, camera in CAMERAS.items():
         previous, _, poses, _ = scene(camera, 60)
-        image = smoothed(previous.views[0], 0.0)
+        image = grey_levels(previous.views[0], 0.0)
         view = image_motion_kernel.PosedView(camera, image, forward_reference(scenes.PERSON.skeleton, poses))
         patches = image_motion_reference.limb_patches(limbs, view)
         hidden = image_motion_reference.hidden_samples(limbs, patches, likelihood.samples, "sample")
@@ -142,7 +144,7 @@ def test_one_and_two_threads_give_the_same_bits():
         results = []
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            results.append(likelihood.log_prob(*scene(scenes.FRONT, 500)))
+            results.append(scenes.log_prob(likelihood, *scene(scenes.FRONT, 500)))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(results[0], results[1])
@@ -155,9 +157,9 @@ def test_what_children_of_one_parent_share_changes_no_bit(camera):
     previous, frame, previous_poses, poses = scene(CAMERAS[camera], n)
     lengths = np.random.default_rng(0).integers(1, 40, n)
     shared = np.repeat(previous_poses, lengths, axis=0)[:n]
-    together = likelihood.log_prob(previous, frame, shared, poses)
+    together = scenes.log_prob(likelihood, previous, frame, shared, poses)
     order = np.random.default_rng(1).permutation(n)
     apart = np.empty(n)
-    apart[order] = likelihood.log_prob(previous, frame, shared[order], poses[order])
+    apart[order] = scenes.log_prob(likelihood, previous, frame, shared[order], poses[order])
     np.testing.assert_array_equal(together, apart)
     assert len(np.unique(together)) > n / 2

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
-from workbench.likelihoods.image_motion_kernel import GREY_STEP, packed
+from workbench.likelihoods.image_motion.kernel import GREY_STEP, packed
 
 HEIGHT, WIDTH, N = 37, 53, 400
 

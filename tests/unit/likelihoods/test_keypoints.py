@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from keypoint_scenes import BODY
+from likelihood_scenes import log_prob
 from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.kinematics import joints
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
 from workbench.errors import InputError
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
@@ -21,9 +22,8 @@ def test_it_is_student_s_density_of_every_joint_in_every_view():
     views[1].keypoints[3] = np.nan
     views[1].keypoints[4, 2] = 0.0
     some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
-    found = KeypointLikelihood(BODY, sigma_px=3.0, nu=5.0, temper=0.4).log_prob(
-        frame, Frame(0, 0.0, tuple(views)), some, some
-    )
+    likelihood = KeypointLikelihood(BODY, sigma_px=3.0, nu=5.0, temper=0.4)
+    found = log_prob(likelihood, frame, Frame(0, 0.0, tuple(views)), some, some)
     for pose, value in zip(some, found, strict=True):
         expected = 0.0
         for view in views:
@@ -39,7 +39,7 @@ def test_two_cameras_tell_the_pose_from_its_neighbours_and_one_wrong_joint_does_
     (frame,) = frames(SKELETON, times, poses)
     frame.views[0].keypoints[5, 0] += 300.0
     others = np.concatenate([poses, poses + 0.1 * np.random.default_rng(2).standard_normal((50, 25))])
-    found = KeypointLikelihood(BODY).log_prob(frame, frame, others, others)
+    found = log_prob(KeypointLikelihood(BODY), frame, frame, others, others)
     assert found.argmax() == 0
 
 
@@ -50,11 +50,12 @@ def test_what_cannot_be_is_impossible_and_what_is_not_there_is_told():
     behind[1] -= 8.0
     broken[7] = np.nan
     likelihood = KeypointLikelihood(BODY)
-    assert likelihood.log_prob(frame, frame, poses, np.stack([behind, broken])).tolist() == [-np.inf, -np.inf]
-    assert likelihood.warnings() == ()
+    look = likelihood.look(frame, frame)
+    assert look.evaluate(poses, np.stack([behind, broken])).log_prob.tolist() == [-np.inf, -np.inf]
+    assert look.notes + look.evaluate(poses, behind[None]).notes == ()
     blind = Frame(7, 0.1, ())
-    assert likelihood.log_prob(frame, blind, poses, poses).tolist() == [0.0]
-    assert likelihood.warnings() == ("frame 7: there are no keypoints",)
+    assert log_prob(likelihood, frame, blind, poses, poses).tolist() == [0.0]
+    assert likelihood.look(frame, blind).notes == ("frame 7: there are no keypoints",)
 
 
 @pytest.mark.parametrize("given", [{"sigma_px": 0.0}, {"nu": -1.0}, {"temper": 1.5}])

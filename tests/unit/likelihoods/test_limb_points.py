@@ -6,8 +6,8 @@ import pytest
 
 from workbench.body.kinematics import forward_reference
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.image_motion_kernel import PosedView
-from workbench.likelihoods.image_motion_reference import (
+from workbench.likelihoods.image_motion.kernel import PosedView
+from workbench.likelihoods.image_motion.reference import (
     _cover,
     grey_levels,
     hidden_samples,

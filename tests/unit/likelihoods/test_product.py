@@ -1,11 +1,13 @@
 """The product of likelihoods: powers, shares, memory, and how a configuration builds one."""
 
+from types import SimpleNamespace
+
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
 
+from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
-from workbench.likelihoods.likelihood import diagnostics, remember
 from workbench.likelihoods.product import Product, shares
 from workbench.likelihoods.uniform import Uniform
 
@@ -14,49 +16,42 @@ POSES = np.zeros((4, 25))
 
 
 class Fixed:
-    """Says the same of any poses, and keeps what it is told."""
+    """Says the same of any poses, and counts what it was told to remember."""
 
-    def __init__(self, *log_prob, told=()):
-        self.values, self.told, self.seen = np.array(log_prob, dtype=float), list(told), []
+    def __init__(self, *log_prob, notes=(), remembered=0):
+        self.values, self.notes, self.remembered = np.array(log_prob, dtype=float), notes, remembered
 
-    def log_prob(self, previous, frame, previous_pose, pose):
-        return self.values
-
-    def warnings(self):
-        told, self.told = tuple(self.told), []
-        return told
-
-    def begin(self, frame, pose):
-        self.seen = ["began"]
-
-    def observe(self, frame, pose):
-        self.seen.append("observed")
-
-    def diagnostics(self):
-        return {"found": 3.0}
+    def look(self, previous, frame):
+        return SimpleNamespace(
+            notes=tuple(f"{note} of the frame" for note in self.notes),
+            diagnostics={"found": 0.0},
+            evaluate=lambda previous_pose, pose: Evaluation(self.values, self.notes, {"found": 3.0}),
+            remember=lambda pose: Fixed(*self.values, notes=self.notes, remembered=self.remembered + 1),
+        )
 
 
 def evaluate(product):
-    return product.log_prob(FRAME, FRAME, POSES, POSES)
+    return product.look(FRAME, FRAME).evaluate(POSES, POSES)
 
 
 def test_weights_are_powers():
     product = Product({"a": Fixed(0, 1, 2, 3), "b": Fixed(4, 0, 0, 4)}, {"a": 0.5, "b": 2.0})
-    np.testing.assert_array_equal(evaluate(product), [8.0, 0.5, 1.0, 9.5])
+    np.testing.assert_array_equal(evaluate(product).log_prob, [8.0, 0.5, 1.0, 9.5])
 
 
 def test_a_term_without_weight_is_never_asked():
-    product = Product({"a": Fixed(0, 1, 2, 3), "off": Fixed(np.nan, np.nan, np.nan, np.nan)}, {"a": 1.0, "off": 0.0})
-    np.testing.assert_array_equal(evaluate(product), [0.0, 1.0, 2.0, 3.0])
-    assert set(product.diagnostics()) == {"found", "share_a"}
-    remember(product, FRAME, POSES[0], first=True)
-    assert product.terms["off"].seen == []
+    product = Product({"off": Fixed(np.nan, np.nan, np.nan, np.nan), "a": Fixed(0, 1, 2, 3)}, {"a": 1.0, "off": 0.0})
+    np.testing.assert_array_equal(evaluate(product).log_prob, [0.0, 1.0, 2.0, 3.0])
+    assert set(evaluate(product).diagnostics) == {"found", "share_a"}
+    after = scenes.begun(product, FRAME, POSES[0])
+    assert {name: term.remembered for name, term in after.terms.items()} == {"off": 0, "a": 1}
+    assert list(after.terms) == ["off", "a"]
 
 
 def test_without_any_weight_every_pose_is_equally_likely():
-    product = Product({"a": Fixed(0, 1, 2, 3)}, {"a": 0.0})
-    np.testing.assert_array_equal(evaluate(product), np.zeros(4))
-    assert product.diagnostics() == {}
+    found = evaluate(Product({"a": Fixed(0, 1, 2, 3)}, {"a": 0.0}))
+    np.testing.assert_array_equal(found.log_prob, np.zeros(4))
+    assert found.diagnostics == {}
 
 
 def test_shares_sum_to_one_and_a_cue_that_contradicts_is_negative():
@@ -69,16 +64,17 @@ def test_shares_sum_to_one_and_a_cue_that_contradicts_is_negative():
     assert shares({"a": np.ones(4)}, np.ones(4)) == {"a": 0.0}
 
 
-def test_every_term_is_told_what_was_found_and_warns():
-    product = Product({"a": Fixed(0, 0, 0, 0, told=["careful"]), "b": Uniform()}, {"a": 1.0, "b": 1.0})
-    remember(product, FRAME, POSES[0], first=True)
-    remember(product, FRAME, POSES[0], first=False)
-    assert product.terms["a"].seen == ["began", "observed"]
-    assert product.diagnostics() == {"found": 3.0, "share_a": 0.0, "share_b": 0.0}
-    assert product.warnings() == ("careful",)
-    evaluate(product)
-    assert diagnostics(product) == {"found": 3.0, "share_a": 0.0, "share_b": 0.0}
-    assert diagnostics(Uniform()) == {}
+def test_every_term_is_told_what_was_found_and_speaks():
+    terms = {"a": Fixed(0, 1, 0, 0, notes=("careful",)), "b": Uniform()}
+    product = Product(terms, {"a": 1.0, "b": 1.0})
+    first = product.look(None, FRAME)
+    assert first.diagnostics == {"found": 0.0, "share_a": 0.0, "share_b": 0.0}
+    assert first.notes == ("careful of the frame",)
+    assert evaluate(product).notes == ("careful",)
+    assert evaluate(product).diagnostics == {"found": 3.0, "share_a": 1.0, "share_b": 0.0}
+    twice = scenes.begun(first.remember(POSES[0]), FRAME, POSES[0])
+    assert twice.terms["a"].remembered == 2
+    assert terms["a"].remembered == 0
 
 
 @pytest.mark.parametrize(

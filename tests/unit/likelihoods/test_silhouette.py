@@ -5,12 +5,13 @@ from dataclasses import replace
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
-from test_background_likelihood import by_hand, clip, with_block
+from still_clips import by_hand, clip, of_frames, with_block
 
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
-from workbench.likelihoods.likelihood import remember
-from workbench.likelihoods.silhouette import OUTWARDS, Silhouette, outline_sums, outline_sums_reference
+from workbench.likelihoods import outlines_reference
+from workbench.likelihoods.outlines import OUTWARDS, outline_sums, running_sums
+from workbench.likelihoods.silhouette import Silhouette
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -33,13 +34,13 @@ def test_the_kernel_agrees_with_numpy():
         outlines[:, k] = outlines[:, k].mean(axis=1, keepdims=True) + 9.0 * OUTWARDS
     outlines[3, 1], outlines[4, 2] = 0.0, np.nan  # not seen, and not projected
     for rim_px in (0.0, 0.4, 3.0):
-        found = outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
-        expected = outline_sums_reference(image, outlines.astype(np.float32), spheres, rim_px)
+        found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, rim_px)
+        expected = outlines_reference.outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of some 1000 pixels, corners to 1e-6 of 100 px
 
 
 def test_areas_of_boxes_and_discs_and_of_what_they_share():
-    ones, no = np.ones((100, 120), np.float32), np.zeros(2, dtype=bool)
+    ones, no = running_sums(np.ones((100, 120), np.float32)), np.zeros(2, dtype=bool)
     first, second = box(30.0, 40.5, 10.0, 20.0), box(35.0, 50.5, 10.0, 20.0)
     outside = box(200.0, 50.0, 10.0, 10.0)
     pairs = np.array([[first, outside], [first, second], [first, first]], dtype=np.float32)
@@ -55,11 +56,10 @@ def test_areas_of_boxes_and_discs_and_of_what_they_share():
 def test_a_rod_gets_the_mean_ratio_of_what_it_covers():
     """k r(80) where all it covers changed, k r(0) on the background, and the even mixture where half of it did."""
     empty = scenes.flat(100)
-    dataset, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
-    likelihood = Silhouette(ROD, dataset, k=2.0, rim_px=0.0)
-    remember(likelihood, frames[0], scenes.root()[0], first=True)
+    still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(None), slice(0, 160)))
+    likelihood = scenes.begun(Silhouette(ROD, still, k=2.0, rim_px=0.0), frames[0], scenes.root()[0])
     poses = np.concatenate([scenes.root((0.0, y, 0.0)) for y in (0.8, -0.8, 0.0)])
-    found = likelihood.log_prob(frames[2], frames[3], poses, poses)
+    found = scenes.log_prob(likelihood, frames[2], frames[3], poses, poses)
     rows = 1 / 40  # of the rod's 46, of which it may cover one more or less than at first
     seen = sorted(found)  # whichever side the camera calls left
     np.testing.assert_allclose(seen[0], 2.0 * by_hand(0.0), rtol=rows)
@@ -72,31 +72,32 @@ def test_how_far_away_a_person_is_is_told_without_bias():
     """The summed ratio of a walk's true poses, moved along the line of sight, is highest within 1 cm of the truth."""
     dataset = Synthetic(n_frames=24, rate_hz=8.0)
     frames, away = list(dataset.frames()), np.linspace(-0.1, 0.1, 41)
-    likelihood, total = Silhouette(dataset._body, dataset), np.zeros(41)
+    likelihood, total = Silhouette(dataset._body, of_frames(frames)), np.zeros(41)
     camera = frames[0].views[0].camera
     for frame in frames:
         pose = frame.truth.pose
         moved = np.repeat(pose[None], 41, axis=0)
         sight = pose[:3] - camera.position
         moved[:, :3] += away[:, None] * sight / np.linalg.norm(sight)
-        remember(likelihood, frame, pose, first=frame is frames[0])
-        total += likelihood.log_prob(frame, frame, moved, moved)
+        likelihood = likelihood.look(frame, frame).remember(pose)
+        total += scenes.log_prob(likelihood, frame, frame, moved, moved)
     assert abs(away[np.argmax(total)]) <= 0.01  # rim_px is right to a tenth of a pixel: 4 mm at 4 m
     assert total.max() - total[[10, 30]].max() > len(frames) * 0.5  # and 5 cm off costs
 
 
 def test_without_a_first_frame_it_says_nothing_and_says_so():
-    dataset, frames = clip(*[scenes.flat(100)] * 3)
-    likelihood = Silhouette(ROD, dataset)
-    assert likelihood.log_prob(frames[0], frames[1], scenes.root(), scenes.root()) == 0.0
-    assert "how large front sees the person is not known" in likelihood.warnings()[0]
+    still, frames = clip(*[scenes.flat(100)] * 3)
+    look = Silhouette(ROD, still).look(frames[0], frames[1])
+    assert look.evaluate(scenes.root(), scenes.root()).log_prob == 0.0
+    assert "how large front sees the person is not known" in look.notes[0]
+    assert Silhouette(ROD, still).look(None, frames[0]).notes == ()
 
 
 def test_a_camera_that_the_clip_does_not_have_is_an_error():
     frame = scenes.frame(0, (scenes.FRONT, scenes.flat(100)))
     other, _ = clip(*[scenes.flat(100)] * 3, camera=replace(scenes.FRONT, name="aside"))
     with pytest.raises(InputError, match="camera front was not in the clip"):
-        Silhouette(ROD, other).log_prob(frame, frame, scenes.root(), scenes.root())
+        Silhouette(ROD, other).look(frame, frame)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from likelihood_scenes import log_prob, notes
 
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import attach, person_surface, residuals
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
 from workbench.errors import InputError
 from workbench.likelihoods.surface_points import SurfacePoints
 
@@ -32,7 +33,7 @@ def points_on(pose, n=50, seed=1):
 def test_it_is_the_mixture_of_every_points_distance():
     some, points = poses(4), points_on(poses(1)[0])
     likelihood = SurfacePoints(BODY, sigma=0.03, epsilon=0.2, range_m=1.5, temper=0.4)
-    found = likelihood.log_prob(frame(None), frame(points), some, some)
+    found = log_prob(likelihood, frame(None), frame(points), some, some)
     surface = person_surface(BODY)
     for pose, value in zip(some, found, strict=True):
         parts = attach(surface, forward(BODY.skeleton, pose[None]), points)
@@ -50,7 +51,9 @@ def test_the_pose_that_made_the_points_is_the_most_likely_of_its_neighbours():
     on_the_skin = cloud[near]
     assert len(on_the_skin) > 50
     others = truth + 0.05 * np.random.default_rng(3).standard_normal((30, 25))
-    found = SurfacePoints(BODY).log_prob(frame(None), frame(on_the_skin), others, np.concatenate([truth[None], others]))
+    found = log_prob(
+        SurfacePoints(BODY), frame(None), frame(on_the_skin), others, np.concatenate([truth[None], others])
+    )
     assert found.argmax() == 0
 
 
@@ -59,19 +62,20 @@ def test_what_is_not_finite_is_left_out_and_told():
     bad = points.copy()
     bad[3] = np.nan
     some = poses(3)
-    whole = likelihood.log_prob(frame(None), frame(np.delete(points, 3, axis=0)), some, some)
-    assert likelihood.warnings() == ()
-    np.testing.assert_array_equal(likelihood.log_prob(frame(None), frame(bad), some, some), whole)
-    assert likelihood.warnings() == ("frame 1: 1 of 50 points are not finite; left out",)
+    whole = log_prob(likelihood, frame(None), frame(np.delete(points, 3, axis=0)), some, some)
+    assert notes(likelihood, frame(None), frame(points), some, some) == ()
+    np.testing.assert_array_equal(log_prob(likelihood, frame(None), frame(bad), some, some), whole)
+    found = notes(likelihood, frame(None), frame(bad), some, some)
+    assert found == ("frame 1: 1 of 50 points are not finite; left out",)
     some[1, 4] = np.inf
-    assert likelihood.log_prob(frame(None), frame(points), some, some)[1] == -np.inf
+    assert log_prob(likelihood, frame(None), frame(points), some, some)[1] == -np.inf
 
 
 @pytest.mark.parametrize("points", [None, np.empty((0, 3))])
 def test_a_frame_without_points_says_nothing(points):
     likelihood = SurfacePoints(BODY)
-    assert (likelihood.log_prob(frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
-    assert likelihood.warnings() == ("frame 1: there are no points",)
+    assert (log_prob(likelihood, frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
+    assert likelihood.look(None, frame(points)).notes == ("frame 1: there are no points",)
 
 
 @pytest.mark.parametrize(("name", "value"), [("sigma", 0.0), ("epsilon", 0.0), ("epsilon", 1.0), ("temper", 1.5)])

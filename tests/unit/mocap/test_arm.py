@@ -5,12 +5,12 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES, parameters, person_skeleton
-from workbench.datasets.arm import STRAIGHT_S, bending_arm
-from workbench.datasets.gait import builtin_motions
-from workbench.datasets.motions import find_motion
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
+from workbench.mocap.generated.arm import STRAIGHT_S, bending_arm
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
+from workbench.mocap.named import find_motion
 
 ARM = [POSE_NAMES.index(name) for name in PARTS["right_arm"]]
 ELBOW = POSE_NAMES.index("right_elbow_flexion")
@@ -50,7 +50,7 @@ def test_parts_stand_for_their_parameters_in_the_order_of_the_pose():
     )
     assert set(PARTS["upper_body"]) | set(PARTS["lower_body"]) == set(PARTS["body"])
     with pytest.raises(InputError, match="synthetic: moving: 'wing'"):
-        Synthetic(n_frames=2, moving=["wing"])
+        _ = Synthetic(n_frames=2, moving=["wing"]).known
 
 
 def test_motions_by_name(tmp_path):

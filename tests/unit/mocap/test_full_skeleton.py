@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from workbench.body.full_skeleton import full_poses, full_skeleton, full_surface
 from workbench.body.kinematics import forward, joints
+from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
+from workbench.body.surface import person_surface
 from workbench.errors import InputError
+from workbench.mocap.full_skeleton import full_body, full_poses, full_skeleton
 
 ENDS = tuple(name for name in clips.BANDAI_LIKE if name.endswith("_end"))
 
@@ -117,10 +119,8 @@ def test_a_joint_that_travels_is_refused():
 
 
 def test_its_surface_covers_every_bone_and_the_head_hands_and_toes():
-    skeleton = full_skeleton(bandai_like(0))
-    surface = full_surface(skeleton)
+    body = full_body(bandai_like(0), from_height(1.7))
     beyond = {f"{name}_end" for name in ("Head", "Hand_L", "Hand_R", "Toes_L", "Toes_R")}
-    assert set(surface.part_names) == {*skeleton.names[1:], *beyond}
-    assert full_surface(full_skeleton(clips.clip(clips.TRAVELLER, clips.wandering(clips.TRAVELLER, 0)))).part_names == (
-        "arm", "hand", "hand_end", "tail",
-    )  # fmt: skip
+    assert set(person_surface(body).part_names) == {*body.skeleton.names[1:], *beyond}
+    traveller = full_body(clips.clip(clips.TRAVELLER, clips.wandering(clips.TRAVELLER, 0)), from_height(1.7))
+    assert person_surface(traveller).part_names == ("arm", "hand", "hand_end", "tail")

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 
-from workbench.body.full_skeleton import full_body, full_surface
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
-from workbench.body.person import of_dataset
 from workbench.body.shape import from_height
 from workbench.body.surface import OVERHANG, attach, person_surface, residuals
-from workbench.datasets.visible_surface import surface_points
-from workbench.recording import scene
+from workbench.datasets.scenes.visible import surface_points
+from workbench.mocap.full_skeleton import full_body
+from workbench.recording.write import scene
 
 SHAPE = from_height(1.7)
 BODY = full_body(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)), SHAPE)
@@ -40,12 +39,6 @@ def test_points_of_the_limbs_lie_on_the_skin(seed):
     assert away.max() < (1.0 - OVERHANG) * BODY.limbs.radii.min(axis=2).max()
 
 
-def test_its_skin_is_that_of_the_skeleton():
-    found, expected = person_surface(BODY), full_surface(BODY.skeleton)
-    assert found.part_names == expected.part_names == BODY.limbs.names
-    np.testing.assert_array_equal(found.table, expected.table)
-
-
 def test_solids_lie_along_their_limbs():
     figure, limbs = scene.figure(BODY), BODY.limbs
     for name in ("Toes_R", "UpperArm_L", "Shoulder_L"):
@@ -56,12 +49,3 @@ def test_solids_lie_along_their_limbs():
         assert places.max() >= limbs.lengths[k] - 1e-9
         # along their own z axis the first and the last reach the limb's ends by its thinner half size
         assert figure.half_sizes[on_it, 2].min() == pytest.approx(limbs.radii[k].min())
-
-
-def test_a_dataset_with_a_body_of_its_own_is_tracked_on_it():
-    twice = of_dataset(SHAPE, BODY, scale=2.0)
-    np.testing.assert_allclose(twice.skeleton.offsets, 2.0 * BODY.skeleton.offsets)
-    np.testing.assert_allclose(twice.limbs.radii, 2.0 * BODY.limbs.radii)
-    np.testing.assert_allclose(twice.limbs.lengths, 2.0 * BODY.limbs.lengths)
-    assert twice.shape.thigh == pytest.approx(2.0 * SHAPE.thigh)
-    assert len(of_dataset(SHAPE, None).skeleton.dof_names) == 25

@@ -5,8 +5,8 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.datasets.gait import average_subject, builtin_motions, subjects, walker
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import average_subject, builtin_motions, subjects, walker
 
 ANKLES = {"left": JOINT_NAMES.index("left_ankle"), "right": JOINT_NAMES.index("right_ankle")}
 PEOPLE = [average_subject(), *subjects(12, np.random.default_rng(2000))]

@@ -7,7 +7,7 @@ import pytest
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.marks import read_marks
+from workbench.datasets.files.marks import read_marks
 from workbench.errors import InputError
 from workbench.mocap.openpose import LAYOUTS, read_openpose
 

@@ -5,8 +5,12 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.datasets.gait import ANKLE_HEIGHT, builtin_motions
-from workbench.datasets.running import (
+from workbench.errors import InputError
+from workbench.learning.activities import learn_activities
+from workbench.learning.activity_classes import accuracy_left_out
+from workbench.learning.activity_cycles import activity_cycles
+from workbench.mocap.generated.gait import ANKLE_HEIGHT, builtin_motions
+from workbench.mocap.generated.running import (
     FOOT_ROLL,
     GRAVITY,
     STANCE,
@@ -16,10 +20,6 @@ from workbench.datasets.running import (
     runner,
     runners,
 )
-from workbench.errors import InputError
-from workbench.learning.activities import learn_activities
-from workbench.learning.activity_classes import accuracy_left_out
-from workbench.learning.activity_cycles import activity_cycles
 
 PEOPLE = [average_runner(), *runners(4, np.random.default_rng(7))]
 
@@ -83,7 +83,7 @@ def test_the_same_seed_gives_the_same_bits():
     assert all(np.array_equal(a.poses, b.poses) and a.shape == b.shape for a, b in zip(first, again, strict=True))
     assert first[0].sha256 == again[0].sha256 != builtin_runs(2, seed=6)[0].sha256
     assert {motion.activity for motion in first} == {"run"}
-    assert first[0].source == "generated: workbench.datasets.running"
+    assert first[0].source == "generated: workbench.mocap.generated.running"
 
 
 def test_runs_have_running_cycles_and_are_told_from_walks():

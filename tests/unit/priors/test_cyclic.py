@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import plain_camera
-from workbench.body.kinematics import joints
-from workbench.body.limbs import person
-from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES, N_ROOT
-from workbench.datasets.frame import MarkedFrames
+from workbench.body.skeleton import N_ROOT
+from workbench.core.observation_residuals import projection_jacobian
 from workbench.errors import InputError
-from workbench.inference.residuals import projection_jacobian
-from workbench.inference.start import start_from_marks
 from workbench.learning.walking import WalkingModel
 from workbench.priors.cyclic import TABLE_PHASES, Cyclic, decode, decode_reference
 
@@ -139,48 +134,3 @@ def test_the_projection_jacobian_agrees_with_differences():
         shift = 1e-6 * np.eye(3)[axis]
         numeric = (CAMERA.project(points + shift) - CAMERA.project(points - shift)) / 2e-6
         assert analytic[:, :, axis] == pytest.approx(numeric, rel=1e-6, abs=1e-5)
-
-
-def test_start_from_marks_finds_the_pose_that_made_them():
-    prior, body = Cyclic(model()), person(from_height(1.75))
-    state = np.zeros((1, len(prior.space)))
-    state[0, prior.space.slices["coefficients"]] = [0.3, -0.4, 0.2]
-    state[0, prior.space.slices["phase"]] = 0.37
-    state[0, prior.space.slices["root_position"]] = [0.2, 0.1, 0.95]
-    state[0, prior.space.slices["root_rotation"]] = [2.8, 0.02, -0.03]
-    pose = prior.pose(state)
-    seen = CAMERA.project(joints(body.skeleton, pose)[0])
-    marks = np.column_stack([seen, np.ones(len(seen))])
-    marks[JOINT_NAMES.index("pelvis")] = np.nan
-    fit = start_from_marks(prior, body.skeleton, CAMERA, MarkedFrames(np.zeros(1), marks[None]))
-    assert np.isnan(fit.rate_hz)  # of which one frame says nothing
-    assert fit.error_px < 1.0  # the prior's pull on coefficients and lean against 4 px marks
-    apart = joints(body.skeleton, fit.pose[None]) - joints(body.skeleton, pose)
-    assert np.linalg.norm(apart, axis=-1).mean() < 0.05  # mostly depth, which one camera hardly sees
-
-
-def test_marks_of_several_frames_tell_the_pace_of_the_phase():
-    prior, body = Cyclic(model()), person(from_height(1.75))
-    slices, times = prior.space.slices, np.array([0.0, 0.2, 0.7])
-    state = np.zeros((3, len(prior.space)))
-    state[:, slices["coefficients"]] = [0.3, -0.4, 0.2]
-    state[:, slices["phase"]] = 0.37 + 0.95 * times[:, None]
-    state[:, slices["root_position"]] = np.array([0.4, 0.1, 0.95]) - times[:, None] * [1.1, -0.3, 0.0]
-    state[:, slices["root_rotation"]] = [2.8, 0.02, -0.03]
-    poses = prior.pose(state)
-    seen = CAMERA.project(joints(body.skeleton, poses))
-    marks = MarkedFrames(times, np.concatenate([seen, np.ones((3, 15, 1))], axis=2))
-    fit = start_from_marks(prior, body.skeleton, CAMERA, marks)
-    assert fit.error_px < 1.0
-    assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
-    apart = joints(body.skeleton, fit.pose[None]) - joints(body.skeleton, poses[:1])
-    assert np.linalg.norm(apart, axis=-1).mean() < 0.05
-
-
-def test_too_few_marks_are_refused():
-    marks = np.full((len(JOINT_NAMES), 3), np.nan)
-    marks[1:4] = [300.0, 200.0, 1.0]
-    with pytest.raises(InputError, match="found 3"):
-        start_from_marks(
-            Cyclic(model()), person(from_height(1.75)).skeleton, CAMERA, MarkedFrames(np.zeros(1), marks[None])
-        )

@@ -4,19 +4,26 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, truncnorm
 
-from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
 from workbench.learning.training import activity_model
+from workbench.learning.windows import learn_windows
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
 from workbench.priors.density import apart
-from workbench.priors.jitter import Jitter, with_density
-from workbench.priors.mixture import Mixture
+from workbench.priors.flipping import Flipping
+from workbench.priors.following import Following, Trajectory
+from workbench.priors.implicit import Implicit
+from workbench.priors.jitter import Jitter
+from workbench.priors.mixture import Mixture, Switching
+from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
 
 DT = 1 / 25
 N = 20_000
 ARM = ["left_arm"]
+TRAJECTORY = Trajectory(np.array([0.0, 1.0]), np.stack([np.full(25, 0.1), np.full(25, 0.2)]))
+NAMED = ["walking", "activity", "smooth", "jitter", "jitter smooth", "partwise", "following", "mixture"]
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +36,12 @@ def priors(tmp_path_factory):
         "smooth": Smooth(parameters=ARM),
         "jitter": Jitter(walking, parameters=["left_arm"]),
         "jitter smooth": Jitter(Smooth(parameters=["right_arm"]), parameters=["left_elbow_flexion"]),
+        "partwise": Partwise({"arm": Smooth(parameters=ARM), "root": Smooth(parameters=["root"])}),
+        "following": Following(Smooth(parameters=ARM), lambda: TRAJECTORY),
+        "mixture": Mixture(
+            {"calm": Smooth(parameters=ARM), "lively": Smooth(parameters=ARM, sigma_velocity={"elbow": 2.0})},
+            {"calm": 0.4, "lively": 0.6},
+        ),
     }
 
 
@@ -43,7 +56,8 @@ def family(prior):
     if "phase" in prior.space.names:
         parent[0, prior.space.names.index("phase")] = 0.99
     children = prior.step(np.repeat(parent, N, axis=0), DT, np.random.default_rng(1))
-    spread = apart(prior.space, prior.mean(parent, DT), children).std(axis=0)
+    spread = apart(prior.space, prior.powers.density.mean(parent, DT), children).std(axis=0)
+    spread[[i for i in range(len(spread)) if i not in prior.powers.density.free]] = 0.0
     other = parent + 0.5 * spread * np.where(spread > 1e-12, rng.choice([-1.0, 1.0], len(spread)), 0.0)
     for i, name in enumerate(prior.space.names):
         if name.endswith("elbow_flexion"):
@@ -51,16 +65,17 @@ def family(prior):
     return parent, other, children
 
 
-@pytest.mark.parametrize("name", ["walking", "activity", "smooth", "jitter", "jitter smooth"])
+@pytest.mark.parametrize("name", NAMED)
 def test_reweighted_children_have_the_moments_of_the_other_parents(priors, name):
     prior = priors[name]
     parent, other, children = family(prior)
-    log_ratio = prior.log_transition(other, children, DT) - prior.log_transition(parent, children, DT)
+    density = prior.powers.density
+    log_ratio = density.log_transition(other, children, DT) - density.log_transition(parent, children, DT)
     assert np.isfinite(log_ratio).all()
     weights = np.exp(log_ratio)
     others = prior.step(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
-    middle = prior.mean(other, DT)
-    found, expected = apart(prior.space, middle, children), apart(prior.space, middle, others)
+    middle = density.mean(other, DT)
+    found, expected = (apart(prior.space, middle, states)[:, density.free] for states in (children, others))
     for power in (0, 1, 2):
         weighted, plain = weights[:, None] * found**power, expected**power
         error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / N)
@@ -94,10 +109,10 @@ def test_the_smooth_priors_density_is_a_truncated_normal_distribution():
     assert (prior.log_transition(state, held, 1 / 30) == -np.inf).all()
 
 
-@pytest.mark.parametrize("name", ["walking", "activity", "smooth", "jitter"])
+@pytest.mark.parametrize("name", NAMED)
 def test_states_broadcast(priors, name):
-    prior = priors[name]
-    parent, other, children = family(prior)
+    prior = priors[name].powers.density
+    parent, other, children = family(priors[name])
     parents, states = np.concatenate([parent, other]), children[:5]
     table = prior.log_transition(parents[None], states[:, None], DT)
     assert table.shape == (5, 2)
@@ -126,11 +141,71 @@ def test_offsets_move_the_pose_and_nothing_else(priors):
     assert np.count_nonzero(change) == 1
 
 
-def test_a_prior_that_can_only_be_drawn_from_is_named():
-    halves = Mixture({"a": Smooth(), "b": Smooth()}, {"a": 0.5, "b": 0.5})
-    for prior in (halves, Jitter(halves)):
-        with pytest.raises(InputError, match="mixture can only be drawn from"):
-            with_density(prior)
+def test_the_density_of_parts_is_the_product_and_that_of_a_following_one_the_bases(priors):
+    prior = priors["partwise"]
+    parent, _, children = family(prior)
+    expected = sum(
+        part.log_transition(parent[:, prior.space.slices[name]], children[:, prior.space.slices[name]], DT)
+        for name, part in prior.priors.items()
+    )
+    np.testing.assert_allclose(prior.powers.density.log_transition(parent, children, DT), expected)
+    prior = priors["following"]
+    parent, _, children = family(prior)
+    found = prior.powers.density.log_transition(parent, children, DT)
+    np.testing.assert_array_equal(found, prior.base.log_transition(parent[:, :-1], children[:, :-1], DT))
+    late = children + np.eye(len(prior.space))[-1] * 1e-6
+    assert (prior.powers.density.log_transition(parent, late, DT) == -np.inf).all()
+
+
+@pytest.fixture(scope="module")
+def windows():
+    return learn_windows(builtin_motions(n_subjects=2), angles=ARM, root=False, length=4)
+
+
+@pytest.mark.parametrize("wrapped", ["jitter", "partwise", "following", "mixture"])
+def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wrapped):
+    """By steps and by completing steps that forgot: means and products, within five standard errors."""
+    base = Implicit(windows, beta=0.5, sigma_angles=0.1)
+    prior = {
+        "jitter": Jitter(base, sigma=0.05),
+        "partwise": Partwise({"arm": base, "root": Smooth(parameters=["root"])}),
+        "following": Following(base, lambda: TRAJECTORY),
+        "mixture": Mixture(
+            {"near": base, "far": Implicit(windows, beta=5.0, sigma_angles=0.2)}, {"near": 0.3, "far": 0.7}
+        ),
+    }[wrapped]
+    density, dt_s = prior.powers.density, 1 / 30
+    parent = prior.start(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
+    n = N // 4
+    parents = np.repeat(parent, n, axis=0)
+    stepped, forgotten = (prior.step(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
+    follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
+    assert len(follows) == len(base.space) - 25 + (wrapped == "mixture")
+    forgotten[:, follows] = np.nan
+    completed = density.complete(parents, forgotten, dt_s, np.random.default_rng(3))
+    assert (completed[:, density.free] == forgotten[:, density.free]).all()
+    assert np.isfinite(density.log_transition(parents, forgotten, dt_s)).all()
+    middle = stepped.mean(axis=0)
+    mine, true = completed - middle, stepped - middle
+    for i in np.flatnonzero(true.std(axis=0) > 1e-9):
+        for one, two in ((mine, true), (mine * mine[:, [i]], true * true[:, [i]])):
+            error = np.sqrt((one.var(axis=0) + two.var(axis=0)) / n)
+            assert (np.abs(one.mean(axis=0) - two.mean(axis=0)) <= 5.5 * error + 1e-9).all()
+
+
+def test_who_has_no_density(windows):
+    drawn = Implicit(windows, search="sign_tree")
+    calm, camera = Smooth(parameters=ARM), lambda: None
+    for prior in (
+        drawn,
+        Jitter(drawn),
+        Flipping(calm, camera),
+        Switching({"a": calm, "b": calm}, {"a": 0.5, "b": 0.5}),
+        Partwise({"arm": drawn, "root": Smooth(parameters=["root"])}),
+        Following(drawn, lambda: TRAJECTORY),
+        Mixture({"a": Implicit(windows), "b": drawn}, {"a": 0.5, "b": 0.5}),
+    ):
+        assert prior.powers.density is None
 
 
 @pytest.mark.parametrize("options", [{"sigma": 0.0}, {"keep": 1.0}, {"parameters": ["root_x"]}])

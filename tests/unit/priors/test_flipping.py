@@ -7,8 +7,8 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.flipping import LIMBS, Flipping, angles
 from workbench.priors.jitter import Jitter
 from workbench.priors.smooth import Smooth
@@ -95,7 +95,7 @@ def test_offsets_flip_as_well_as_angles_do():
 
 
 def test_a_prior_without_angles_of_its_own_and_wrong_numbers_are_refused():
-    with pytest.raises(InputError, match="smooth or jitter"):
+    with pytest.raises(InputError, match="as smooth and jitter have; it has pose, velocity, held"):
         Flipping(Smooth(parameters=["root"]), lambda: camera_at(4.0))
     for options in ({"probability": 0.0}, {"probability": 0.5, "share": 0.2}, {"share": 1.0}):
         with pytest.raises(InputError, match="probability <= share"):

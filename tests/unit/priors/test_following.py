@@ -11,8 +11,8 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.evaluation.errors import forearm_px, held
-from workbench.inference.keypoint_trajectory import trajectory_of_keypoints
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.start.trajectory import trajectory_of_keypoints
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.following import Following, Trajectory
 from workbench.priors.smooth import Smooth
@@ -51,11 +51,12 @@ def test_one_camera_counts_alone_where_it_is_named():
     (frame,) = frames(SKELETON, times, poses, sigma_px=8.0)
     some = poses + 0.1 * np.random.default_rng(1).standard_normal((5, 25))
     for view in frame.views:
-        named = KeypointLikelihood(BODY, which=[view.camera.name]).log_prob(frame, frame, some, some)
+        named = KeypointLikelihood(BODY, which=[view.camera.name]).look(frame, frame).evaluate(some, some)
         alone = replace(frame, views=(view,))
-        np.testing.assert_array_equal(named, KeypointLikelihood(BODY).log_prob(alone, alone, some, some))
+        expected = KeypointLikelihood(BODY).look(alone, alone).evaluate(some, some)
+        np.testing.assert_array_equal(named.log_prob, expected.log_prob)
     with pytest.raises(InputError, match="no camera 'back', expected some of front, side"):
-        KeypointLikelihood(BODY, which=["back"]).log_prob(frame, frame, some, some)
+        KeypointLikelihood(BODY, which=["back"]).look(frame, frame)
 
 
 def test_one_camera_holds_the_arm_while_the_body_leans():

@@ -5,13 +5,15 @@ import pytest
 from scipy.special import logsumexp
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.datasets.frame import Frame
-from workbench.datasets.gait import builtin_motions
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Evaluation
+from workbench.core.state_space import StateSpace
+from workbench.inference.particles.bootstrap import Bootstrap
+from workbench.inference.particles.filter import ParticleFilter
 from workbench.learning.windows import learn_windows
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob
-from workbench.priors.state import StateSpace
 
 DT = 1 / 30
 BETA = 1.0  # so warm that the weights' variance stays small enough for a mean to say something
@@ -109,11 +111,17 @@ class Corrected(TwoPoints):
 
 
 class Looked:
-    def log_prob(self, previous, frame, previous_pose, pose):
-        return np.log(LIKELY[frame.index, pose[:, 0].astype(int)])
+    notes, diagnostics, index = (), {}, 0
 
-    def warnings(self):
-        return ()
+    def look(self, previous, frame):
+        self.index = frame.index
+        return self
+
+    def evaluate(self, previous_pose, pose):
+        return Evaluation(np.log(LIKELY[self.index, pose[:, 0].astype(int)]))
+
+    def remember(self, expected_pose):
+        return self
 
 
 def enumerated(chain):
@@ -131,7 +139,9 @@ def filtered(prior, ess_threshold, n_seeds=60, n_particles=500):
     for seed in range(n_seeds):
         children = np.random.SeedSequence(seed).spawn(3)
         streams = dict(zip(("start", "resampling", "prior"), map(np.random.default_rng, children), strict=True))
-        inference = ParticleFilter(prior, Looked(), n_particles=n_particles, ess_threshold=ess_threshold)
+        inference = ParticleFilter(
+            prior, Looked(), n_particles=n_particles, move=Bootstrap(ess_threshold=ess_threshold)
+        )
         *_, last = inference.run(frames, np.zeros(1), streams)
         assert logsumexp(last.log_weights) == pytest.approx(0.0, abs=1e-9)
         rows.append([last.expected_pose[0], np.exp(last.log_evidence)])

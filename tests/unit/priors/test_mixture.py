@@ -7,12 +7,14 @@ import pytest
 from scipy.stats import norm
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Evaluation
+from workbench.core.prior import Powers
+from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.particles.filter import ParticleFilter
 from workbench.priors.mixture import Mixture, Switching, deal
 from workbench.priors.smooth import Smooth
-from workbench.priors.state import StateSpace
 
 DT = 1 / 30
 P = len(POSE_NAMES)
@@ -22,6 +24,7 @@ class Line:
     """x_t = a x_t−1 + b + N(0, q²), started at pose[0] + N(0, 0.2²); x is the pose's first number, the rest 0."""
 
     parameters = ("root_x",)
+    powers = Powers()
 
     def __init__(self, a, b, q, name="x"):
         self.a, self.b, self.q = a, b, q
@@ -152,11 +155,17 @@ class Measured:
 
     y = (np.nan, 0.8, 1.6, 0.3)
 
-    def log_prob(self, previous, frame, previous_pose, pose):
-        return norm.logpdf(self.y[frame.index], pose[:, 0], 0.4)
+    notes, diagnostics, index = (), {}, 0
 
-    def warnings(self):
-        return ()
+    def look(self, previous, frame):
+        self.index = frame.index
+        return self
+
+    def evaluate(self, previous_pose, pose):
+        return Evaluation(norm.logpdf(self.y[self.index], pose[:, 0], 0.4))
+
+    def remember(self, expected_pose):
+        return self
 
 
 def exact_posterior():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.datasets.gait import builtin_motions
 from workbench.errors import InputError
 from workbench.learning.windows import learn_windows
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth

@@ -5,7 +5,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from workbench.recording.rows import Columns, Row
+from workbench.recording.write.columns import Columns, Row
 
 RNG = np.random.default_rng(0)
 
@@ -26,6 +26,7 @@ ROWS = {
     "bars": (rr.BarChart, [bars(), bars(), bars()]),
     "strips, none in one frame": (rr.LineStrips3D, [strips(4), strips(0), strips(1)]),
     "points": (rr.Points3D, [{"positions": RNG.random((3, 3))}, {"positions": RNG.random((2, 3))}]),
+    "curves": (rr.Scalars, [{"scalars": RNG.random(25)}, {"scalars": RNG.random(25)}]),
     "images": (rr.EncodedImage, [jpeg(100), jpeg(7)]),
 }
 

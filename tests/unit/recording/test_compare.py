@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recording_steps import BODY, SPACE, errors, steps
+from rerun.chunk import RrdReader
 
-from workbench.recording import file
-from workbench.recording.compare import EXACT, Tolerance, compare, exactly_comparable
-from workbench.recording.compare_seeds import compare_seeds
-from workbench.recording.reader import read
-from workbench.recording.recorder import Recorder
-from workbench.recording.study import StudyRecorder
-from workbench.studies.study import Bars, Curves, StudyResult
+from workbench.core.study import Bars, Curves, StudyResult
+from workbench.recording.compare.compare import EXACT, Tolerance, compare, exactly_comparable
+from workbench.recording.compare.condense import condense
+from workbench.recording.compare.seeds import compare_seeds
+from workbench.recording.read.reader import read
+from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.write import file
+from workbench.recording.write.recorder import Recorder
 
 VERSIONS = dict.fromkeys(EXACT, "1.0")
 LOOSE = {"default": Tolerance(relative=0.05), "error_mm": Tolerance(absolute=3.0)}
@@ -179,3 +181,32 @@ def test_seeds_are_judged_as_distributions_and_a_missing_number_fails(made):
     assert not found["error_mm"].passed
     assert (found["error_mm"].was, found["error_mm"].now) == (90.0, 41.75)
     assert found["gone"].detail == "missing from 4 of 5 runs"
+
+
+def test_a_condensed_recording_keeps_every_number_and_no_picture(made, tmp_path):
+    run = made()
+    condense(run, tmp_path / "run.rrd")
+    kept = read(tmp_path / "run.rrd")
+    assert kept.properties == run.properties
+    assert [(one, one.passed) for one in compare(run, kept, {})] == [(one, True) for one in compare(kept, run, {})]
+    np.testing.assert_array_equal(kept.joints.positions, run.joints.positions)
+    np.testing.assert_array_equal(kept.true_joints.positions, run.true_joints.positions)
+    assert components(kept.path).isdisjoint({"EncodedImage:blob", "Ellipsoids3D:centers", "BarChart:values"})
+    assert components(kept.path) < components(run.path)
+
+
+def test_a_condensed_study_keeps_its_figures_without_drawings(tmp_path):
+    curves = Curves("page/f", np.arange(3.0), {"a": np.array([1.0, np.nan, 3.0])}, "x", "y")
+    with StudyRecorder(tmp_path / "study.rrd", run_id="s", config_yaml="", provenance=VERSIONS) as recording:
+        recording.log(StudyResult({"error": 1.0}, (curves, Bars("b", np.arange(2.0), np.ones(2), "x")), "a note"))
+    study = read(tmp_path / "study.rrd")
+    condense(study, tmp_path / "kept.rrd")
+    kept = read(tmp_path / "kept.rrd")
+    assert [figure.name for figure in kept.figures] == ["page/f", "b"]
+    assert all(finding.passed for finding in compare(study, kept, {}))
+    assert kept.note == "a note"
+    assert "EncodedImage:blob" in components(study.path) - components(kept.path)
+
+
+def components(path):
+    return {name for chunk in RrdReader(path).stream() for name in chunk.to_record_batch().schema.names if ":" in name}

@@ -17,15 +17,16 @@ from matplotlib.text import Text
 from recording_steps import BODY, CAMERA, steps
 
 from workbench.body.kinematics import joints
+from workbench.core.state_space import StateSpace
+from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.errors import InputError
-from workbench.priors.state import StateSpace
-from workbench.recording.pictures import activities, flexions, pictures, scenes
-from workbench.recording.reader import Run, read
-from workbench.recording.recorder import Recorder
-from workbench.recording.study import StudyRecorder
-from workbench.studies.study import Bars, Curves, Scatter, Sticks, StudyResult
+from workbench.recording.read.frames import activities, flexions, pictures, scenes
+from workbench.recording.read.reader import Run, read
+from workbench.recording.study.drawing import STYLE
+from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.write.recorder import Recorder
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SCRIPTS = sorted(path.stem for path in (ROOT / "analysis" / "figures").glob("[abcd]_*.py"))
 EXPERIMENTS = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
 TRACKED = {
@@ -225,7 +226,7 @@ def test_a_scripts_docstring_names_the_figure_and_its_experiments(name):
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_draws_and_says_the_runs_numbers(recorded, name, tmp_path):
     module = script(name)
-    with context(script("style").STYLE):
+    with context(STYLE):
         figure = module.draw({experiment: recorded[experiment] for experiment in module.EXPERIMENTS})
         figure.savefig(tmp_path / "figure.png", dpi=40)
     assert all(axes.has_data() for axes in figure.get_axes())

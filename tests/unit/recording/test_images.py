@@ -4,7 +4,7 @@ import numpy as np
 
 from workbench.body.camera import plain_camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.recording import images
+from workbench.recording.write import images
 
 SHOWN = images.picture(plain_camera(64, 48, 60.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0), name="left"))
 

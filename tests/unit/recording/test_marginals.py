@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from workbench.evaluation.posterior import weighted_quantiles
-from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
+from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
 
 FLOOR = np.exp(LOWEST_LOG_MASS)
 

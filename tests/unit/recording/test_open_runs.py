@@ -10,10 +10,10 @@ from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.errors import InputError
-from workbench.recording.file import FORMAT, RecordingFile
-from workbench.recording.probe import fatal
-from workbench.recording.reader import find_recordings, open_runs, read
-from workbench.recording.recorder import Recorder
+from workbench.recording.read.probe import fatal
+from workbench.recording.read.reader import find_recordings, open_runs, read
+from workbench.recording.write.file import FORMAT, RecordingFile
+from workbench.recording.write.recorder import Recorder
 
 FORMAT_1 = Path(__file__).parent / "recordings" / "format_1.rrd"
 N = 3

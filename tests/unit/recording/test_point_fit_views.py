@@ -12,10 +12,11 @@ from workbench.body.flexion import flexions
 from workbench.body.kinematics import forward
 from workbench.body.surface import attach, person_surface
 from workbench.body.surface_mesh import surface_mesh
-from workbench.datasets.visible_surface import surface_points
-from workbench.recording import blueprint, fit
-from workbench.recording.recorder import Recorder
-from workbench.recording.scene import SKIN_SPACING_M
+from workbench.datasets.scenes.visible import surface_points
+from workbench.recording.write import blueprint
+from workbench.recording.write import point_fit_views as fit
+from workbench.recording.write.recorder import Recorder
+from workbench.recording.write.scene import SKIN_SPACING_M
 
 N_FRAMES = 3
 SURFACE = person_surface(BODY)

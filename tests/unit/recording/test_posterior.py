@@ -6,19 +6,19 @@ import pytest
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.datasets.frame import Frame
-from workbench.datasets.gait import builtin_motions
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.core.frame import Frame
+from workbench.inference.particles.filter import ParticleFilter
 from workbench.learning.walking import learn_walking
 from workbench.learning.windows import learn_windows
 from workbench.likelihoods.uniform import Uniform
+from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.smooth import Smooth
-from workbench.recording.posterior import Posterior
-from workbench.recording.reader import read
-from workbench.recording.recorder import Recorder
+from workbench.recording.read.reader import read
+from workbench.recording.write.posterior import Posterior
+from workbench.recording.write.recorder import Recorder
 
 BODY = person(from_height(1.75))
 N_FRAMES, N_BINS = 4, 16

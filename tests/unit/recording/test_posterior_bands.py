@@ -7,12 +7,12 @@ import pytest
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
 from workbench.evaluation.posterior import weighted_quantiles
-from workbench.inference.particle_filter import ParticleFilter
+from workbench.inference.particles.filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.smooth import Smooth
-from workbench.recording.posterior import Posterior
+from workbench.recording.write.posterior import Posterior
 
 BODY = person(from_height(1.75))
 NAME = "root_x"

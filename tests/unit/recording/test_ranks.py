@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from layouts import SHOWN, laid_out
 from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
-from test_layout import SHOWN, laid_out
 
 from workbench.evaluation.calibration import ranks
 from workbench.evaluation.errors import pose_ranks
-from workbench.recording.ranks import PATH
-from workbench.recording.recorder import Recorder
+from workbench.recording.write.ranks import PATH
+from workbench.recording.write.recorder import Recorder
 
 
 def bars(path, entity):

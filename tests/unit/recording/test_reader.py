@@ -11,8 +11,8 @@ import rerun_cli
 from recording_steps import BODY, SCALE, SPACE, errors, steps
 
 from workbench.errors import InputError
-from workbench.recording.reader import read
-from workbench.recording.recorder import Recorder
+from workbench.recording.read.reader import read
+from workbench.recording.write.recorder import Recorder
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.recording import images, scene
+from workbench.recording.write import images, scene
 
 BODY = person(from_height(1.8))
 LENS = np.array([-0.25, 0.05, 0.003, -0.002, 0.01])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from report_runs import made_up
 
-from workbench.recording.reader import Unreadable
+from workbench.recording.read.reader import Unreadable
 from workbench.report.contents import contents
 from workbench.report.groups import group_runs, seed_of
 from workbench.report.series import all_series

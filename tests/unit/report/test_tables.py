@@ -6,7 +6,7 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from workbench.report.plots import spread
+from workbench.recording.study.drawing import spread
 from workbench.report.tables import Table, comma_separated, escaped, markdown, markup, number, text
 
 TABLE = Table(("group", "mean"), (("a|b", "1.5"), ("<c>", "12.25")), frozenset(["mean"]))

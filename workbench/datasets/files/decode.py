@@ -43,7 +43,7 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 
 
 def count_frames(source: Path, at_most: int | None = None) -> int:
-    """How many images can be decoded, found by decoding; it stops counting at `at_most`.
+    """Tell how many images can be decoded, found by decoding; it stops counting at `at_most`.
 
     Warns where a video file announces more frames than it holds. Raises InputError as `decode` does.
     """

@@ -51,7 +51,7 @@ class Marks:
         return np.column_stack([self.pixels[row], np.where(np.isnan(self.pixels[row, :, 0]), np.nan, weights)])
 
     def rows(self, kept: BoolArray) -> "Marks":
-        """Those of the frames `kept` (M,)."""
+        """Select those of the frames `kept` (M,)."""
         confidence = None if self.confidence is None else self.confidence[kept]
         return replace(
             self, frames=self.frames[kept], pixels=self.pixels[kept], visible=self.visible[kept], confidence=confidence

@@ -1,10 +1,14 @@
 """A camera placed so that it sees the whole of a motion."""
 
+import warnings
+
 import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.skeleton import POSE_NAMES
+from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.take import Take
 from workbench.mocap.motion import Motion
 
 _MARGIN = 0.05
@@ -12,23 +16,16 @@ _MARGIN = 0.05
 
 
 def automatic_camera(
-    motion: Motion,
-    places: FloatArray,
-    *,
-    width: int,
-    height: int,
-    focal_px: float,
-    view_deg: float,
-    distance_m: float,
-    name: str = "automatic",
+    scene: Scene, motion: Motion, places: FloatArray, distance_m: float, name: str = "automatic"
 ) -> tuple[Camera, float]:
     """A level camera at the height of the belly that keeps all joints `places` (F, J, 3) in view, and its distance, m.
 
-    It looks at view_deg (degrees) to the motion's direction (90: side view, 180: from ahead) from distance_m to where
+    It looks at the scene's view_deg to the motion's direction from distance_m to where
     the person is half-way through, or from further away where the whole motion would not fit into width × height.
     Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
     """
-    angle = _direction(motion) + np.radians(view_deg)
+    width, height, focal_px = scene.width, scene.height, scene.focal_px
+    angle = _direction(motion) + np.radians(scene.view_deg)
     forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
     middle = motion.poses[len(motion) // 2]
 
@@ -48,8 +45,20 @@ def automatic_camera(
     return plain_camera(width, height, focal_px, (x, y, z), tuple(target), name=name), float(distance)
 
 
+def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automatic") -> Camera:
+    """The automatic camera of a take, with a warning where it has to be further away than distance_m."""
+    camera, distance = automatic_camera(scene, take.motion, take.places, distance_m, name)
+    if distance > 1.01 * distance_m:
+        warnings.warn(
+            f"{scene.kind}: the camera is {distance:.1f} m away instead of {distance_m:g}, so that the whole motion "
+            "fits into its image",
+            stacklevel=2,
+        )
+    return camera
+
+
 def standing_height(motion: Motion, places: FloatArray) -> float:
-    """How tall the person is, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
+    """Tell how tall the person is, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
     standing = places[len(motion) // 2, :, 2]
     return float(np.ptp(standing) + motion.shape.head_radius + motion.shape.calf_radii[1])
 

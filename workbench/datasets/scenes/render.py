@@ -184,7 +184,7 @@ def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
 
 
 def cast_reference(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
-    """The same as `cast` in plain NumPy, every ray against every limb, over the whole picture."""
+    """Compute `cast` in plain NumPy, every ray against every limb, over the whole picture."""
     placed = _place(body, pose, camera)
     directions = np.concatenate([rays.directions, np.ones((*rays.directions.shape[:2], 1))], axis=-1, dtype=np.float64)
     depth = np.full(directions.shape[:2], np.inf)
@@ -285,7 +285,7 @@ def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def _entry_reference(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Where a s² + 2 b s + c falls through zero at s > 0, inf where it does not; c > 0 outside the surface."""
+    """Find where a s² + 2 b s + c falls through zero at s > 0, inf where it does not; c > 0 outside the surface."""
     root = np.sqrt(b * b - a * c)  # NaN where the ray misses
     s = c / (root - b)  # not (−b − root) / a, which fails for rays along the cone's slope
     return np.where(s > 0.0, s, np.inf)

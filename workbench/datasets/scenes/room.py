@@ -7,9 +7,9 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
-from workbench.datasets.gait import ANKLE_HEIGHT
-from workbench.datasets.render import background, camera_rays
-from workbench.datasets.take import Take
+from workbench.datasets.scenes.render import background, camera_rays
+from workbench.datasets.scenes.take import Take
+from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 TEXEL_M = 0.01
 WALL_BEHIND_M = 1.5

@@ -8,8 +8,7 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
-from workbench.learning.activity_cycles import SHORTEST_S
-from workbench.learning.cycles import gait_events
+from workbench.mocap.gait_events import SHORTEST_RUN_S, gait_events
 from workbench.mocap.motion import Motion
 
 BLEND_S = 0.3
@@ -62,11 +61,11 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
 
 
 def gait_phases(motion: Motion) -> FloatArray:
-    """The place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`cycles.gait_events`).
+    """The place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`gait_events`).
 
     Linear between those events and, at the rate of the nearest cycle, beyond them; NaN without two of them.
     """
-    events, frames = gait_events(motion, SHORTEST_S), np.arange(len(motion), dtype=np.float64)
+    events, frames = gait_events(motion, SHORTEST_RUN_S), np.arange(len(motion), dtype=np.float64)
     if len(events) < 2:
         return np.full(len(motion), np.nan)
     phases = np.interp(frames, events, np.arange(len(events)))

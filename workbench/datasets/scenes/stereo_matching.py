@@ -15,7 +15,7 @@ PATCH_SHARE = 0.05
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
-    """How much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
+    """Tell how much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
 
     n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
     documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle.

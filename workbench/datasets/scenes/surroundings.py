@@ -8,9 +8,9 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body, Limbs
-from workbench.datasets.gait import ANKLE_HEIGHT
-from workbench.datasets.take import Take
-from workbench.datasets.visible_surface import first_depth, inside, surface_points
+from workbench.datasets.scenes.take import Take
+from workbench.datasets.scenes.visible import first_depth, inside, surface_points
+from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 BOX_M = np.array([0.8, 0.8, 1.1])
 """Half sizes of the box about the root in which clutter and outliers are kept, as a tracker would."""
@@ -90,7 +90,7 @@ def clutter_points(
 
 
 def not_hidden(points: FloatArray, camera: Camera, before: Sequence[tuple[Body, FloatArray]]) -> FloatArray:
-    """Those of points (K, 3) that bodies, each in its pose (P,), do not hide from the camera."""
+    """Select those of points (K, 3) that bodies, each in its pose (P,), do not hide from the camera."""
     for body, pose in before:
         if len(points):
             points = points[first_depth(body, pose, camera, points) > camera.to_camera(points)[:, 2] - 1e-3]

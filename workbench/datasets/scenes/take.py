@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.body.full_skeleton import full_body, full_poses
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
-from workbench.datasets.frame import Truth
-from workbench.datasets.motions import find_motion, motion_file
-from workbench.datasets.splice import splice
+from workbench.core.frame import Truth
+from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.splice import splice
 from workbench.errors import InputError
+from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
+from workbench.mocap.named import find_motion, motion_file
 from workbench.mocap.sources import UNKNOWN, read_clip
 
 STARTS = ("auto", "given")
@@ -73,9 +74,7 @@ def find_take(
     """
     if skeleton not in SKELETONS:
         raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
-    names = [str(motion)] if isinstance(motion, str | int) else [str(name) for name in motion]
-    if not names:
-        raise InputError("dataset: motion must name at least one motion, found none")
+    names = motion_names(motion)
     clips = [find_motion(name, data=data, rate_hz=_FINE * rate_hz, path=path, seed=seed) for name in names]
     fine = splice(clips, _FINE * (n_frames - 1) + 1, _FINE * first_frame)
     shown = replace(fine.motion, rate_hz=rate_hz, poses=fine.motion.poses[::_FINE])
@@ -94,6 +93,14 @@ def find_take(
     return Take(shown, body, truths, fine.phases[::_FINE])
 
 
+def take_of(scene: Scene, skeleton: str = "person") -> Take:
+    """Tell what the person of a scene does, see `find_take`."""
+    return find_take(
+        scene.motion, data=scene.data, rate_hz=scene.rate_hz, n_frames=scene.n_frames, first_frame=scene.first_frame,
+        path=scene.path, seed=scene.seed, skeleton=skeleton,
+    )  # fmt: skip
+
+
 def _own_skeleton(motion: Motion, file: Path) -> tuple[Body, FloatArray]:
     """The body of a motion file's own skeleton, and its poses (F, P) at the rate of `motion`, the same retargeted."""
     clip = read_clip(file)
@@ -101,14 +108,30 @@ def _own_skeleton(motion: Motion, file: Path) -> tuple[Body, FloatArray]:
     return full_body(clip, motion.shape), poses
 
 
-def check_start(dataset: str, start: str, take: Take | None) -> None:
-    """Raise InputError, naming the dataset, where `start` is unknown or asks for a truth that is not there."""
+def motion_names(motion: str | Sequence[str]) -> list[str]:
+    """The names of the motions that take turns; InputError where there is none."""
+    names = [motion] if isinstance(motion, str | int) else list(motion)
+    if not names:
+        raise InputError("dataset: motion must name at least one motion, found none")
+    return [str(name) for name in names]
+
+
+def given_start(
+    dataset: str, start: str, take: Take | None, seed: int
+) -> tuple[FloatArray | None, tuple[float, float] | None]:
+    """What is offered of the start: with start="given" the rough first pose (P,) and the phase's ends; else nothing.
+
+    Raises InputError, naming the dataset, where `start` is unknown or asks for a truth that is not there.
+    """
     if start not in STARTS:
         raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
-    if start == "given" and take is None:
+    if start == "auto":
+        return None, None
+    if take is None:
         raise InputError(f"{dataset}: start=given needs the truth, which is not known; use start=auto")
-    if start == "given" and take is not None and take.phase_ends is None:
+    if take.phase_ends is None:
         raise InputError(
             f"{dataset}: start=given gives the ends of the gait's phase, but {take.motion.name!r} has no gait cycle; "
             "use start=auto"
         )
+    return take.rough_start(seed), take.phase_ends

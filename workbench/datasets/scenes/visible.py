@@ -6,7 +6,7 @@ from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
-from workbench.datasets.render import Rays, cast
+from workbench.datasets.scenes.render import Rays, cast
 
 TRIES = 24
 """Places tried for each point asked for: a camera sees less than half of a surface, and limbs' ends lie in others."""

@@ -13,7 +13,7 @@ from workbench.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Arrow:
+class Pattern:
     """The pattern of a symmetric (n, n) matrix, n = n_band + n_border, and the place of each entry in its storage.
 
     n_band: the first unknowns, which meet each other only up to `width` apart. n_border: the last ones, which meet
@@ -36,37 +36,37 @@ class Arrow:
         cells: IntArray = np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
         return cells
 
-    def fill(self, places: IntArray, values: FloatArray) -> "Bordered":
+    def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
         """The matrix whose entries are the sums of the values (...) at their `places` (...)."""
         n_rows, n_columns = self.shape
         cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
-        return Bordered(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
+        return Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered:
-    """A symmetric matrix of the pattern `arrow`. cells: its lower triangle as stored there."""
+class Arrowhead:
+    """A symmetric matrix of the pattern `pattern`. cells: its lower triangle as stored there."""
 
-    arrow: Arrow
+    pattern: Pattern
     cells: FloatArray
 
     @property
     def diagonal(self) -> FloatArray:
         """(n,)."""
-        return np.concatenate([self.cells[0, : self.arrow.n_band], np.diag(self._corner)])
+        return np.concatenate([self.cells[0, : self.pattern.n_band], np.diag(self._corner)])
 
     @property
     def _corner(self) -> FloatArray:
-        corner: FloatArray = self.cells[self.arrow.width + 1 :, self.arrow.n_band :]
+        corner: FloatArray = self.cells[self.pattern.width + 1 :, self.pattern.n_band :]
         return corner
 
     def dense(self) -> FloatArray:
         """The whole matrix (n, n)."""
-        n = self.arrow.shape[1]
+        n = self.pattern.shape[1]
         rows, columns = np.tril_indices(n)
-        kept = (rows >= self.arrow.n_band) | (rows - columns <= self.arrow.width)
+        kept = (rows >= self.pattern.n_band) | (rows - columns <= self.pattern.width)
         matrix = np.zeros((n, n))
-        matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.arrow.place(rows[kept], columns[kept])]
+        matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.pattern.place(rows[kept], columns[kept])]
         return matrix + np.tril(matrix, -1).T
 
     def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
@@ -74,18 +74,18 @@ class Bordered:
 
         Raises numpy.linalg.LinAlgError when that is not positive definite.
         """
-        n_band, width = self.arrow.n_band, self.arrow.width
-        added = np.broadcast_to(damping, self.arrow.shape[1:])
+        n_band, width = self.pattern.n_band, self.pattern.width
+        added = np.broadcast_to(damping, self.pattern.shape[1:])
         band = self.cells[: width + 1, :n_band].copy()
         band[0] += added[:n_band]
         root = cholesky_banded(band, lower=True, check_finite=False)
         border = self.cells[width + 1 :, :n_band]
-        if not self.arrow.n_border:
-            return Factor(self.arrow, root, border.T, border)
+        if not self.pattern.n_border:
+            return Factor(self.pattern, root, border.T, border)
         reduced = cho_solve_banded((root, True), border.T, check_finite=False)
         schur = self._corner + np.diag(added[n_band:]) - border @ reduced
         corner = np.tril(cho_factor(schur, lower=True, check_finite=False)[0])
-        return Factor(self.arrow, root, reduced, corner)
+        return Factor(self.pattern, root, reduced, corner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +93,16 @@ class Factor:
     """Cholesky factors. root: (width + 1, n_band) of the band B. reduced: (n_band, n_border) B⁻¹Cᵀ of the border C.
     corner: (n_border, n_border) of the Schur complement D − C B⁻¹ Cᵀ, lower triangular."""
 
-    arrow: Arrow
+    pattern: Pattern
     root: FloatArray
     reduced: FloatArray
     corner: FloatArray
 
     def solve(self, right: FloatArray) -> FloatArray:
         """x (n,) of A x = right (n,)."""
-        n_band = self.arrow.n_band
+        n_band = self.pattern.n_band
         x: FloatArray = cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
-        if not self.arrow.n_border:
+        if not self.pattern.n_border:
             return x
         shared = cho_solve((self.corner, True), right[n_band:] - self.reduced.T @ right[:n_band], check_finite=False)
         return np.concatenate([x - self.reduced @ shared, shared])
@@ -112,18 +112,18 @@ class Factor:
 
         Unknowns of one frame must meet in the pattern.
         """
-        n_band, width = self.arrow.n_band, self.arrow.width
+        n_band, width = self.pattern.n_band, self.pattern.width
         near = selected_inverse(self.root)
         banded = columns < n_band
         i, j = columns[:, :, None], columns[:, None, :]
         both = banded[:, :, None] & banded[:, None, :]
         apart, first = np.abs(i - j).clip(max=width), np.minimum(i, j).clip(max=n_band - 1)
         blocks: FloatArray = np.where(both, near[apart, first], 0.0)
-        if not self.arrow.n_border:
+        if not self.pattern.n_border:
             return blocks
         # [x, shared] has the covariance [B⁻¹ + V S⁻¹ Vᵀ, −V S⁻¹; −S⁻¹ Vᵀ, S⁻¹] with V = B⁻¹Cᵀ
-        shared = cho_solve((self.corner, True), np.eye(self.arrow.n_border))
-        spread = np.concatenate([-self.reduced, np.eye(self.arrow.n_border)])[columns]
+        shared = cho_solve((self.corner, True), np.eye(self.pattern.n_border))
+        spread = np.concatenate([-self.reduced, np.eye(self.pattern.n_border)])[columns]
         blocks += spread @ shared @ spread.transpose(0, 2, 1)
         return blocks
 

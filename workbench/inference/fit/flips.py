@@ -9,9 +9,10 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
-from workbench.inference.decoding import PoseDecoder
-from workbench.inference.frame_fit import fit_frame
-from workbench.inference.residuals import Loss, joint_residual, limit_residual, stacked
+from workbench.core.residual import Loss, stacked
+from workbench.inference.fit.decoding import PoseDecoder
+from workbench.inference.fit.frame import fit_frame
+from workbench.inference.fit.residuals import joint_residual, limit_residual
 
 LIMBS = tuple(
     (f"{side}_{upper}", f"{side}_{middle}", f"{side}_{lower}")
@@ -21,7 +22,7 @@ LIMBS = tuple(
 LEAST_FRAMES = 3
 """A stretch of fewer is left to the fit, which gets there by itself."""
 FLIP_SIGMA_M = 0.03
-"""Of the joints of a limb about where the flip has them, against the body's limits."""
+"""How near the joints of a limb come to where the flip has them, against the body's limits."""
 LIMIT_SIGMA_RAD = 0.05
 
 

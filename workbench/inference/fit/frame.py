@@ -9,10 +9,11 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
-from workbench.inference.bordered import Arrow
-from workbench.inference.decoding import Decoder, MotionDecoder, PoseDecoder
-from workbench.inference.levenberg_marquardt import Minimum, Quadratic, minimise
-from workbench.inference.residuals import Loss, Residual
+from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.smoothness import PACE_HZ, Smoothness
+from workbench.inference.fit.arrowhead import Pattern
+from workbench.inference.fit.decoding import Decoder, MotionDecoder, PoseDecoder
+from workbench.inference.fit.solver import Minimum, Quadratic, minimise
 
 WIDENED = (8.0, 1.0)
 """Scales of the loss, one after the other, with which a root is found that may start decimetres away: a redescending
@@ -24,9 +25,6 @@ STYLE_HELD = 0.4
 """Part of the smoothness that a style has while a motion is followed: one frame alone bends it to fit a wrong phase."""
 FLAT = 1.0
 """Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
-
-PACE_HZ = 14.0
-"""The frames a second for which `Smoothness` is given, paper D's."""
 
 PRIOR_PHASES = 64
 PRIOR_RAD = 0.05
@@ -46,31 +44,9 @@ class Gaussian:
         return Gaussian(mean, np.diag(1.0 / deviations))
 
 
-@dataclass(frozen=True)
-class Smoothness:
-    """Standard deviations of what may change between frames at PACE_HZ; over other times as a random walk of the
-    coefficients and of the speeds.
-
-    style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
-    differences of μ, cycles. position, rotation: second differences of the root, m and rad. angle: those of joint
-    angles without a motion model, rad.
-    """
-
-    style: float = 0.3
-    phase: float = 0.02
-    position: float = 0.03
-    rotation: float = 0.03
-    angle: float = 0.2
-
-    @property
-    def second_differences(self) -> FloatArray:
-        """(7,), of {μ, root}."""
-        return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
-
-
 def fit_frame(
     decoder: Decoder,
-    residual: Residual,
+    residual: ResidualFunction,
     loss: Loss,
     state: FloatArray,
     *,
@@ -106,7 +82,11 @@ def fit_frame(
 
 
 def fit_root(
-    decoder: PoseDecoder, residual: Residual, loss: Loss, guesses: Sequence[FloatArray], widened: tuple[float, ...]
+    decoder: PoseDecoder,
+    residual: ResidualFunction,
+    loss: Loss,
+    guesses: Sequence[FloatArray],
+    widened: tuple[float, ...],
 ) -> Minimum:
     """The root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at first.
 
@@ -120,7 +100,9 @@ def fit_root(
     return found
 
 
-def global_motion(decoder: MotionDecoder, residuals: Sequence[Residual], loss: Loss, states: FloatArray) -> FloatArray:
+def global_motion(
+    decoder: MotionDecoder, residuals: Sequence[ResidualFunction], loss: Loss, states: FloatArray
+) -> FloatArray:
     """The roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
 
     The coefficients and phases of `states` are kept, and the root of its first row is the start. Where two frames are
@@ -137,7 +119,7 @@ def global_motion(decoder: MotionDecoder, residuals: Sequence[Residual], loss: L
 
 def follow(
     decoder: MotionDecoder,
-    residuals: Sequence[Residual],
+    residuals: Sequence[ResidualFunction],
     times_s: FloatArray,
     loss: Loss,
     known: FloatArray,
@@ -170,7 +152,11 @@ def follow(
 
 
 def track_poses(
-    decoder: PoseDecoder, residuals: Sequence[Residual], loss: Loss, start: FloatArray, prior: Gaussian | None = None
+    decoder: PoseDecoder,
+    residuals: Sequence[ResidualFunction],
+    loss: Loss,
+    start: FloatArray,
+    prior: Gaussian | None = None,
 ) -> tuple[FloatArray, FloatArray, list[Minimum]]:
     """No motion model: poses (T, P), their covariances (T, P, P) and the searches, each from the pose of the frame
     before (paper D, section 4.1), the first from `start` (P,), with a Gaussian `prior` over poses or without.
@@ -203,9 +189,9 @@ def pose_prior(decoder: MotionDecoder) -> Gaussian:
 
 
 @lru_cache
-def _full(n: int) -> Arrow:
+def _full(n: int) -> Pattern:
     """The pattern of a dense matrix."""
-    return Arrow(n_band=n, n_border=0, width=n - 1)
+    return Pattern(n_band=n, n_border=0, width=n - 1)
 
 
 def _with(state: FloatArray, columns: IntArray, values: FloatArray) -> FloatArray:

@@ -11,12 +11,12 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.smoothness import PACE_HZ, Smoothness
 from workbench.errors import InputError
-from workbench.inference.bordered import Arrow
-from workbench.inference.decoding import Decoder, MotionDecoder
-from workbench.inference.frame_fit import PACE_HZ, Smoothness
-from workbench.inference.levenberg_marquardt import Minimum, Quadratic, minimise
-from workbench.inference.residuals import Loss, Residual
+from workbench.inference.fit.arrowhead import Pattern
+from workbench.inference.fit.decoding import Decoder, MotionDecoder
+from workbench.inference.fit.solver import Minimum, Quadratic, minimise
 
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
@@ -36,11 +36,11 @@ class FitProblem:
     """
 
     decoder: Decoder
-    residuals: Sequence[Residual]
+    residuals: Sequence[ResidualFunction]
     loss: Loss
     columns: IntArray
     penalty: csr_array
-    pattern: Arrow
+    pattern: Pattern
     frame_cells: IntArray
     penalty_cells: IntArray
     penalty_entries: FloatArray
@@ -48,7 +48,7 @@ class FitProblem:
     @staticmethod
     def of(
         decoder: Decoder,
-        residuals: Sequence[Residual],
+        residuals: Sequence[ResidualFunction],
         loss: Loss,
         columns: IntArray,
         rows: Sequence[Row],
@@ -63,7 +63,7 @@ class FitProblem:
         i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
         every = np.concatenate([i.ravel(), square.row]), np.concatenate([j.ravel(), square.col])
         banded = (every[0] < n - n_border) & (every[1] < n - n_border)
-        pattern = Arrow(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
+        pattern = Pattern(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
         return FitProblem(
             decoder, residuals, loss, columns, penalty, pattern,
             frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
@@ -99,7 +99,7 @@ class FitProblem:
 
 def fit_problem(
     decoder: MotionDecoder,
-    residuals: Sequence[Residual],
+    residuals: Sequence[ResidualFunction],
     times_s: FloatArray,
     loss: Loss,
     smoothness: Smoothness,
@@ -137,12 +137,12 @@ def fit_motion(
     """
     with tqdm(total=max_iterations, desc="least squares", unit="step", disable=None, leave=False) as bar:
 
-        def watch(cost: float) -> None:
+        def progress(cost: float) -> None:
             bar.set_postfix_str(f"cost {cost:.4g}")
             bar.update()
 
         start = problem.unknowns(states)
-        found = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, watch=watch)
+        found = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
     try:
         covariances = found.quadratic.normal.factor().covariances(problem.columns)
     except np.linalg.LinAlgError:

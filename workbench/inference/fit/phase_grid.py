@@ -15,11 +15,13 @@ from tqdm import tqdm
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.motion_model import MotionModel
+from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.decoding import MotionDecoder, MotionModel, PoseDecoder
-from workbench.inference.frame_fit import WIDENED, Smoothness, fit_frame, fit_root
-from workbench.inference.motion_fit import fit_motion, fit_problem
-from workbench.inference.residuals import Loss, Residual
+from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame import WIDENED, fit_frame, fit_root
+from workbench.inference.fit.motion import fit_motion, fit_problem
 
 N_FRAMES = 8
 N_PHASES = 12
@@ -58,7 +60,7 @@ def activity_styles(model: MotionModel) -> list[Style]:
 
 def find_phase(
     decoder: MotionDecoder,
-    residuals: Sequence[Residual],
+    residuals: Sequence[ResidualFunction],
     times_s: FloatArray,
     loss: Loss,
     smoothness: Smoothness,
@@ -83,7 +85,7 @@ def find_phase(
 
 
 def phase_table(
-    decoder: MotionDecoder, residuals: Sequence[Residual], loss: Loss, alpha: FloatArray, root: FloatArray
+    decoder: MotionDecoder, residuals: Sequence[ResidualFunction], loss: Loss, alpha: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.
 

@@ -12,8 +12,9 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
-from workbench.inference.frame_fit import Gaussian
-from workbench.inference.residuals import UPRIGHT, Residual
+from workbench.core.residual import ResidualFunction
+from workbench.inference.fit.frame import Gaussian
+from workbench.inference.fit.residuals import UPRIGHT
 
 USUAL_RAD = MappingProxyType(
     {
@@ -32,16 +33,16 @@ USUAL_RAD = MappingProxyType(
         "knee_flexion": (0.62, 0.43),
     }
 )
-"""Of a joint's angle, either side's, and of the root's lean. They differ from the neutral pose's zeros where it matters
-to one camera: elbows and knees are bent, one way. Of roll, recorded people keep within 0.14, but not those who do
-anything else."""
+"""Mean and deviation of a joint's angle, either side's, and of the root's lean. They differ from the neutral pose's
+zeros where it matters to one camera: elbows and knees are bent, one way. Recorded people keep their roll within 0.14,
+but not those who do anything else."""
 UNKNOWN_RAD = (0.0, 1.0)
-"""Of angles that are not listed, those of other skeletons."""
+"""Mean and deviation of angles that are not listed, those of other skeletons."""
 BALANCE_M, BALANCE_SIGMA_M = (0.043, 0.0), 0.05
 """How far ahead and to the left of the line between the ankles the centre of mass is: ± 0.046 and 0.040 m; in no
 activity is the mean more than 0.05 m off."""
 GROUND_SIGMA_M = 0.03
-"""Of the height of the lower ankle, which is 0.02 m in walks and 0.03 in runs."""
+"""Deviation of the height of the lower ankle, which is 0.02 m in walks and 0.03 in runs."""
 
 _LIMBS = (
     ("shoulder", "elbow", 0.028, 0.436),
@@ -61,8 +62,8 @@ def usual_poses(skeleton: Skeleton) -> Gaussian:
     return Gaussian.independent(mean, deviation)
 
 
-def usual_residual(skeleton: Skeleton) -> Residual:
-    """Of joint angles, pitch and roll off the usual ones."""
+def usual_residual(skeleton: Skeleton) -> ResidualFunction:
+    """Measure how far joint angles, pitch and roll are off the usual ones."""
     usual = usual_poses(skeleton)
     own = usual.whitening[UPRIGHT.start :]
 
@@ -72,8 +73,9 @@ def usual_residual(skeleton: Skeleton) -> Residual:
     return residual
 
 
-def balance_residual(skeleton: Skeleton) -> Residual:
-    """Of the centre of mass, which in people on their feet is above the line between the ankles, a little ahead."""
+def balance_residual(skeleton: Skeleton) -> ResidualFunction:
+    """Measure how far the centre of mass is from where people on their feet have it, a little ahead of the line between
+    the ankles."""
     masses, left, right = centre_of_mass(skeleton), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -96,8 +98,8 @@ def balance_residual(skeleton: Skeleton) -> Residual:
     return residual
 
 
-def ground_residual(skeleton: Skeleton, ground_m: float) -> Residual:
-    """Of the lower ankle's height, m, off that of a standing person's ankles."""
+def ground_residual(skeleton: Skeleton, ground_m: float) -> ResidualFunction:
+    """Measure how far the lower ankle's height, m, is off that of a standing person's ankles."""
     ankles = np.array([skeleton.joint("left_ankle"), skeleton.joint("right_ankle")])
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:

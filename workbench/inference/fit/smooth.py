@@ -10,15 +10,17 @@ from tqdm import tqdm
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
-from workbench.inference.decoding import PoseDecoder
-from workbench.inference.depth_flips import flips
-from workbench.inference.frame_fit import PACE_HZ, Gaussian, Smoothness, fit_frame
-from workbench.inference.levenberg_marquardt import Minimum
-from workbench.inference.motion_fit import FitProblem, fit_motion, second_differences
-from workbench.inference.observed import Keypoints, views_residual
-from workbench.inference.residuals import Loss, Residual, limit_residual, robust, stacked
-from workbench.inference.start import likely_poses
-from workbench.inference.usual_poses import balance_residual, ground_residual, usual_poses, usual_residual
+from workbench.core.observations import Keypoints
+from workbench.core.residual import Loss, ResidualFunction, robust, stacked
+from workbench.core.smoothness import PACE_HZ, Smoothness
+from workbench.inference.fit.decoding import PoseDecoder
+from workbench.inference.fit.flips import flips
+from workbench.inference.fit.frame import Gaussian, fit_frame
+from workbench.inference.fit.hypotheses import likely_poses
+from workbench.inference.fit.motion import FitProblem, fit_motion, second_differences
+from workbench.inference.fit.pose_prior import balance_residual, ground_residual, usual_poses, usual_residual
+from workbench.inference.fit.residuals import limit_residual, views_residual
+from workbench.inference.fit.solver import Minimum
 
 LIMIT_SIGMA_RAD = 0.05
 FOLLOW_SIGMA = 0.5
@@ -28,7 +30,7 @@ FAR_LOSS = Loss("huber", 3.0)
 BALANCE_LOSS = Loss("huber", 1.0)
 """Balance is a habit: who jumps or leans on something is out of it by more than its deviation says."""
 LEANING_SIGMA_RAD = np.inf
-"""Of pitch and roll beside what is usual, which says it all."""
+"""Deviation of pitch and roll beside what is usual, which says it all."""
 FLIP_ROUNDS, HOPELESS, FLIP_GAIN = 2, 2.0, 0.5
 """Flips are tried one by one, in rounds until none helps; not those that at first cost HOPELESS times as much; those
 that gain less than FLIP_GAIN nats are not taken."""
@@ -38,7 +40,7 @@ N_HYPOTHESES = 3
 
 def fit_smooth(
     skeleton: Skeleton,
-    residuals: Sequence[Residual],
+    residuals: Sequence[ResidualFunction],
     times_s: FloatArray,
     loss: Loss,
     starts: FloatArray,
@@ -72,7 +74,7 @@ def fit_smooth(
 
 def candidates(
     skeleton: Skeleton,
-    residuals: Sequence[Residual],
+    residuals: Sequence[ResidualFunction],
     times_s: FloatArray,
     starts: FloatArray,
     smoothness: Smoothness,
@@ -90,8 +92,8 @@ def candidates(
 
 
 def bounded(
-    skeleton: Skeleton, residuals: Sequence[Residual], loss: Loss, ground_m: float | None = None
-) -> list[Residual]:
+    skeleton: Skeleton, residuals: Sequence[ResidualFunction], loss: Loss, ground_m: float | None = None
+) -> list[ResidualFunction]:
     """With the loss of what is seen, and beside it, forgiven by no loss, limits and how people hold themselves: usual
     angles, balance, and where ground_m, the height of a standing person's ankles, is known, one foot near the ground.
     """
@@ -110,7 +112,7 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
 
 
 def smooth_problem(
-    decoder: PoseDecoder, residuals: Sequence[Residual], times_s: FloatArray, smoothness: Smoothness
+    decoder: PoseDecoder, residuals: Sequence[ResidualFunction], times_s: FloatArray, smoothness: Smoothness
 ) -> FitProblem:
     """The problem of T frames at times (T,), s, in which every frame has a pose of its own."""
     n_frames, n_dofs = len(residuals), len(decoder.space)
@@ -125,7 +127,9 @@ def pose_deviations(smoothness: Smoothness, n_dofs: int) -> FloatArray:
     return np.array([*smoothness.second_differences[1:], *[smoothness.angle] * (n_dofs - N_ROOT)])
 
 
-def _follow(decoder: PoseDecoder, residuals: Sequence[Residual], times_s: FloatArray, start: FloatArray) -> FloatArray:
+def _follow(
+    decoder: PoseDecoder, residuals: Sequence[ResidualFunction], times_s: FloatArray, start: FloatArray
+) -> FloatArray:
     """Poses (T, P), each near the one before."""
     poses = [start]
     gaps = np.diff(times_s, prepend=times_s[0] - 1.0 / PACE_HZ)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.inference.bordered import Bordered
+from workbench.inference.fit.arrowhead import Arrowhead
 
 FIRST_DAMPING = 1e-3
 LARGEST_DAMPING = 1e12
@@ -22,7 +22,7 @@ class Quadratic:
 
     cost: float
     gradient: FloatArray
-    normal: Bordered
+    normal: Arrowhead
     trust: FloatArray
 
 
@@ -43,13 +43,13 @@ def minimise(
     *,
     max_iterations: int = 40,
     tolerance: float = 1e-4,
-    watch: Callable[[float], None] = lambda cost: None,
+    progress: Callable[[float], None] = lambda cost: None,
 ) -> Minimum:
     """The minimum of a sum of squares near x (n,).
 
     expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted.
     The damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16).
-    It ends when the model promises to lower the cost by less than `tolerance` of it. watch: called with the cost
+    It ends when the model promises to lower the cost by less than `tolerance` of it. progress: called with the cost
     after every iteration.
     """
     here = expand(x)
@@ -73,5 +73,5 @@ def minimise(
             damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
         else:
             damping, growth = damping * growth, 2.0 * growth
-        watch(here.cost)
+        progress(here.cost)
     return Minimum(x, here, tuple(costs), iterations)

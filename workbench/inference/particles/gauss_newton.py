@@ -1,31 +1,29 @@
-"""A particle filter that looks for the peak of each frame's posterior first and draws about it (Doucet, Godsill &
-Andrieu, On Sequential Monte Carlo Sampling Methods for Bayesian Filtering, Statistics and Computing 10, 2000, II.D)."""
+"""Draws about the peak of a frame's posterior, which Newton steps find first (Doucet, Godsill & Andrieu, On Sequential
+Monte Carlo Sampling Methods for Bayesian Filtering, Statistics and Computing 10, 2000, II.D)."""
 
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.datasets.frame import Frame
+from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
-from workbench.inference.particle_filter import Advanced, Particles, Stopwatch, filtered, weigh
-from workbench.inference.resampling import systematic_draws
-from workbench.inference.step import Step
-from workbench.inference.target import STILL, Target
-from workbench.likelihoods.likelihood import Likelihood
+from workbench.inference.particles.move import DensityMove, Streams
+from workbench.inference.particles.resampling import systematic_draws
+from workbench.inference.particles.target import STILL, Moved, Target
+from workbench.inference.particles.weights import even_log_weights
 from workbench.priors.density import apart, circular
-from workbench.priors.jitter import with_density
-from workbench.priors.state import Prior, StateSpace
 
 FARTHEST = 2.0
 """Deviations of the prediction that a Newton step may go in a column."""
 
 
-class GaussNewton:
-    """Particles drawn from the product of the prior and a parabola that touches the log likelihood near its peak.
+@dataclass(frozen=True)
+class GaussNewton(DensityMove):
+    """Draw from the product of the prior and a quadratic approximation of the log likelihood near its peak.
 
     A share of the particles have parents a and states s_t from
 
@@ -42,79 +40,52 @@ class GaussNewton:
     Columns that no pose depends on, such as velocities, have no curvature and cost nothing; d others cost 2 d + 1
     evaluations in a step and d (d − 1) / 2 more in the last, beside one for each particle.
 
-    The parabola is that of one parent. A likelihood that looks at the previous pose, as image motion does, differs from
-    parent to parent: weights are right all the same, but vary more.
+    The quadratic is that of one parent. A likelihood that looks at the previous pose, as image motion does, differs
+    from parent to parent: weights are right all the same, but vary more.
 
     It is worth most for a sharp likelihood of a few numbers, such as points or marks. Robust image likelihoods of many
-    numbers are flatter than a parabola at their peak, and little is won; flatten then keeps it from being too sure.
+    numbers are flatter than a quadratic at their peak, and little is won; flatten then keeps it from being too sure.
 
-    n_particles: N. share: of those drawn about the peak. steps: of Newton.
-    Raises InputError for a prior without a density and numbers out of range.
+    share: of the particles drawn about the peak. steps: of Newton. Raises InputError for a prior without a density, a
+    single particle, and numbers out of range.
     """
 
-    def __init__(
-        self,
-        prior: Prior,
-        likelihood: Likelihood,
-        *,
-        n_particles: int = 2000,
-        share: float = 0.8,
-        flatten: float = 1.0,
-        steps: int = 2,
-    ) -> None:
-        if n_particles < 2 or steps < 1 or not (0.0 < share < 1.0 and 0.0 <= flatten <= 1.0):
+    share: float = 0.8
+    flatten: float = 1.0
+    steps: int = 2
+
+    least_particles: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        if self.steps < 1 or not (0.0 < self.share < 1.0 and 0.0 <= self.flatten <= 1.0):
             raise InputError(
-                "inference: expected n_particles of at least 2, steps of at least 1, share and flatten "
-                f"between 0 and 1, found {n_particles}, {steps}, {share} and {flatten}"
+                "inference: expected steps of at least 1, share and flatten between 0 and 1, "
+                f"found {self.steps}, {self.share} and {self.flatten}"
             )
-        with_density(prior)
-        self.prior, self.likelihood = prior, likelihood
-        self.space: StateSpace = prior.space
-        self.n_particles, self.share, self.flatten, self.steps = n_particles, share, flatten, steps
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
-    ) -> Iterator[Step]:
-        """One step per frame; the first frame gives the start distribution around the pose `start` (P,), unweighted.
-
-        rng_streams: generators named "start", "resampling" and "prior".
-        """
-        first = {"distinct": float(self.n_particles)}
-        return filtered(self.prior, self.likelihood, self.n_particles, self.advance, frames, start, rng_streams, first)
-
-    def advance(
-        self,
-        parents: Particles,
-        previous: Frame,
-        frame: Frame,
-        rng_streams: Mapping[str, np.random.Generator],
-        clock: Stopwatch,
-    ) -> Advanced:
+    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Climb, draw from the mixture, weigh."""
-        target = Target(self.prior, self.likelihood, parents, previous, frame, clock)
-        prediction = predicted(target, rng_streams["prior"])
-        parabola = climbed(target, prediction, self.steps)
-        guide = Guide(prediction, parabola, parents.log_weights, self.flatten)
-        n_guided = round(self.share * self.n_particles)
+        parents, n, rng = target.parents, target.n, rng_streams["prior"]
+        prediction = predict(target, rng)
+        quadratic = newton_ascent(target, prediction, self.steps)
+        guide = Guide(prediction, quadratic, parents.log_weights, self.flatten)
+        n_guided = round(self.share * n)
         chosen = np.concatenate(
             [
                 systematic_draws(np.exp(guide.log_parents), n_guided, rng_streams["resampling"]),
-                systematic_draws(np.exp(parents.log_weights), self.n_particles - n_guided, rng_streams["resampling"]),
+                systematic_draws(np.exp(parents.log_weights), n - n_guided, rng_streams["resampling"]),
             ]
         )
-        clock.lap("resampling")
-        state = self.prior.step(parents.state[chosen], target.dt_s, rng_streams["prior"])
-        state[:n_guided] = guide.draw(state[:n_guided], chosen[:n_guided], rng_streams["prior"])
-        pool = target.at(state, chosen)
-        log_plain = parents.log_weights[chosen] + pool.log_prior
+        target.clock.lap("resampling")
+        state = target.prior.step(parents.state[chosen], target.dt_s, rng)
+        state[:n_guided] = guide.draw(state[:n_guided], chosen[:n_guided], rng)
+        drawn = target.evaluate(state, chosen)
+        log_plain = parents.log_weights[chosen] + drawn.log_prior
         log_drawn = np.logaddexp(
-            np.log(n_guided / self.n_particles) + guide.log_density(state, chosen),
-            np.log1p(-n_guided / self.n_particles) + log_plain,
+            np.log(n_guided / n) + guide.log_density(state, chosen), np.log1p(-n_guided / n) + log_plain
         )
-        even = np.full(self.n_particles, -np.log(self.n_particles))
-        log_weights, gained, said = weigh(frame, even, pool.log_prob, log_plain - log_drawn)
-        target.warnings += said
-        return pool.advanced(log_weights, gained, target)
+        log_weights, log_gain = target.weigh(even_log_weights(n), drawn.log_prob, log_plain - log_drawn)
+        return target.settle(target.complete(drawn, rng), log_weights, log_gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,24 +103,24 @@ class Prediction:
     sigma: FloatArray
     covariance: FloatArray
 
-    def moved(self, states: FloatArray, changes: FloatArray) -> FloatArray:
-        """States (M, D) after changes (M, D') of the columns that have noise."""
+    def move(self, states: FloatArray, changes: FloatArray) -> FloatArray:
+        """Return states (M, D) after changes (M, D') of the columns that have noise."""
         states = states.copy()
         states[:, self.noisy] += changes
         states[:, circular(self.space)] %= 1.0
         return states
 
-    def beside(self, middle: FloatArray, states: FloatArray) -> FloatArray:
-        """(M, D'): how far states (M, D) are from one (D,) in the columns that have noise."""
+    def difference(self, middle: FloatArray, states: FloatArray) -> FloatArray:
+        """Return how far states (M, D) are from one (D,) in the columns that have noise, (M, D')."""
         return apart(self.space, middle, states)[:, self.noisy]
 
 
-def predicted(target: Target, rng: np.random.Generator) -> Prediction:
-    """The prediction from the target's parents; deviations of the noise are those of one draw for each parent."""
+def predict(target: Target, rng: np.random.Generator) -> Prediction:
+    """Predict from the target's parents; deviations of the noise are those of one draw for each parent."""
     space, parents = target.prior.space, target.parents
     means = target.density.mean(parents.state, target.dt_s)
     noise = apart(space, means, target.prior.step(parents.state, target.dt_s, rng))
-    noisy = np.flatnonzero(np.abs(noise).max(axis=0) > STILL)
+    noisy = np.flatnonzero(target.free() & (np.abs(noise).max(axis=0) > STILL))
     weights, heaviest = np.exp(parents.log_weights), means[np.argmax(parents.log_weights)]
     middle = heaviest + weights @ apart(space, heaviest, means)  # phases have no mean but beside one of them
     sigma = np.sqrt((noise[:, noisy] ** 2).mean(axis=0))
@@ -158,7 +129,7 @@ def predicted(target: Target, rng: np.random.Generator) -> Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Parabola:
+class Quadratic:
     """log p(frame | s) ≈ … + gᵀ(s − x) − ½ (s − x)ᵀ H (s − x): x (D,), and of the columns that have noise gradient
     (D',) and curvature H (D', D'), which is not negative."""
 
@@ -167,32 +138,32 @@ class Parabola:
     curvature: FloatArray
 
 
-def climbed(target: Target, prediction: Prediction, steps: int) -> Parabola:
-    """The parabola after so many Newton steps from the prediction's middle, all but the last with a diagonal H."""
+def newton_ascent(target: Target, prediction: Prediction, steps: int) -> Quadratic:
+    """Take so many Newton steps from the prediction's middle, all but the last with a diagonal H."""
     x, precision = prediction.middle, np.linalg.inv(prediction.covariance)
     for _ in range(steps - 1):
-        parabola = touching(target, prediction, x, pairs=False)
-        uphill = parabola.gradient - precision @ prediction.beside(prediction.middle, x[None])[0]
-        step = np.linalg.solve(precision + parabola.curvature, uphill)
+        quadratic = fit_quadratic(target, prediction, x, pairs=False)
+        uphill = quadratic.gradient - precision @ prediction.difference(prediction.middle, x[None])[0]
+        step = np.linalg.solve(precision + quadratic.curvature, uphill)
         longest = np.abs(step / np.sqrt(np.diag(prediction.covariance))).max()
-        x = prediction.moved(x[None], step[None] * min(1.0, FARTHEST / max(longest, STILL)))[0]
-    return touching(target, prediction, x, pairs=True)
+        x = prediction.move(x[None], step[None] * min(1.0, FARTHEST / max(longest, STILL)))[0]
+    return fit_quadratic(target, prediction, x, pairs=True)
 
 
-def touching(target: Target, prediction: Prediction, x: FloatArray, pairs: bool) -> Parabola:
-    """The parabola at x (D,), by differences over one deviation of the prediction; pairs: not just the diagonal of H.
-    What is impossible counts as the least of what is not."""
+def fit_quadratic(target: Target, prediction: Prediction, x: FloatArray, pairs: bool) -> Quadratic:
+    """Approximate the log likelihood at x (D,), by differences over one deviation of the prediction. What is impossible
+    counts as the least of what is not. pairs: all of H, not just its diagonal."""
     widths = np.sqrt(np.diag(prediction.covariance))
-    ahead = prediction.moved(np.repeat(x[None], len(widths), axis=0), np.diag(widths))
+    ahead = prediction.move(np.repeat(x[None], len(widths), axis=0), np.diag(widths))
     seen: BoolArray = np.abs(target.prior.pose(ahead) - target.prior.pose(x[None])).max(axis=1) > STILL
     d = int(seen.sum())
     first, second = np.triu_indices(d, 1) if pairs else (np.zeros(0, dtype=np.int64),) * 2
     unit = np.eye(d)
     places = np.zeros((1 + 2 * d + len(first), len(widths)))
     places[:, seen] = np.concatenate([np.zeros((1, d)), unit, -unit, unit[first] + unit[second]])
-    states = prediction.moved(np.repeat(x[None], len(places), axis=0), widths * places)
+    states = prediction.move(np.repeat(x[None], len(places), axis=0), widths * places)
     parent = int(np.argmax(target.parents.log_weights))
-    height = target.at(states, np.full(len(states), parent)).log_prob
+    height = target.evaluate(states, np.full(len(states), parent)).log_prob
     possible = np.isfinite(height)
     height = np.where(possible, height, height[possible].min() if possible.any() else 0.0)
     here, above, below, both = height[0], height[1 : d + 1], height[d + 1 : 2 * d + 1], height[2 * d + 1 :]
@@ -202,36 +173,36 @@ def touching(target: Target, prediction: Prediction, x: FloatArray, pairs: bool)
     gradient, whole = np.zeros(len(widths)), np.zeros((len(widths), len(widths)))
     gradient[seen] = 0.5 * (above - below) / widths[seen]
     whole[np.ix_(seen, seen)] = (vectors * np.maximum(values, 0.0)) @ vectors.T / np.outer(widths[seen], widths[seen])
-    return Parabola(x, gradient, whole)
+    return Quadratic(x, gradient, whole)
 
 
 class Guide:
     """The density q of `GaussNewton`: a Gaussian for each of the N parents, of one covariance, and their log weights.
 
-    flatten: power that the parabola is taken to. log_parents: (N,).
+    flatten: power that the quadratic is taken to. log_parents: (N,).
     """
 
-    def __init__(self, prediction: Prediction, parabola: Parabola, log_weights: FloatArray, flatten: float) -> None:
-        self._prediction, self._x = prediction, parabola.x
+    def __init__(self, prediction: Prediction, quadratic: Quadratic, log_weights: FloatArray, flatten: float) -> None:
+        self._prediction, self._x = prediction, quadratic.x
         precision = 1.0 / prediction.sigma**2
-        covariance = np.linalg.inv(np.diag(precision) + flatten * parabola.curvature)
+        covariance = np.linalg.inv(np.diag(precision) + flatten * quadratic.curvature)
         self._root = np.linalg.cholesky(covariance)
-        ahead = prediction.beside(parabola.x, prediction.means)
-        pull = ahead * precision + flatten * parabola.gradient
+        ahead = prediction.difference(quadratic.x, prediction.means)
+        pull = ahead * precision + flatten * quadratic.gradient
         self._means = pull @ covariance  # (N, D'), beside x
         log_parents = log_weights + 0.5 * (pull * self._means).sum(axis=1) - 0.5 * (ahead**2 * precision).sum(axis=1)
         self.log_parents: FloatArray = log_parents - logsumexp(log_parents)
 
     def draw(self, states: FloatArray, parents: IntArray, rng: np.random.Generator) -> FloatArray:
-        """States (M, D) of these parents (M,), with the columns that have noise drawn anew."""
+        """Draw the columns that have noise anew, in states (M, D) of these parents (M,)."""
         noise = rng.standard_normal((len(parents), len(self._root)))
         drawn = states.copy()
         drawn[:, self._prediction.noisy] = self._x[self._prediction.noisy]
-        return self._prediction.moved(drawn, self._means[parents] + noise @ self._root.T)
+        return self._prediction.move(drawn, self._means[parents] + noise @ self._root.T)
 
     def log_density(self, states: FloatArray, parents: IntArray) -> FloatArray:
-        """log q, (M,), of parents (M,) together with states (M, D)."""
-        off = self._prediction.beside(self._x, states) - self._means[parents]
+        """Return log q, (M,), of parents (M,) together with states (M, D)."""
+        off = self._prediction.difference(self._x, states) - self._means[parents]
         white = solve_triangular(self._root, off.T, lower=True)
         constant = float(np.log(np.sqrt(2.0 * np.pi) * np.diag(self._root)).sum())
         density: FloatArray = self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant

@@ -2,30 +2,33 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import accumulate
 from time import perf_counter
+from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.datasets.frame import Frame
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Look
+from workbench.core.step import Step
+from workbench.core.traits import DENSITY, Traits, needs_of_all, offering
 from workbench.errors import InputError
-from workbench.inference.particle_filter import ParticleFilter, defined
-from workbench.inference.resampling import systematic_draws
-from workbench.inference.step import Step
-from workbench.likelihoods.likelihood import Likelihood, Remembering
-from workbench.priors.jitter import with_density
-from workbench.priors.state import Prior, StateSpace
+from workbench.inference.particles.move import Move, Streams, Surrounded
+from workbench.inference.particles.resampling import systematic_draws
+from workbench.inference.particles.target import Moved, Target, density_of
+from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights
+from workbench.inference.particles.wrapper import Kind, Wrapper
 
 BLOCK = 2_000_000
 """Numbers held at once where every path is compared with every particle."""
-LATE_MEMORY = "backward simulation: what the likelihood remembers after the last frame judged all frames' paths"
 
 
-class FixedLag:
-    """The particle filter, told `lag` frames late: p(state_t | frames up to t + lag) by ancestry.
+@dataclass(frozen=True, eq=False)
+class FixedLag(Wrapper):
+    """A particle filter, told `lag` frames late: p(state_t | frames up to t + lag) by ancestry.
 
     A particle of frame t + lag stands for its ancestor in frame t (Kitagawa 1996). It costs nothing, works with every
     prior, and streams; but every resampling leaves fewer distinct ancestors, whose spread is too narrow: even n
@@ -34,38 +37,28 @@ class FixedLag:
     `least_ancestors` in it, the effective number being 1 / Σ_a (Σ_i w_i)², i over the particles of ancestor a; at worst
     its own. The diagnostic `lag` tells how many frames later that is. As N grows it becomes `lag` everywhere.
 
-    n_particles, resampling, ess_threshold: of the filter. lag: frames, at least 1. Raises InputError for numbers out of
-    range.
+    filter: of any move, restarting or not. lag: frames, at least 1. Raises InputError for numbers out of range.
     """
 
-    def __init__(
-        self,
-        prior: Prior,
-        likelihood: Likelihood,
-        *,
-        n_particles: int = 5000,
-        lag: int = 5,
-        least_ancestors: int = 50,
-        resampling: str = "systematic",
-        ess_threshold: float = 1.0,
-    ) -> None:
-        if lag < 1 or least_ancestors < 1:
+    _: KW_ONLY
+    lag: int = 5
+    least_ancestors: int = 50
+
+    wraps: ClassVar[tuple[Kind, ...]] = ("filtered", "restarted")
+    kind: ClassVar[Kind] = "smoothed"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lag < 1 or self.least_ancestors < 1:
             raise InputError(
-                f"inference: lag and least_ancestors must be at least 1, found {lag} and {least_ancestors}"
+                f"inference: lag and least_ancestors must be at least 1, found {self.lag} and {self.least_ancestors}"
             )
-        self.filter = ParticleFilter(
-            prior, likelihood, n_particles=n_particles, resampling=resampling, ess_threshold=ess_threshold
-        )
-        self.space: StateSpace = prior.space
-        self.lag, self.least_ancestors = lag, least_ancestors
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
-    ) -> Iterator[Step]:
-        """One step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
 
-        rng_streams: generators named "start", "resampling" and "prior". ess counts ancestors, and so does the
-        diagnostic `distinct`, whatever their weights.
+        rng_streams: as for the filter. ess counts ancestors, and so does the diagnostic `distinct`, whatever their
+        weights.
         """
         window, ahead = deque[Step](), 0
         for step in self.filter.run(frames, start, rng_streams):
@@ -103,7 +96,8 @@ class FixedLag:
         return replace(told, diagnostics={**told.diagnostics, "lag": float(ahead)}), ahead
 
 
-class BackwardSimulation:
+@dataclass(frozen=True, eq=False)
+class BackwardSimulation(Wrapper):
     """Paths drawn from p(all states | all frames), backwards over a particle filter's particles.
 
     The last state of a path is a particle of the last frame; then, backwards in time, particle i of frame t is drawn by
@@ -116,7 +110,8 @@ class BackwardSimulation:
     from the ancestor (Bunch & Godsill 2013, section 3). Where the likelihood does not look at the previous pose every
     proposal is accepted, and one move is the algorithm itself.
 
-    A likelihood with a memory is asked with what it remembers after the last frame, which the first step says.
+    Each frame judges the paths by its look as the filter had it, memory included. So the looks of all frames are kept
+    until the paths are drawn, and with them what the likelihood has prepared of the images.
 
     Where a state has many columns with noise, hardly any particle but the ancestor leads to a given state, and the
     paths run together as in fixed-lag smoothing, however exact the method is in the limit. So a frame in which they go
@@ -124,57 +119,56 @@ class BackwardSimulation:
     anew from there: what comes after them is then not used. The diagnostic `lag` tells how many later frames were; as N
     and n_paths grow, all. (There, `ancestors` leads from one path to another that does not go on from it.)
 
-    n_particles, ess_threshold: of the filter. n_paths: drawn, which become the equally weighted particles of the steps;
-    a step's `map_pose` is that of the path with the highest density, the start's left out. The prior must have a
-    density. Raises InputError for a prior without one and numbers out of range.
+    filter: of any move, for a prior with a density. n_paths: drawn, which become the equally weighted particles of the
+    steps; a step's `map_pose` is that of the path with the highest density, the start's left out. Raises InputError for
+    a prior without a density and numbers out of range.
     """
 
-    def __init__(
-        self,
-        prior: Prior,
-        likelihood: Likelihood,
-        *,
-        n_particles: int = 5000,
-        n_paths: int = 500,
-        moves: int = 2,
-        least_ancestors: int = 50,
-        ess_threshold: float = 1.0,
-    ) -> None:
-        if n_paths < 1 or moves < 1 or least_ancestors < 1:
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare what the filter needs, and a density."""
+        return Traits(needs=needs_of_all({"filter": keys["filter"], "paths": offering(prior=DENSITY)}))
+
+    _: KW_ONLY
+    n_paths: int = 500
+    moves: int = 2
+    least_ancestors: int = 50
+
+    kind: ClassVar[Kind] = "smoothed"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        density_of(self.prior)
+        if self.n_paths < 1 or self.moves < 1 or self.least_ancestors < 1:
             raise InputError(
                 "inference: n_paths, moves and least_ancestors must be at least 1, "
-                f"found {n_paths}, {moves} and {least_ancestors}"
+                f"found {self.n_paths}, {self.moves} and {self.least_ancestors}"
             )
-        self.density = with_density(prior)
-        self.filter = ParticleFilter(prior, likelihood, n_particles=n_particles, ess_threshold=ess_threshold)
-        self.space: StateSpace = prior.space
-        self.likelihood = likelihood
-        self.n_paths, self.moves, self.least_ancestors = n_paths, moves, least_ancestors
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
-    ) -> Iterator[Step]:
-        """One step per frame, all of them once every frame is filtered and the paths are drawn.
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, all of them once every frame is filtered and the paths are drawn.
 
-        rng_streams: generators named "start", "resampling" and "prior". log_evidence is the filter's for that frame;
-        ess counts the particles that the paths go through, and so does the diagnostic `distinct`, however many paths.
+        rng_streams: as for the filter, and "resampling" for the paths. log_evidence is the filter's for that frame; ess
+        counts the particles that the paths go through, and so does the diagnostic `distinct`, however many paths.
         """
-        forward = self.filter.run(frames, start, rng_streams)
-        steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
-        if not steps:
-            return
-        if isinstance(self.likelihood, Remembering):
-            steps[0] = replace(steps[0], warnings=(*steps[0].warnings, LATE_MEMORY))
-        yield from reversed(list(self._backwards(steps, rng_streams["resampling"])))
+        looks: list[Look] = []
 
-    def _backwards(self, steps: list[Step], rng: np.random.Generator) -> Iterator[Step]:
-        """The steps with paths for particles, the last one first."""
-        even = np.full(self.n_paths, -np.log(self.n_paths))
+        def keep_look(move: Move, target: Target, rng_streams: Streams) -> Moved:
+            looks.append(target.look)
+            return move(target, rng_streams)
+
+        forward = self.filter.rebuilt(move=Surrounded(self.move, keep_look)).run(frames, start, rng_streams)
+        steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
+        yield from reversed(list(self._backwards(steps, looks, rng_streams["resampling"])))
+
+    def _backwards(self, steps: list[Step], looks: list[Look], rng: np.random.Generator) -> Iterator[Step]:
+        """The steps with paths for particles, the last one first; looks: of all frames but the first."""
+        even = even_log_weights(self.n_paths)
         score, stretch, chosen = np.zeros(self.n_paths), list[tuple[Step, IntArray]](), np.zeros(0, dtype=np.int64)
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
             began = perf_counter()
             if stretch:
-                chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], rng)
+                chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], looks[t], rng)
                 score, stretch[-1] = score + gained, (later, stretch[-1][1])
             if not stretch or effective_number(chosen, even) < self.least_ancestors:
                 yield from self._told(stretch, score)
@@ -186,41 +180,34 @@ class BackwardSimulation:
 
     def _told(self, stretch: list[tuple[Step, IntArray]], score: FloatArray) -> Iterator[Step]:
         """Of a stretch of frames, the last one first, with the particles (M,) that the paths go through: the steps."""
-        even, best = np.full(self.n_paths, -np.log(self.n_paths)), int(np.argmax(score))
+        even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
             told = _replaced(step, picked, even, np.arange(self.n_paths), best)
             yield replace(told, diagnostics={"acceptance": 1.0, **told.diagnostics, "lag": float(lag)})
 
     def _one_back(
-        self, step: Step, later: Step, chosen: IntArray, rng: np.random.Generator
+        self, step: Step, later: Step, chosen: IntArray, look: Look, rng: np.random.Generator
     ) -> tuple[IntArray, FloatArray, Step, Step]:
         """The particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of this
         part of the paths; both steps, the first with the share of moves accepted, the later with what they cost."""
         dt_s = later.frame.time_s - step.frame.time_s
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
-        log_prob, more = self._log_prob(step, later, current, poses)
+        log_prob, more = _log_prob(look, step, later, current, poses)
         said = [*later.warnings, *more]
         accepted = 0.0
         for proposed in self._proposed(step, states, dt_s, rng):
-            proposed_log_prob, more = self._log_prob(step, later, proposed, poses)
+            proposed_log_prob, more = _log_prob(look, step, later, proposed, poses)
             said += more
             with np.errstate(invalid="ignore"):  # −∞ − (−∞), where neither is possible
                 accept = np.log1p(-rng.random(self.n_paths)) < proposed_log_prob - log_prob
             current = np.where(accept, proposed, current)
             log_prob = np.where(accept, proposed_log_prob, log_prob)
             accepted += float(accept.mean()) / self.moves
-        gained = self.density.log_transition(step.particles[current], states, dt_s) + log_prob
+        gained = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
         cost = later.evaluations + float(self.n_paths * (1 + self.moves))
         step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
         return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
-
-    def _log_prob(
-        self, step: Step, later: Step, before: IntArray, poses: FloatArray
-    ) -> tuple[FloatArray, tuple[str, ...]]:
-        log_prob = self.likelihood.log_prob(step.frame, later.frame, step.poses[before], poses)
-        log_prob, said = defined(later.frame, log_prob)
-        return log_prob, said + self.likelihood.warnings()
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
         """Particles (moves, M) of `step`, drawn by their weights and the density of going on to states (M, D)."""
@@ -229,18 +216,23 @@ class BackwardSimulation:
         rows = max(1, BLOCK // step.particles.size)
         for first in range(0, len(states), rows):
             block = slice(first, first + rows)
-            odds = self.density.log_transition(step.particles[None], states[block, None], dt_s) + step.log_weights
+            odds = (
+                density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
+                + step.log_weights
+            )
             edges = np.cumsum(np.exp(odds - odds.max(axis=1, keepdims=True)), axis=1)  # the ancestor's is finite
             for move in range(self.moves):
                 proposed[move, block] = (edges <= uniforms[move, block, None] * edges[:, -1:]).sum(axis=1)
         return np.minimum(proposed, len(step.particles) - 1)
 
 
-def effective_number(picked: IntArray, log_weights: FloatArray) -> float:
-    """The effective sample size of particles with normalised log weights (N,) when those that are copies of the same
-    one, picked (N,), count as one."""
-    shares = np.bincount(picked, weights=np.exp(log_weights))
-    return float(1.0 / (shares**2).sum())
+def _log_prob(
+    look: Look, step: Step, later: Step, before: IntArray, poses: FloatArray
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Log likelihoods (M,) of poses (M, P) of the later step, after particles (M,) of `step`, and what to say."""
+    evaluation = look.evaluate(step.poses[before], poses)
+    log_prob, said = drop_undefined(evaluation.log_prob)
+    return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in said), *evaluation.notes)
 
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:

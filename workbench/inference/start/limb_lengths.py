@@ -12,14 +12,15 @@ from workbench.body.kinematics import descendants, forward, joint_jacobian
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
-from workbench.datasets.frame import Dataset
+from workbench.core.clip import Clip
+from workbench.core.observation_residuals import projection_jacobian
+from workbench.core.observations import Keypoints, Observed, person_px, usable_keypoints
 from workbench.errors import InputError
-from workbench.inference.decoding import PoseDecoder
-from workbench.inference.frame_fit import fit_frame
-from workbench.inference.observed import Keypoints, Observed, person_px, usable_keypoints, views_residual
-from workbench.inference.residuals import projection_jacobian
-from workbench.inference.start import KEYPOINT_LOSS, enough_keypoints, likely_pose
-from workbench.inference.usual_poses import usual_poses
+from workbench.inference.fit.decoding import PoseDecoder
+from workbench.inference.fit.frame import fit_frame
+from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_pose
+from workbench.inference.fit.pose_prior import usual_poses
+from workbench.inference.fit.residuals import views_residual
 
 log = logging.getLogger(__name__)
 
@@ -49,8 +50,8 @@ class Measured:
     error_px: float
 
 
-def of_keypoints(dataset: Dataset, *, height_m: float | None = None, n_frames: int = 8) -> Body:
-    """The person whose limbs fit the keypoints of a dataset's first frames: `n_frames` of them, a 14th of a second
+def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
+    """The person whose limbs fit the keypoints of a clip's first frames: `n_frames` of them, a 14th of a second
     apart.
 
     height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10
@@ -60,7 +61,7 @@ def of_keypoints(dataset: Dataset, *, height_m: float | None = None, n_frames: i
     skeleton = person_skeleton(from_height(AVERAGE_M if height_m is None else height_m))
     seen: list[tuple[Keypoints, ...]] = []
     last_s = -np.inf
-    for frame in dataset.frames():
+    for frame in clip:
         if len(seen) == n_frames:
             break
         looked = [(view.keypoints, view.camera) for view in frame.views if view.keypoints is not None]

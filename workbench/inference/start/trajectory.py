@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.body.skeleton import Skeleton
-from workbench.datasets.frame import Frame
-from workbench.inference.frame_fit import Smoothness
-from workbench.inference.keypoint_start import START_SIGMA
-from workbench.inference.observed import kinds_seen, observe, person_px, views_residual
-from workbench.inference.residuals import Loss
-from workbench.inference.smooth_fit import LEANING_SIGMA_RAD, first_poses, fit_smooth
-from workbench.inference.start import first_keypoints
+from workbench.core.frame import Frame
+from workbench.core.observations import kinds_seen, observe, person_px
+from workbench.core.residual import Loss
+from workbench.core.smoothness import Smoothness
+from workbench.inference.fit.hypotheses import first_keypoints
+from workbench.inference.fit.residuals import views_residual
+from workbench.inference.fit.smooth import LEANING_SIGMA_RAD, first_poses, fit_smooth
+from workbench.inference.start.keypoints import START_SIGMA
 from workbench.priors.following import Trajectory
 
 log = logging.getLogger(__name__)

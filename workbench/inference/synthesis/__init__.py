@@ -1,32 +1,61 @@
 """Motion from a prior alone, step by step (paper C, section 5)."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.datasets.frame import Frame
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame
+from workbench.core.prior import Prior
+from workbench.core.step import Step
+from workbench.core.traits import START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.contact import FootContact, ankle_positions
-from workbench.inference.step import Step
-from workbench.mocap.motion import Motion
-from workbench.priors.implicit import Implicit
-from workbench.priors.state import Prior
+from workbench.inference.synthesis.contact import FootContact, ankle_positions
+from workbench.learning.windows import Windows
 
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""
 
 
+@runtime_checkable
+class Recorded(Prior, Protocol):
+    """A prior that goes on as one of the windows of recorded motion did, such as `priors.implicit.Implicit`.
+
+    beta: temperature of its draws, of squared distances between whitened coefficients.
+    """
+
+    @property
+    def windows(self) -> Windows: ...
+    @property
+    def beta(self) -> float: ...
+
+    def start_after(self, poses: FloatArray, n: int) -> FloatArray:
+        """N states (N, D) that have just gone through poses (d + 1, P) at the library's rate."""
+
+    def rows_in(self, dt_s: float) -> int:
+        """The library's frames in dt_s seconds; raises InputError unless it is a whole number."""
+
+    def draw(self, probes: FloatArray, rng: np.random.Generator) -> IntArray:
+        """An entry (N,) for each probe (N, b), whitened coefficients."""
+
+    def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
+        """States (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
+
+    def only(self, kept: BoolArray) -> Self:
+        """This prior, drawing from the windows kept (n,) alone."""
+
+
 class Synthesis:
     """Draws one motion from a prior, a frame at a time: an inference that looks at no image.
 
-    lead_in: the motion that leads up to the start and ends with it. An implicit prior takes its first window from its
-    last d + 1 poses at the library's rate, as no pose tells the velocities; without them, or where they are too few,
-    it searches windows that end near the pose, as for tracking, and the first step says so. Other priors start from
-    the pose alone.
+    known: has the lead-in, poses (F, P) up to the start. An implicit prior takes its first window from the last d + 1
+    of them at the library's rate, as no pose tells the velocities; without them, or where they are too few, it searches
+    windows that end near the pose, as for tracking, and the first step says so. Other priors start from the pose alone.
 
     smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
     frame's change of an angle beyond limit_deg (degrees) counts as a jump, is held back as an offset and let go bit by
@@ -43,11 +72,14 @@ class Synthesis:
     Raises InputError for numbers out of range and a look-ahead with a prior that has none.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=START, prior=())
+    finds_start: ClassVar[bool] = False
+
     def __init__(
         self,
         prior: Prior,
         body: Body,
-        lead_in: Motion | None = None,
+        known: Known | None = None,
         *,
         smoothing_s: float = 0.1,
         limit_deg: float = 25.0,
@@ -61,21 +93,24 @@ class Synthesis:
             )
         if look_ahead > 0:
             prior = _with_followers(prior, look_ahead)
-        self.prior, self.skeleton, self.lead_in = prior, body.skeleton, lead_in
+        self.prior, self.skeleton = prior, body.skeleton
+        self.known = Known("", 0) if known is None else known
         self.space = prior.space
         self.smoothing_s, self.limit = smoothing_s, np.radians(limit_deg)
         self.look_ahead, self.foot_contact = look_ahead, foot_contact
 
     def run(
-        self, frames: Iterable[Frame], start: FloatArray, rng_streams: Mapping[str, np.random.Generator]
+        self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """One step of one particle per frame, the first one at the pose `start` (P,).
+        """Yield one step of one particle per frame, the first one at the pose `start` (P,).
 
         rng_streams: generators named "start" and "prior". A step's particle is the prior's own state, its pose the one
         after smoothing and foot contact. Diagnostics, from the second frame on: jump_deg, the largest change of a
-        joint angle, degrees; of an implicit prior with a lead-in same_activity, 1 where the entries drawn come from
-        clips of the lead-in's activity and 0 where not.
+        joint angle, degrees; of an implicit prior with a lead-in of a known activity same_activity, 1 where the entries
+        drawn come from clips of it and 0 where not. Raises InputError without a start.
         """
+        if start is None:
+            raise InputError("inference: synthesis needs a pose to start from, found none")
         smoother = Smoother(self.smoothing_s, self.limit)
         contact = FootContact(self.skeleton, self._ground(start))
         time_s, shown, state = 0.0, start, np.empty((0, 0))
@@ -95,10 +130,13 @@ class Synthesis:
             yield _step(frame, self.prior, state, pose, diagnostics, warnings)
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
-        if not isinstance(self.prior, Implicit):
+        """A state (1, D) at the pose (P,), and what there is to say about it."""
+        if not isinstance(self.prior, Recorded):
             return self.prior.start(pose, 1, rng), ()
-        rate_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
-        poses = np.empty((0, len(pose))) if self.lead_in is None else _backwards(self.lead_in, rate_hz)[:n_poses][::-1]
+        library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
+        poses = np.empty((0, len(pose)))
+        if self.known.lead_in is not None and self.known.rate_hz is not None:
+            poses = _backwards(self.known.lead_in, self.known.rate_hz, library_hz)[:n_poses][::-1]
         if len(poses) == n_poses:
             return self.prior.start_after(poses, 1), ()
         sentence = (
@@ -108,17 +146,18 @@ class Synthesis:
         return self.prior.start(pose, 1, rng), (sentence,)
 
     def _advance(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
-        if not isinstance(self.prior, Implicit):
+        """The state (1, D) dt_s seconds later, and the step's diagnostics."""
+        if not isinstance(self.prior, Recorded):
             return self.prior.step(state, dt_s, rng), {}
-        same = True
+        same, activity = True, self.known.lead_in_activity
         for _ in range(self.prior.rows_in(dt_s)):
             state, entry = _draw(self.prior, state, self.look_ahead, rng)
             windows = self.prior.windows
-            same &= self.lead_in is not None and windows.activities[windows.clip_of[entry]] == self.lead_in.activity
-        return state, {} if self.lead_in is None else {"same_activity": float(same)}
+            same &= windows.activities[windows.clip_of[entry]] == activity
+        return state, {} if activity is None else {"same_activity": float(same)}
 
     def _ground(self, start: FloatArray) -> float:
-        poses = start[None] if self.lead_in is None else self.lead_in.poses
+        poses = start[None] if self.known.lead_in is None else self.known.lead_in
         return float(ankle_positions(self.skeleton, poses)[..., 2].min())
 
 
@@ -153,7 +192,7 @@ def jump_deg(before: FloatArray, after: FloatArray) -> float:
     return float(np.degrees(np.abs(_turn(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
-def _draw(prior: Implicit, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
+def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
     """The state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead > 0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
@@ -167,7 +206,7 @@ def _draw(prior: Implicit, state: FloatArray, ahead: int, rng: np.random.Generat
 
 
 def _one_frame(
-    prior: Implicit, states: FloatArray, rng: np.random.Generator
+    prior: Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """The states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
@@ -176,8 +215,8 @@ def _one_frame(
     return prior.predict(states, entries, rng.standard_normal((len(states), len(POSE_NAMES)))), entries, squares
 
 
-def _with_followers(prior: Prior, frames: int) -> Implicit:
-    if not isinstance(prior, Implicit):
+def _with_followers(prior: Prior, frames: int) -> Recorded:
+    if not isinstance(prior, Recorded):
         raise InputError("inference: look_ahead is for the implicit prior; set inference.look_ahead=0")
     kept = prior.windows.followers >= frames
     if not kept.any():
@@ -185,9 +224,14 @@ def _with_followers(prior: Prior, frames: int) -> Implicit:
     return prior.only(kept)
 
 
-def _backwards(motion: Motion, rate_hz: float) -> FloatArray:
-    """The poses (F, P) of a motion at another rate, from the last one back."""
-    return replace(motion, poses=motion.poses[::-1]).resampled(rate_hz).poses
+def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArray:
+    """Poses (F, P) from the last one back, by cubic splines at another rate."""
+    poses = poses[::-1]
+    if len(poses) < 2 or rate_hz == wanted_hz:
+        return poses
+    times = np.arange(len(poses)) / rate_hz
+    wanted = np.arange(int(np.floor(times[-1] * wanted_hz + 1e-9)) + 1) / wanted_hz
+    return np.asarray(CubicSpline(times, poses)(wanted))
 
 
 def _turn(angles: FloatArray) -> FloatArray:

@@ -1,19 +1,21 @@
 """Edges and ridges as learned likelihood ratios (Sidenbladh & Black, IJCV 54, 2003)."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Frame, View
-from workbench.errors import InputError
-from workbench.likelihoods.edge_filters import (
+from workbench.core.frame import Frame
+from workbench.core.traits import IMAGES, Traits, offering
+from workbench.likelihoods.constants import POSITIVE, check
+from workbench.likelihoods.edges.filters import (
     ALONG,
     LEAST_PX,
     POINTS,
@@ -23,8 +25,9 @@ from workbench.likelihoods.edge_filters import (
     filtered,
     responses,
 )
-from workbench.likelihoods.edge_model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
+from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
+from workbench.likelihoods.looks import PoseLook
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +47,14 @@ class Edges:
     that the model does not have.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+
     body: Body
     k: float = 1.0
     cache: str = "~/.cache/workbench"
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not self.k > 0.0:
-            raise InputError(f"edges: k must be positive, found {self.k}")
+        check("edges", POSITIVE, k=self.k)
 
     @cached_property
     def model(self) -> EdgeModel:
@@ -60,24 +63,17 @@ class Edges:
 
     @cached_property
     def log_ratio(self) -> Float32Array:
-        """Of edges and ridges, for every limb of the body and bin of the response."""
+        """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
         return self.model.log_ratio(self.body.limbs.names)
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihood ratios (N,) of poses (N, P), −inf for those not finite; the previous ones do not matter."""
-        if bad := int((~np.isfinite(pose).all(axis=1)).sum()):
-            self._notes.append(f"edges: {bad} of {len(pose)} poses were not finite")
-        return over_views(self.body, frame, pose, self._one_view)
+    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+        """Filter every view."""
+        judges = [partial(self._log_prob, view.camera, filtered(view)) for view in frame.views]
+        return PoseLook("edges", partial(over_views, self.body, judges), lambda expected_pose: self)
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call."""
-        sentences = tuple(dict.fromkeys(self._notes))
-        self._notes.clear()
-        return sentences
-
-    def _one_view(self, view: View, frames: JointFrames) -> FloatArray:
-        points = limb_points(self.body, POINTS, view.camera, frames)
-        log_prob: FloatArray = self.k * response_log_ratio(filtered(view), points, self.log_ratio).sum(axis=1)
+    def _log_prob(self, camera: Camera, images: Filtered, frames: JointFrames) -> FloatArray:
+        points = limb_points(self.body, POINTS, camera, frames)
+        log_prob: FloatArray = self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
         return log_prob
 
 
@@ -90,7 +86,7 @@ def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array
 
 
 def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
-    """The same as `response_log_ratio` in plain NumPy."""
+    """Compute `response_log_ratio` in plain NumPy."""
     edges, ridges, counts = responses(images, points)
     limb = np.arange(len(table[0]))[:, None]
     on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)

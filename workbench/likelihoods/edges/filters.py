@@ -5,15 +5,14 @@ along it, at the scale of the limb's width. Both are divided by the image's loca
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
-from workbench.datasets.frame import View
-from workbench.likelihoods.image_motion import smoothed
-from workbench.likelihoods.image_motion_reference import grey_levels
+from workbench.core.frame import View
+from workbench.likelihoods import image_levels
+from workbench.likelihoods.image_motion.reference import grey_levels
 from workbench.likelihoods.limb_points import LimbPoints, patch_grid
 
 EDGE_SCALE_PX = 1.0
@@ -40,10 +39,9 @@ class Filtered:
     ridges: Float32Array
 
 
-@lru_cache(maxsize=8)
 def filtered(view: View) -> Filtered:
-    """The view's derivatives, over its local contrast; kept for the last views."""
-    grey = smoothed(view, 0.0)
+    """The view's derivatives, over its local contrast."""
+    grey = image_levels.grey_levels(view, 0.0)
     window = (CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX)
     variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
     contrast = np.sqrt(np.maximum(variance, 0.0)) + CONTRAST_FLOOR

@@ -1,31 +1,27 @@
 """How edge and ridge filters respond on limbs and elsewhere, learned from rendered people (Sidenbladh & Black 2003)."""
 
 import logging
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-import h5py
 import numpy as np
 
-from workbench import __version__
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body, person
-from workbench.datasets import gait, render, synthetic
-from workbench.datasets.frame import View
+from workbench.core.frame import View
 from workbench.datasets.synthetic import Synthetic
 from workbench.digest import code_digest
 from workbench.errors import InputError
-from workbench.files import whole_file
-from workbench.learning.store import Provenance
-from workbench.likelihoods import edge_filters
-from workbench.likelihoods.edge_filters import POINTS, filtered, responses
+from workbench.learning.store import Provenance, load, save
+from workbench.likelihoods.edges.filters import POINTS, filtered, responses
 from workbench.likelihoods.limb_points import limb_points
 
 log = logging.getLogger(__name__)
 
-FORMAT = "workbench edge model 1"
 BINS = 32
 EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)
 """Of the responses; beyond, they belong to the last bin."""
@@ -44,6 +40,13 @@ class EdgeModel:
     parts: tuple[str, ...]
     on: FloatArray
     off: FloatArray
+
+    SHAPES: ClassVar[Mapping[str, str]] = {"parts": "G", "on": "kGB", "off": "kGB"}
+
+    def flaw(self) -> str:
+        """Say which counts were expected where there are others."""
+        wanted = (2, len(self.parts), BINS)
+        return "" if self.on.shape == wanted else f"counts of shape {wanted}, found {self.on.shape}"
 
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
         """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
@@ -64,15 +67,15 @@ class EdgeModel:
 
 def edge_model(cache: str) -> EdgeModel:
     """The model of rendered people, from the folder `cache` or learned anew, which takes half a minute."""
-    code = code_digest(edge_filters, render, synthetic, gait)
+    code = code_digest(sys.modules[__name__])
     provenance = Provenance({}, {"scenes": SCENES, "frames": FRAMES, "bins": BINS, "seed": _FIRST_SEED}, (), code)
     path = Path(cache).expanduser() / "models" / f"edges-{provenance.key[:16]}.h5"
     if path.is_file():
-        return read_edges(path)
+        return load(EdgeModel, path)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
     model = learn_edges(rendered_people(rng), rng)
-    write_edges(path, model, provenance)
+    save(path, model, provenance)
     return model
 
 
@@ -89,7 +92,9 @@ def rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, Floa
             clutter=float(rng.uniform(0.5, 1.5)),
             seed=_FIRST_SEED + scene,
         )
-        body = person(dataset.shape)
+        shape = dataset.known.shape
+        assert shape is not None  # of a rendered person it is known
+        body = person(shape)
         for frame in dataset.frames():
             if frame.truth is not None and frame.truth.pose is not None:
                 yield body, frame.views[0], frame.truth.pose
@@ -118,33 +123,6 @@ def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Ge
         raise InputError("edges: expected views of people to learn from")
     on, off = np.stack(list(counts.values()), axis=2)
     return EdgeModel(tuple(counts), on, off)
-
-
-def write_edges(path: Path, model: EdgeModel, provenance: Provenance) -> None:
-    """Write the model to `path`; the file appears whole or not at all."""
-    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["workbench"] = __version__
-        file.attrs["provenance"] = provenance.as_json()
-        file.attrs["parts"] = list(model.parts)
-        file["on"], file["off"] = model.on, model.off
-
-
-def read_edges(path: Path) -> EdgeModel:
-    """Read a model; raises InputError when the file is missing or is not an edge model of this format."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such model file")
-    try:
-        with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if found != FORMAT:
-                raise InputError(f"{path}: expected a file of format {FORMAT!r}, found {found!r}")
-            model = EdgeModel(tuple(map(str, file.attrs["parts"])), file["on"][:], file["off"][:])
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: expected an edge model in HDF5: {error}") from None
-    if not model.on.shape == model.off.shape == (2, len(model.parts), BINS):
-        raise InputError(f"{path}: expected counts of shape (2, {len(model.parts)}, {BINS}), found {model.on.shape}")
-    return model
 
 
 def _part(limb: str) -> str:

@@ -1,16 +1,22 @@
 """Paper A's likelihood: how well the previous image, moved with the body, predicts the present one."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import ClassVar, TypeAlias, get_args
 
-import cv2
 import numpy as np
 
-from workbench.arrays import Float32Array, FloatArray
+from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
+from workbench.core.likelihood import Evaluation
+from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.image_motion_kernel import (
+from workbench.likelihoods.constants import NOT_NEGATIVE, POSITIVE, Range, at_least, check, check_choice
+from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.image_motion.kernel import (
     Background,
     Exponent,
     LimbModel,
@@ -20,6 +26,7 @@ from workbench.likelihoods.image_motion_kernel import (
     packed,
     view_log_prob,
 )
+from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +39,9 @@ class ImageMotion:
         p_image,j = ε/256 + (1−ε) / (√(2π) σ) · exp(−k m / 2σ²),  m the mean (or sum) of the squared differences
         p_j = q p_image,j + (1−q) p_occluded,  q = cos α · (fraction of the points compared);  log p = Σ_j log p_j
 
-    sigma: σ_I, grey levels. exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256);
-    k multiplies either, and is 1 in both papers. occlusion: "sample" tests every point against the other limbs'
+    sigma: σ_I, grey levels; it covers what a planar patch and a rigid limb get wrong, not just the sensor.
+    exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k multiplies either, and is 1
+    in both papers. occlusion: "sample" tests every point against the other limbs'
     patches; "limb" is A's rule, which silences every limb that a nearer one covers in part: in a side view the near
     arm silences the torso; "none" does without. blur_px: standard deviation of the smoothing. seed: of the points.
 
@@ -52,34 +60,28 @@ class ImageMotion:
     Raises InputError when a constant is out of range.
     """
 
+    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+
     body: Body
-    sigma: float = 6.0
+    sigma: float = 10.0
     epsilon: float = 0.05
     p_occluded: float = 0.01
-    n_samples: int = 50
+    n_samples: int = 48
     exponent: Exponent = "mean"
     k: float = 1.0
     occlusion: Occlusion = "sample"
     background: Background = "none"
     blur_px: float = 2.0**0.5
     seed: int = 0
-    _outside: dict[str, tuple[int, int]] = field(default_factory=dict, init=False, repr=False)
-    _notes: list[str] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, good, expected in (
-            ("sigma", self.sigma > 0.0, "positive"),
-            ("epsilon", 0.0 <= self.epsilon < 1.0, "at least 0 and below 1"),
-            ("p_occluded", self.p_occluded > 0.0, "positive"),
-            ("n_samples", self.n_samples >= 1, "at least 1"),
-            ("exponent", self.exponent in ("mean", "sum"), "mean or sum"),
-            ("k", self.k > 0.0, "positive"),
-            ("occlusion", self.occlusion in ("sample", "limb", "none"), "sample, limb or none"),
-            ("background", self.background in ("none", "still"), "none or still"),
-            ("blur_px", self.blur_px >= 0.0, "at least 0"),
-        ):
-            if not good:
-                raise InputError(f"image motion: {name} must be {expected}, found {getattr(self, name)!r}")
+        check("image motion", POSITIVE, sigma=self.sigma, p_occluded=self.p_occluded, k=self.k)
+        check("image motion", Range("at least 0 and below 1", lambda value: 0.0 <= value < 1.0), epsilon=self.epsilon)
+        check("image motion", at_least(1), n_samples=self.n_samples)
+        check("image motion", NOT_NEGATIVE, blur_px=self.blur_px)
+        check_choice("image motion", get_args(Exponent), exponent=self.exponent)
+        check_choice("image motion", get_args(Occlusion), occlusion=self.occlusion)
+        check_choice("image motion", get_args(Background), background=self.background)
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -93,91 +95,91 @@ class ImageMotion:
             self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background
         )
 
-    def log_prob(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P); −inf where either is not finite.
+    def look(self, previous: Frame | None, frame: Frame) -> "MotionLook":
+        """Smooth and pack the images of a frame and of the one before.
 
-        Raises InputError when the frames share no camera, or an image has not the size its camera states.
+        Raises InputError when the frames share no camera or, under a still background, an image size; and when an image
+        has not the size its camera states.
         """
-        finite = np.isfinite(previous_pose).all(axis=1) & np.isfinite(pose).all(axis=1)
-        if finite.all():
-            return self._all_cameras(previous, frame, previous_pose, pose)
-        log_prob = np.full(len(pose), -np.inf)
-        log_prob[finite] = self._all_cameras(previous, frame, previous_pose[finite], pose[finite])
-        self._notes.append(f"image motion: {(~finite).sum()} of {len(pose)} poses were not finite")
-        return log_prob
+        return self._look(None, previous, frame)
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out since the last call: points outside the images (from 5 %), views, poses."""
-        shares = {camera: outside / max(total, 1) for camera, (outside, total) in self._outside.items()}
-        sentences = [
-            f"image motion: {share:.0%} of the sample points lay outside the images of {camera}"
-            for camera, share in shares.items()
-            if share > 0.05
-        ]
-        sentences += dict.fromkeys(self._notes)
-        self._outside.clear()
-        self._notes.clear()
-        return tuple(sentences)
-
-    def _pairs(self, previous: Frame, frame: Frame) -> list[tuple[View, View]]:
-        earlier = {view.camera.name: view for view in previous.views}
-        pairs = [(earlier[view.camera.name], view) for view in frame.views if view.camera.name in earlier]
+    def _look(self, known: "PackedFrame | None", previous: Frame | None, frame: Frame) -> "MotionLook":
+        now = self._packed(frame)
+        if previous is None:
+            return MotionLook(self, now, {}, ())
+        before = known if known is not None and known.frame is previous else self._packed(previous)
+        pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
-        shared = {view.camera.name for _, view in pairs}
-        for name in sorted({view.camera.name for view in (*previous.views, *frame.views)} - shared):
-            self._notes.append(f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}")
-        return pairs
-
-    def _all_cameras(self, previous: Frame, frame: Frame, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        log_prob = np.zeros(len(pose))
-        for before, now in self._pairs(previous, frame):
-            log_prob += self._one_camera(before, now, previous_pose, pose)
-        return log_prob
-
-    def _one_camera(self, before: View, now: View, previous_pose: FloatArray, pose: FloatArray) -> FloatArray:
-        if self.background == "still" and before.image.shape[:2] != now.image.shape[:2]:
-            raise InputError(f"image motion: background=still needs images of one size from camera {now.camera.name}")
-        log_prob, outside = view_log_prob(
-            self.body,
-            self.samples,
-            self.model,
-            PackedView(before.camera, packed_levels(before, self.blur_px), previous_pose),
-            PackedView(now.camera, packed_levels(now, self.blur_px), pose),
+        if self.background == "still":
+            _check_sizes(pairs)
+        notes = (
+            f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}"
+            for name in sorted({*before.views, *now.views} - set(pairs))
         )
-        left_out, total = self._outside.get(now.camera.name, (0, 0))
-        points = len(outside) * len(self.body.limbs) * self.n_samples
-        self._outside[now.camera.name] = left_out + int(outside.sum()), total + points
-        return log_prob
+        return MotionLook(self, now, pairs, tuple(notes))
+
+    def _packed(self, frame: Frame) -> "PackedFrame":
+        views = {view.camera.name: (view.camera, packed_levels(view, self.blur_px)) for view in frame.views}
+        return PackedFrame(frame, views)
 
 
-@lru_cache(maxsize=8)
-def packed_levels(view: View, blur_px: float) -> Packed:
-    """The view's smoothed grey levels as the kernel looks them up; kept for the last views."""
-    return packed(smoothed(view, blur_px))
+PackedImage: TypeAlias = tuple[Camera, Packed]
+"""What a camera saw, as the kernel looks it up."""
 
 
-@lru_cache(maxsize=8)
-def smoothed(view: View, blur_px: float) -> Float32Array:
-    """The view's grey levels (height, width), 0..255, smoothed by a Gaussian (A, section 5); kept for the last views.
+@dataclass(frozen=True, eq=False)
+class PackedFrame:
+    """A frame and its packed images, by the camera's name."""
 
-    Raises InputError when the image has not the size that its camera states.
+    frame: Frame
+    views: Mapping[str, PackedImage]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLook:
+    """What `ImageMotion`, the `cue`, has seen of a frame `now`.
+
+    pairs: the images before and now of every camera that both frames have; none in the first frame of a run.
     """
-    levels = float_levels(view)
-    grey = cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY) if levels.ndim == 3 else levels
-    smooth = cv2.GaussianBlur(grey, (0, 0), blur_px) if blur_px > 0.0 else grey
-    return np.ascontiguousarray(smooth, dtype=np.float32)
+
+    cue: ImageMotion
+    now: PackedFrame
+    pairs: Mapping[str, tuple[PackedImage, PackedImage]]
+    notes: tuple[str, ...]
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+    def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
+        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P); −∞ where either is not finite.
+
+        A note tells of points that lay outside the images, from 5 % on.
+        """
+        finite = finite_rows(previous_pose) & finite_rows(pose)
+        previous_pose, pose = previous_pose[finite], pose[finite]
+        log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
+        for name, (before, now) in self.pairs.items():
+            views = PackedView(*before, previous_pose), PackedView(*now, pose)
+            found, outside = view_log_prob(cue.body, cue.samples, cue.model, *views)
+            log_prob += found
+            share = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
+            if share > 0.05:
+                notes.append(f"image motion: {share:.0%} of the sample points lay outside the images of {name}")
+        return among_finite("image motion", finite, log_prob, tuple(notes))
+
+    def remember(self, expected_pose: FloatArray) -> Remembering[PackedFrame]:
+        """The likelihood, which keeps this frame's images for the next look."""
+        return Remembering(self.now, self.cue._look)
 
 
-def float_levels(view: View) -> Float32Array:
-    """The view's grey or RGB levels, 0..255; raises InputError when the image has not the size its camera states."""
-    camera, image = view.camera, view.image
-    if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
-        raise InputError(
-            f"likelihood: camera {camera.name}: expected a grey or RGB image of {camera.width}×{camera.height} px, "
-            f"found an array of shape {image.shape}"
-        )
-    return image.astype(np.float32)
+def packed_levels(view: View, blur_px: float) -> Packed:
+    """The view's smoothed grey levels as the kernel looks them up."""
+    return packed(grey_levels(view, blur_px))
+
+
+def _check_sizes(pairs: Mapping[str, tuple[PackedImage, PackedImage]]) -> None:
+    for name, ((_, before), (_, now)) in pairs.items():
+        if before.shape != now.shape:
+            raise InputError(f"image motion: background=still needs images of one size from camera {name}")
 
 
 def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:

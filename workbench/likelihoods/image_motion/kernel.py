@@ -31,7 +31,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
 from workbench.body.limbs import Body, Limbs
-from workbench.likelihoods.image_motion_patches import (
+from workbench.likelihoods.image_motion.patches import (
     ACROSS,
     AX,
     AY,
@@ -125,7 +125,7 @@ class _Model(NamedTuple):
 def view_log_prob(
     body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """The same as `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to.
+    """Compute `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to.
 
     The images have the cameras' sizes; with a still background, both are of one size.
     """

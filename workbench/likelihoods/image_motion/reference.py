@@ -12,8 +12,8 @@ from scipy.ndimage import map_coordinates
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Limbs
-from workbench.likelihoods.image_motion_kernel import LimbModel, Occlusion, PosedView
-from workbench.likelihoods.image_motion_patches import MIN_AREA, MIN_DEPTH, MIN_SINE
+from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion, PosedView
+from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_SINE
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
 
 
 def _cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Whether limb k covers points (N, n, 2), px, and its axis' depth there, (N, n) m."""
+    """Tell whether limb k covers points (N, n, 2), px, and its axis' depth there, (N, n) m."""
     corners = patches.corners[:, k]
     start, end = corners[:, 0].mean(axis=1), corners[:, 1].mean(axis=1)
     edges = (corners[:, :, 1] - corners[:, :, 0]) / 2.0  # (N, 2, 2): half the patch's width at its start and end
@@ -176,7 +176,7 @@ def _cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[
 
 
 def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
-    """Whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
+    """Tell whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
     height, width = image.shape
     x, y = points[..., 0], points[..., 1]
     inside: BoolArray = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)

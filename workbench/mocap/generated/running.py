@@ -1,4 +1,4 @@
-"""Synthetic runners made from published curves of running, beside the walkers of `datasets.gait`, whose means they use.
+"""Synthetic runners made from published curves of running, beside the walkers of `gait`, whose means they use.
 
 Sources, one cycle from foot strike to foot strike of the same foot, at about 3 m/s:
 - hip and knee in the sagittal plane, hip and pelvis in the others, toe-off: Novacheck, *Gait & Posture* 7, 1998;
@@ -23,8 +23,8 @@ from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.datasets.gait import ANKLE_HEIGHT, GaitCurve, Subject, both_sides, generated, variation
 from workbench.errors import InputError
+from workbench.mocap.generated.gait import ANKLE_HEIGHT, GaitCurve, Subject, both_sides, generated, variation
 from workbench.mocap.motion import Motion
 
 STANCE = 0.37

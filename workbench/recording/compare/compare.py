@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.recording.figures import numbers
-from workbench.recording.reader import Run
+from workbench.recording.read.reader import Run
+from workbench.recording.study.figures import numbers
 
 EXACT = ("python", "workbench", "numpy", "scipy", "numba", "opencv-python-headless")
 """What must be of the same version, beside the platform, for equal runs to give equal bits."""
@@ -21,7 +21,7 @@ class Tolerance:
     relative: float = 0.0
 
     def allows(self, was: FloatArray | float, now: FloatArray | float) -> bool:
-        """Whether every number is finite and moved no further."""
+        """Tell whether every number is finite and moved no further."""
         was, now = np.asarray(was, dtype=np.float64), np.asarray(now, dtype=np.float64)
         if was.shape != now.shape or not (np.isfinite(was).all() and np.isfinite(now).all()):
             return False
@@ -50,13 +50,13 @@ class Finding:
 
 
 def exactly_comparable(was: Run, now: Run) -> bool:
-    """Whether the two were made on one platform by the same versions, so that equal runs give equal bits."""
+    """Tell whether the two were made on one platform by the same versions, so that equal runs give equal bits."""
     same = all(was.provenance.get(name) == now.provenance.get(name) for name in EXACT)
     return same and was.platform is not None and was.platform == now.platform
 
 
 def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Finding]:
-    """What became of every number of `was` in `now`.
+    """Tell what became of every number of `was` in `now`.
 
     Where `exactly_comparable`, all that is recorded in full precision must be equal bit for bit: results, metrics of
     every frame, expected poses, and the pictures of the marginals, in which every weight and every particle counts.
@@ -143,7 +143,7 @@ def _frames(was: Run, now: Run) -> Finding:
 
 
 def _first_pose(was: Run, now: Run) -> str:
-    """Where the expected poses differ first: the frame, the joint that moved most, and by how much."""
+    """Find where the expected poses differ first: the frame, the joint that moved most, and by how much."""
     frames, before, after = _common(was.poses, now.poses)
     if before.shape != after.shape:
         return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"

@@ -8,12 +8,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from workbench.recording import looks
-from workbench.recording.chunks import read_chunks
-from workbench.recording.reader import Run
-from workbench.recording.scene import ESTIMATE
-from workbench.recording.study import entity
-from workbench.studies.study import Sticks
+from workbench.core.study import Sticks
+from workbench.recording.read.chunks import read_chunks
+from workbench.recording.read.reader import Run
+from workbench.recording.study.recorder import entity
+from workbench.recording.write import series_styles as looks
+from workbench.recording.write.scene import ESTIMATE
 
 _CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
 _EYE_M = (2.1, -2.1, 0.6)

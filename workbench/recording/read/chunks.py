@@ -48,7 +48,7 @@ def _read(reader: RrdReader, contents: list[str]) -> list[Chunk]:
 
 
 def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
-    """By entity path, then by component: the last value that is static, as Arrow."""
+    """Collect, by entity path and then by component, the last value that is static, as Arrow."""
     found: dict[str, dict[str, Any]] = {}
     for chunk in chunks:
         if chunk.is_static:
@@ -61,7 +61,7 @@ def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
 
 
 def curves(chunks: Iterable[Chunk]) -> dict[str, Curve]:
-    """By entity path: the scalars over frames."""
+    """Collect by entity path the scalars over frames."""
     pieces: dict[str, list[tuple[IntArray, FloatArray]]] = {}
     for chunk in chunks:
         if not chunk.is_static and "Scalars:scalars" in (batch := chunk.to_record_batch()).schema.names:
@@ -79,7 +79,7 @@ def _joined(pieces: Sequence[tuple[IntArray, FloatArray]]) -> Curve:
 
 
 def properties(static: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Those of `static_values` that are properties, by name, as Python values."""
+    """Select those of `static_values` that are properties, by name, as Python values."""
     return {
         entity.removeprefix("__properties/"): {key: _plain(value) for key, value in values.items()}
         for entity, values in static.items()

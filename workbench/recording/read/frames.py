@@ -10,11 +10,11 @@ import pyarrow as pa  # type: ignore[import-untyped]
 
 from workbench.arrays import ByteArray, FloatArray, IntArray
 from workbench.errors import InputError
-from workbench.recording.chunks import Curve, curves, read_chunks
-from workbench.recording.fit import ACTIVITY, FLEXION
-from workbench.recording.images import OVERLAYS
-from workbench.recording.reader import Run
-from workbench.recording.scene import ESTIMATE, POINTS, TRUTH
+from workbench.recording.read.chunks import Curve, curves, read_chunks
+from workbench.recording.read.reader import Run
+from workbench.recording.write.images import OVERLAYS
+from workbench.recording.write.point_fit_views import ACTIVITY, FLEXION
+from workbench.recording.write.scene import ESTIMATE, POINTS, TRUTH
 
 _SKELETONS = OVERLAYS[:3]  # the others are points
 
@@ -85,7 +85,7 @@ def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
 
 
 def flexions(run: Run) -> dict[str, dict[str, Curve]]:
-    """By hip or knee, such as left_hip, then "estimate" and, where it is known, "truth": degrees over frames.
+    """Collect by hip or knee, such as left_hip, then "estimate" and, where it is known, "truth": degrees over frames.
 
     Empty for a run that was not fitted to points.
     """
@@ -109,7 +109,7 @@ def activities(run: Run) -> dict[str, dict[int, str]]:
 
 
 def _read(run: Run, contents: Sequence[str], frames: Iterable[int] | None) -> dict[str, dict[str, dict[int, Any]]]:
-    """By entity path, component and frame: what is there, as Arrow. frames: only these; None: all."""
+    """Read by entity path, component and frame: what is there, as Arrow. frames: only these; None: all."""
     wanted = None if frames is None else set(frames)
     found: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in read_chunks(run.path, list(contents)):
@@ -132,8 +132,7 @@ def _flat(cell: Any) -> FloatArray:
     values = cell.values
     while pa.types.is_nested(values.type):
         values = values.flatten()
-    numbers: FloatArray = np.asarray(values, dtype=np.float64)
-    return numbers
+    return np.asarray(values, dtype=np.float64)
 
 
 def _lines(cell: Any, n_axes: int) -> FloatArray:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.errors import InputError
-from workbench.recording.reader import Run, read
+from workbench.recording.read.reader import Run, read
 
 _READ, _DAMAGED = "read", "damaged"
 
 
 def fatal(paths: Sequence[Path]) -> set[Path]:
-    """Those of the recordings that end whoever reads them, by an error that is no InputError or without any.
+    """Find those of the recordings that end whoever reads them, by an error that is no InputError or without any.
 
     A flipped bit can make the decoder ask for more memory than there is, on which it aborts without raising; so
     another process goes first, and a new one goes on behind every file that one does not survive.
@@ -20,7 +20,7 @@ def fatal(paths: Sequence[Path]) -> set[Path]:
     found: set[Path] = set()
     left = list(paths)
     while left:
-        command = [sys.executable, "-m", "workbench.recording.probe", *map(str, left)]
+        command = [sys.executable, "-m", "workbench.recording.read.probe", *map(str, left)]
         told = subprocess.run(command, capture_output=True, text=True, check=False).stdout.split()
         found |= {path for path, word in zip(left, told, strict=False) if word == _DAMAGED}
         found |= set(left[len(told) : len(told) + 1])

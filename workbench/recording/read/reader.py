@@ -11,12 +11,12 @@ import numpy as np
 import yaml
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.core.study import Figure
 from workbench.errors import InputError
-from workbench.recording.chunks import Curve, curves, properties, read_chunks, static_values
-from workbench.recording.figures import figure_of
-from workbench.recording.file import FORMAT
-from workbench.recording.track import timed_joints, timed_true_joints
-from workbench.studies.study import Figure
+from workbench.recording.read.chunks import Curve, curves, properties, read_chunks, static_values
+from workbench.recording.read.track import timed_joints, timed_true_joints
+from workbench.recording.study.figures import figure_of
+from workbench.recording.write.file import FORMAT
 
 _SUFFIXES = (".rrd", ".rrd.part")
 _LONGEST_CONFIG = 1_000_000  # characters; ours have some thousand
@@ -79,7 +79,7 @@ class Run:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Where the run came from: experiment, seed, versions of Python and packages."""
+        """Find where the run came from: experiment, seed, versions of Python and packages."""
         return self.properties.get("provenance", {})
 
     @property
@@ -113,7 +113,7 @@ class Run:
 
     @property
     def is_study(self) -> bool:
-        """Whether this is a study, which tracks nobody: it has no poses, and its numbers are its result."""
+        """Tell whether this is a study, which tracks nobody: it has no poses, and its numbers are its result."""
         return "body" not in self.properties
 
     @cached_property
@@ -202,7 +202,7 @@ def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
     """All recordings in these files and below these folders, sorted by path; and those that cannot be read.
 
     A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
-    place that does not exist. A file with flipped bits may, seldom, end the process: see `workbench.recording.probe`.
+    place that does not exist. A file with flipped bits may, seldom, end the process: see `probe`.
     """
     runs: list[Run] = []
     problems: list[Unreadable] = []

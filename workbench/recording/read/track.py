@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.recording.chunks import read_chunks
+from workbench.recording.read.chunks import read_chunks
 
 Timed = tuple[IntArray, FloatArray, FloatArray]
 """Frames (F,), ascending; times (F,), s; one value for each, (F, ...)."""

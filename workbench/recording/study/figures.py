@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.study import Bars, Curves, Figure, Scatter, Sticks
 from workbench.errors import InputError
-from workbench.studies.study import Bars, Curves, Figure, Scatter, Sticks
 
 
 def numbers(figure: Figure) -> dict[str, Any]:

@@ -9,16 +9,18 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.recording import plot
-from workbench.recording.figures import numbers
-from workbench.recording.file import RecordingFile, arrow
-from workbench.studies.study import Figure, Sticks, StudyResult
+from workbench.core.study import Figure, Sticks, StudyResult
+from workbench.recording.study.figures import numbers
+from workbench.recording.write.file import RecordingFile, arrow
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
 
 _WINDOW, _TITLE = (1500.0, 690.0), 26.0  # what a page of figures fills of a usual window, and a view's title bar
+_PAPER = (255, 255, 255)
 _PER_PAGE = 8
+DRAWING = "drawing"
+"""The entity below a figure that holds its image."""
 _LEAST_WAY_M = 0.5
 _DARKEST, _LIGHTEST = np.array([70.0, 45.0, 20.0]), np.array([255.0, 190.0, 90.0])
 _TRAIL_COLOURS = [(64, 196, 255), (120, 220, 130), (255, 110, 160), (240, 228, 66)]
@@ -28,8 +30,8 @@ class StudyRecorder:
     """Writes a study's result to `path`, an .rrd; a context manager, published as `RecordingFile` says.
 
     run_id, config_yaml, provenance: as there. The numbers of a figure are components of `figures/<name>`, from which
-    `workbench.recording.reader.read` makes the same figure again, bit for bit; its drawing lies below. The note is at
-    `note`, the metrics are the property `metrics`.
+    `read.reader.read` makes the same figure again, bit for bit; its drawing lies below. The note is at `note`, the
+    metrics are the property `metrics`.
     """
 
     def __init__(
@@ -79,10 +81,11 @@ class StudyRecorder:
         if isinstance(figure, Sticks):
             self._file.send(_sticks(path, figure), static=True)
             return rrb.Spatial3DView(origin=path, name=title, eye_controls=_eye(figure))
-        shown = plot.plot(figure, width, height)
-        self._file.send(plot.drawing(path, shown), static=True)
-        bounds = rrb.VisualBounds2D(x_range=shown.bounds[0], y_range=shown.bounds[1])
-        return rrb.Spatial2DView(origin=path, name=title, background=plot.BACKGROUND, visual_bounds=bounds)
+        from workbench.recording.study.drawing import picture  # matplotlib takes a third of a second to load
+
+        image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
+        self._file.stream.log(f"{path}/{DRAWING}", image, static=True)
+        return rrb.Spatial2DView(origin=path, name=title, background=_PAPER)
 
 
 def entity(figure: Figure) -> str:

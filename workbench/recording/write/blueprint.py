@@ -7,9 +7,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
-from workbench.recording import fit, looks, ranks
-from workbench.recording.images import OVERLAYS, Picture
-from workbench.recording.scene import ESTIMATE
+from workbench.recording.write import point_fit_views as fit
+from workbench.recording.write import ranks
+from workbench.recording.write import series_styles as looks
+from workbench.recording.write.images import OVERLAYS, Picture
+from workbench.recording.write.scene import ESTIMATE
 
 MOST_BESIDE = 4
 """Cameras whose images are shown beside each other; of more, one at a time."""
@@ -41,7 +43,7 @@ class Shown:
 
 
 def layout(shown: Shown) -> rrb.Blueprint:
-    """Where the person is, on the left; on the right how wrong the estimate is, how sure, and the posterior.
+    """Find where the person is, on the left; on the right how wrong the estimate is, how sure, and the posterior.
 
     A fit to points has flexion against the truth and the activity told before the errors.
     """
@@ -73,7 +75,7 @@ def _page(shown: Shown, right: rrb.Vertical) -> rrb.Blueprint:
 
 
 def _key(shown: Shown) -> str:
-    """What the colours mean."""
+    """Tell what the colours mean."""
     truth = ["truth blue"] if any(name.startswith("error") for name in shown.metrics) else []
     return ", ".join(["estimate orange", *truth, "particles purple"])
 
@@ -96,7 +98,7 @@ def _in_the_world(shown: Shown) -> list[str]:
 
 
 def _errors(shown: Shown) -> list[rrb.View]:
-    """How wrong: distances from the true joints in the world, and in the image."""
+    """Tell how wrong: distances from the true joints in the world, and in the image."""
     plots = {
         looks.title("error_abs_mm"): looks.errors_mm(shown.metrics),
         looks.title("error_px"): looks.errors_px(shown.metrics),
@@ -111,13 +113,13 @@ def _is_plotted(shown: Shown, error: str) -> bool:
 
 
 def _ess(shown: Shown) -> rrb.View:
-    """How many particles count."""
+    """Tell how many particles count."""
     axis = rrb.ScalarAxis(range=(0.0, float(shown.n_particles)))
     return _metric("ess", f"effective sample size (of {shown.n_particles})", axis)
 
 
 def _coverage(shown: Shown) -> list[rrb.View]:
-    """Whether the estimate is as sure as it may be."""
+    """Tell whether the estimate is as sure as it may be."""
     axis = rrb.ScalarAxis(range=(0.0, 1.0))
     return [_metric("coverage_90", looks.title("coverage_90"), axis)] if "coverage_90" in shown.metrics else []
 

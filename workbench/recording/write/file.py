@@ -17,7 +17,7 @@ from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
 from workbench.errors import InputError
-from workbench.recording import viewer
+from workbench.recording.write import viewer
 
 logger = logging.getLogger(__name__)
 
@@ -40,9 +40,8 @@ class RecordingFile:
     Older files of these names are replaced.
 
     stream: what to log to. run_id: unique per run. config_yaml: the resolved config. provenance: where the run came
-    from (seed, versions). application_id: recordings of one application share their layout in the viewer; None: each
-    has its own. live: send everything to a viewer too, if one listens at 127.0.0.1:9876; it turns False when none does.
-    warnings: sentences that were told and wait to be recorded.
+    from (seed, versions). live: send everything to a viewer too, if one listens at 127.0.0.1:9876; it turns False
+    when none does. warnings: sentences that were told and wait to be recorded.
     """
 
     def __init__(
@@ -52,7 +51,6 @@ class RecordingFile:
         run_id: str,
         config_yaml: str,
         provenance: Mapping[str, str | float | int],
-        application_id: str | None = None,
         live: bool = False,
     ) -> None:
         self.path = Path(path)
@@ -63,7 +61,8 @@ class RecordingFile:
         rr.set_strict_mode(True)
         # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
         never = rr.ChunkBatcherConfig.NEVER()
-        application = application_id or re.sub(r"[^A-Za-z0-9_-]", "-", run_id)  # in others Rerun warns
+        # recordings of one application would share their layout in the viewer; in other letters Rerun warns
+        application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
         self.stream = rr.RecordingStream(application, recording_id=run_id, batcher_config=never)
         self.stream.set_log_time_enabled(False)
 

@@ -14,10 +14,10 @@ import rerun as rr
 
 from workbench.arrays import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from workbench.body.camera import Camera
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
 from workbench.errors import InputError
-from workbench.recording import colours
-from workbench.recording.rows import Row, Rows
+from workbench.recording.write import colours
+from workbench.recording.write.columns import Row, Rows
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
@@ -42,7 +42,7 @@ class Picture:
 
 
 def picture(camera: Camera) -> Picture:
-    """How to record a camera; raises InputError when the recording uses its name for something else."""
+    """Tell how to record a camera; raises InputError when the recording uses its name for something else."""
     if camera.name in _TAKEN or not camera.name:
         raise InputError(f"camera: expected a name other than {', '.join(_TAKEN)}, found {camera.name!r}")
     maps = None
@@ -124,7 +124,7 @@ def keypoints(shown: Picture, given: FloatArray | None, names: tuple[str, ...]) 
 
 
 def straightened(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Where pixels (K, 2) of the camera's image lie once it is straightened, (K, 2)."""
+    """Find where pixels (K, 2) of the camera's image lie once it is straightened, (K, 2)."""
     if not camera.distortion.any() or not len(pixels):
         return pixels
     straight = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion, P=camera.matrix)

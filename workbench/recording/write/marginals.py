@@ -17,8 +17,7 @@ def systematic(weights: FloatArray, n: int) -> IntArray:
     """
     cumulated = np.cumsum(weights)
     points = (np.arange(n) + 0.5) / n * cumulated[-1]
-    chosen: IntArray = np.searchsorted(cumulated, points, side="right").clip(max=len(weights) - 1)
-    return chosen
+    return np.searchsorted(cumulated, points, side="right").clip(max=len(weights) - 1)
 
 
 class Marginals:

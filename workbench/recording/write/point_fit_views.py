@@ -8,8 +8,8 @@ import rerun.blueprint as rrb
 
 from workbench.body.flexion import FLEXIONS, flexions
 from workbench.body.skeleton import Skeleton
-from workbench.inference.step import Step
-from workbench.recording import colours
+from workbench.core.step import Step
+from workbench.recording.write import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 

@@ -8,13 +8,13 @@ import rerun as rr
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
-from workbench.datasets.frame import Truth
+from workbench.core.frame import Truth
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
 from workbench.evaluation.posterior import weighted_quantiles
-from workbench.inference.step import Step
-from workbench.priors.state import StateSpace
-from workbench.recording import colours
-from workbench.recording.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
-from workbench.recording.rows import Row, Rows
+from workbench.recording.write import colours
+from workbench.recording.write.columns import Row, Rows
+from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 

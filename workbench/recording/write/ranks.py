@@ -7,10 +7,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
 from workbench.evaluation.errors import pose_ranks
-from workbench.inference.step import Step
-from workbench.recording import colours
+from workbench.recording.write import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 

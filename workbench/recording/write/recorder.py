@@ -18,27 +18,29 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
-from workbench.datasets.frame import Frame, View
+from workbench.core.frame import Frame, View
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
 from workbench.errors import InputError
-from workbench.inference.step import Step
-from workbench.priors.state import StateSpace
-from workbench.recording import blueprint, fit, images, looks, scene
-from workbench.recording.file import RecordingFile
-from workbench.recording.marginals import systematic
-from workbench.recording.posterior import Posterior
-from workbench.recording.ranks import Ranks
-from workbench.recording.rows import Columns, Rows
-from workbench.recording.series import Series
-from workbench.recording.trails import Trails
+from workbench.recording.write import blueprint, images, scene
+from workbench.recording.write import point_fit_views as fit
+from workbench.recording.write import series_styles as looks
+from workbench.recording.write.columns import Columns, Rows, curves
+from workbench.recording.write.file import RecordingFile
+from workbench.recording.write.marginals import systematic
+from workbench.recording.write.posterior import Posterior
+from workbench.recording.write.ranks import Ranks
+from workbench.recording.write.trails import Trails
 
+FLUSH_EVERY = 10  # frames
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 
 
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` says; that also explains run_id, config_yaml, provenance
-    and application_id. The file is flushed every `flush_every` frames.
+    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml and
+    provenance. The file is flushed every FLUSH_EVERY frames.
 
     body, space: of the steps to come. live: send every frame to a viewer too, if one listens at 127.0.0.1:9876.
     n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a marginal.
@@ -60,11 +62,9 @@ class Recorder:
         run_id: str,
         config_yaml: str,
         provenance: Mapping[str, str | float | int],
-        application_id: str | None = None,
         live: bool = False,
         n_particles_shown: int = 50,
         marginal_bins: int = 64,
-        flush_every: int = 10,
         jpeg_quality: int = 80,
         surface: bool = False,
         coefficient_scale: FloatArray | None = None,
@@ -72,14 +72,13 @@ class Recorder:
         self._body = body
         self._figure = scene.figure(body)
         self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._series, self._bands, self._columns = Series(), Series(), Columns()
+        self._bands, self._columns = Columns(), Columns()
         self._trails, self._ranks = Trails(self._figure), Ranks()
         self._pictures: dict[str, images.Picture] = {}
         _check("n_particles_shown", n_particles_shown, 1, 10_000)
         _check("marginal_bins", marginal_bins, 2, 1024)
-        _check("flush_every", flush_every, 1, 10_000)
         _check("jpeg_quality", jpeg_quality, 1, 100)
-        self._n_particles_shown, self._flush_every, self._jpeg_quality = n_particles_shown, flush_every, jpeg_quality
+        self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
         self._marks = False
@@ -90,7 +89,6 @@ class Recorder:
             run_id=run_id,
             config_yaml=config_yaml,
             provenance=provenance,
-            application_id=application_id,
             live=live,
         )
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
@@ -113,7 +111,6 @@ class Recorder:
     ) -> None:
         self._send_pictures()
         self._columns.write(self._stream)
-        self._series.write(self._stream)
         self._file.__exit__(kind, error, trace)
 
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
@@ -128,23 +125,23 @@ class Recorder:
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, "log_evidence": step.log_evidence, **step.diagnostics, **metrics}
-        self._bands.add(frame.index, time, self._posterior.add(step))
-        self._series.add(frame.index, time, {f"metrics/{name}": value for name, value in measured.items()})
-        self._series.add(frame.index, time, {"estimate/pose": step.expected_pose})
-        if frame.points is not None:
-            self._series.add(frame.index, time, fit.curves(self._body.skeleton, step))
+        self._bands.add(frame.index, time, curves(self._posterior.add(step)))
+        numbers = {f"metrics/{name}": value for name, value in measured.items()} | {"estimate/pose": step.expected_pose}
+        numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
         self._file.send(fit.activities(step))
         self._ranks.add(step)
         self._diagnostics = tuple(step.diagnostics)
         if self._n_frames == 0:
             self._begin(step)
         self._lay_out(step, tuple(measured))
-        self._columns.add(frame.index, time, chain(self._scene(step), self._posterior.histograms(step)))
+        self._columns.add(
+            frame.index, time, chain(curves(numbers), self._scene(step), self._posterior.histograms(step))
+        )
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames += 1
-        due = self._n_frames % self._flush_every == 0
+        due = self._n_frames % FLUSH_EVERY == 0
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
         growth = 1.1 if self._file.live else 2.5
         if due and self._n_frames >= growth * self._n_frames_pictured:
@@ -254,7 +251,6 @@ class Recorder:
 
     def _flush(self) -> None:
         self._columns.write(self._stream)
-        self._series.write(self._stream)
         self._file.flush()
 
 

@@ -18,10 +18,10 @@ from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
 from workbench.body.surface_mesh import surface_mesh
-from workbench.datasets.frame import Truth
-from workbench.inference.step import Step
-from workbench.recording import colours
-from workbench.recording.rows import Row, Rows
+from workbench.core.frame import Truth
+from workbench.core.step import Step
+from workbench.recording.write import colours
+from workbench.recording.write.columns import Row, Rows
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
@@ -55,7 +55,7 @@ def figure(body: Body) -> Figure:
 
 
 def fixed(drawn: Figure) -> Entities:
-    """What holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
+    """Tell what holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
     yield "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP
     names = list(drawn.skeleton.names)
     for path, colour, width in ((ESTIMATE, colours.ESTIMATE, 2.5), (TRUTH, colours.TRUTH, 1.75)):
@@ -107,8 +107,7 @@ def seen_from(step: Step) -> FloatArray:
     else:
         return np.array([2.1, -2.1])
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    towards: FloatArray = (3.0 if points is None else 2.3) * rotation @ away / max(float(np.linalg.norm(away)), 1e-6)
-    return towards
+    return (3.0 if points is None else 2.3) * rotation @ away / max(float(np.linalg.norm(away)), 1e-6)
 
 
 def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
@@ -146,8 +145,7 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
     """
     height = np.clip(1.0 - (log_weights - log_weights.max()) / _FAINTEST_LOG_WEIGHT, 0.0, 1.0)[:, None]
     low, high = np.array(colours.LIGHTEST_PARTICLE), np.array(colours.HEAVIEST_PARTICLE)
-    shades: ByteArray = np.rint(low + height * (high - low)).astype(np.uint8)
-    return shades
+    return np.rint(low + height * (high - low)).astype(np.uint8)
 
 
 def _bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import rerun as rr
 
-from workbench.recording import colours
+from workbench.recording.write import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
@@ -57,16 +57,16 @@ def title(name: str, unit: str = "") -> str:
 
 
 def errors_mm(metrics: Sequence[str]) -> list[str]:
-    """Those of the metrics that are errors in the world."""
+    """Select those of the metrics that are errors in the world."""
     return [name for name in metrics if name.startswith("error") and name.removesuffix("_map").endswith("_mm")]
 
 
 def errors_px(metrics: Sequence[str]) -> list[str]:
-    """Those of the metrics that are errors in the image, and what they are measured by."""
+    """Select those of the metrics that are errors in the image, and what they are measured by."""
     found = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
     return [*found, *(name for name in metrics if found and name == "forearm_px")]
 
 
 def shares(metrics: Sequence[str]) -> list[str]:
-    """Those of the metrics that are the parts of cues."""
+    """Select those of the metrics that are the parts of cues."""
     return [name for name in metrics if name.startswith("share_")]

@@ -8,8 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
-from workbench.recording import colours
-from workbench.recording.scene import ESTIMATE, Figure
+from workbench.recording.write import colours
+from workbench.recording.write.scene import ESTIMATE, Figure
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 

@@ -7,7 +7,7 @@ URL = f"rerun+http://{HOST}:{PORT}/proxy"
 
 
 def listens(timeout_s: float = 0.5) -> bool:
-    """Whether something accepts connections there; asked first, since sending to nobody blocks for seconds."""
+    """Tell whether something accepts connections there; asked first, since sending to nobody blocks for seconds."""
     try:
         socket.create_connection((HOST, PORT), timeout_s).close()
     except OSError:

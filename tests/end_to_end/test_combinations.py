@@ -1,0 +1,105 @@
+"""What goes with what: every tracking experiment with every prior, likelihood and inference works, or says why not."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_module
+from omegaconf import DictConfig, OmegaConf
+from threadpoolctl import threadpool_limits
+
+from workbench.errors import InputError
+from workbench.experiment.assembly import assemble
+from workbench.experiment.compatibility import incompatibility
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.tracking import track
+
+CONF = files("workbench.conf")
+GROUPS = ("prior", "likelihood", "inference")
+SMALL = {
+    "dataset.n_frames": 2, "dataset.width": 160, "dataset.height": 120, "dataset.person_px": 80,
+    "dataset.focal_px": 175, "dataset.n_points": 60, "dataset.images": False,
+}  # fmt: skip
+"""What makes a scene small, where the data set has such a key."""
+
+
+def options(group: str) -> list[str]:
+    names = (path.name for path in CONF.joinpath(group).iterdir())
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml") and not name.startswith("_"))
+
+
+CASES = [(group, option) for group in GROUPS for option in options(group)]
+STUDIES = (
+    "align_cycles", "coefficient_histograms", "impute_gaps", "learn_walk", "learn_walk_run", "period_snr",
+    "temperature",
+)  # fmt: skip
+WITH_DATA = (
+    "balance_1cam", "balance_4cam", "balance_arm", "balance_arm_implicit", "balance_filter", "points_full",
+    "walk_keypoints", "walk_video", "walk_video_best",
+)  # fmt: skip
+"""Those that show nobody without recordings; the others show generated people here."""
+FEW = ("walk_straight", "points_walk_variable", "walk_keypoints_synthetic")
+"""One that shows images, one that shows points and one that shows joints: tried with every option in slow tests. The
+others are tried by `pytest -m table`, which takes half an hour."""
+EXPERIMENTS = [
+    pytest.param(name, marks=pytest.mark.slow if name in FEW else pytest.mark.table)
+    for name in options("experiment")
+    if name not in STUDIES
+]
+
+
+@pytest.fixture(autouse=True)
+def hydra_is_ready():
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"), threadpool_limits(1, "blas"):
+        yield
+
+
+def made_small(config: DictConfig, generated: bool) -> DictConfig:
+    """Two frames, few particles, small images."""
+    config = config.copy()
+    if generated and "motion" in config.dataset:
+        config.dataset.motion = "builtin"
+    for key, value in SMALL.items():
+        group, _, name = key.partition(".")
+        if name in config[group]:
+            OmegaConf.update(config, key, value)
+    if "last_frame" in config.dataset:
+        config.dataset.last_frame = config.dataset.first_frame + 1
+    if "n_particles" in config.inference:
+        config.inference.n_particles = 20
+    return config
+
+
+def outcome(config: DictConfig) -> str:
+    """What became of two frames: "works", or the sentence by which the parts were refused before they were built."""
+    if sentence := incompatibility(config, {}):
+        with pytest.raises(InputError, match=r"^config: "):
+            assemble(config, lambda name: pytest.fail(f"built {name}"))
+        return sentence
+    steps = [step for step, _ in track(assemble(config, lambda name: NOTHING), seed=0)]
+    assert len(steps) == 2
+    assert all(np.isfinite(step.expected_pose).all() for step in steps)
+    return "works"
+
+
+class Nothing:
+    """Takes no time."""
+
+    def __enter__(self) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
+
+
+NOTHING = Nothing()
+
+
+@pytest.mark.parametrize(("group", "option"), CASES)
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_it_works_or_says_why_not(experiment, group, option, tmp_path_factory, request):
+    if experiment in WITH_DATA:
+        usual = [f"paths.data={request.getfixturevalue('data')}"]
+    else:
+        usual = ["paths.data=null", "learn.motions=builtin", f"paths.cache={tmp_path_factory.getbasetemp() / 'cache'}"]
+    config = compose("config", overrides=[f"experiment={experiment}", *usual, f"{group}={option}"])
+    found = outcome(made_small(config, generated=experiment not in WITH_DATA))
+    assert found == "works" or found.startswith("config: "), found

@@ -1,0 +1,70 @@
+"""A package of one's own, named on the command line: a run, its check, a sweep; and the check without the name."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SMALL = (
+    "experiment=custom", "dataset=nodding", "dataset.n_frames=3", "prior=still", "likelihood=upright",
+    "inference.n_particles=20", "recorder.n_particles_shown=5",
+)  # fmt: skip
+
+
+SCENES = Path(__file__).parents[1] / "scenes"
+"""Where the package `my_parts` lies: a prior, a likelihood and a dataset, forty lines each at most."""
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory):
+    """Run a command of the workbench with the package on PYTHONPATH, as a process of its own."""
+    folder = tmp_path_factory.mktemp("own")
+    environment = {**os.environ, "PYTHONPATH": str(SCENES), "WORKBENCH_CACHE": str(folder / "cache")}
+    for name in ("WORKBENCH_DATA", "WORKBENCH_PARTS", "PYTEST_ADDOPTS"):
+        environment.pop(name, None)
+
+    def call(module, *arguments):
+        return subprocess.run(
+            [sys.executable, "-m", module, *arguments],
+            cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False,
+        )  # fmt: skip
+
+    return folder, call
+
+
+@pytest.mark.slow
+def test_a_run_its_check_and_a_sweep(command):
+    folder, call = command
+    done = call("workbench", "parts=[my_parts]", *SMALL, "hydra.run.dir=out")
+    assert done.returncode == 0, done.stderr
+    done = call("workbench.cli.check", "out/run.rrd", "parts=[my_parts]")
+    assert done.returncode == 0, done.stdout + done.stderr
+    done = call("workbench.cli.check", "out/run.rrd")
+    assert done.returncode == 2
+    assert "my_parts.nodding.Nodding' is no part of the workbench; if you trust it, say parts=[my_parts]" in done.stdout
+    done = call("workbench", "-m", "parts=[my_parts]", *SMALL, "seed=0,1", "hydra.sweep.dir=sweep")
+    assert done.returncode == 0, done.stdout + done.stderr
+    for job in "01":
+        assert json.loads((folder / "sweep" / job / "summary.json").read_text())["status"] == "complete"
+    done = call("workbench.cli.report", "sweep")  # which builds nothing
+    assert done.returncode == 0, done.stderr
+    assert "2 complete" in done.stdout
+
+
+@pytest.mark.slow
+def test_its_parts_keep_the_contracts(command):
+    _, call = command
+    done = call("pytest", "--pyargs", "workbench.contracts", "--parts", "my_parts", "-q", "-p", "no:xdist")
+    assert done.returncode == 0, done.stdout
+    assert "12 passed" in done.stdout
+
+
+def test_without_its_name_the_option_is_not_there(command):
+    _, call = command
+    done = call("workbench", *SMALL)
+    assert done.returncode == 2
+    assert "Could not find" in done.stderr
+    assert "Traceback" not in done.stderr

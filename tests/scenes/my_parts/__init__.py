@@ -1,0 +1,1 @@
+"""A prior, a likelihood and a dataset of a user's own."""

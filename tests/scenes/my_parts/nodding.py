@@ -1,0 +1,36 @@
+import numpy as np
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import joints
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.core.dataset import Known
+from workbench.core.frame import Frame, Truth, View
+from workbench.core.traits import IMAGES, START, offering
+
+
+class Nodding:
+    """A person who leans to and fro before a grey wall."""
+
+    traits = offering(IMAGES, START)
+
+    def __init__(self, *, n_frames: int = 10, height_m: float = 1.75) -> None:
+        self.shape, self.n_frames = from_height(height_m), n_frames
+        self.camera = plain_camera(160, 120, 175.0, (0.0, -5.0, 1.0), (0.0, 0.0, 1.0))
+        start = self.pose(0)
+        self.known = Known(
+            "nodding", n_frames, cameras=(self.camera,), shape=self.shape, start_pose=start, rate_hz=30.0
+        )
+
+    def pose(self, index):
+        pose = np.zeros(25)
+        pose[2], pose[4] = 0.95, 0.1 * np.sin(index / 5)
+        return pose
+
+    def frames(self):
+        grey = np.full((120, 160), 128, np.uint8)
+        skeleton = person(self.shape).skeleton
+        for i in range(self.n_frames):
+            pose = self.pose(i)
+            truth = Truth(pose=pose, joints=joints(skeleton, pose[None])[0])
+            yield Frame(i, i / 30.0, (View(self.camera, grey),), truth)

@@ -1,0 +1,34 @@
+"""Clips before a still background."""
+
+from types import SimpleNamespace
+
+import likelihood_scenes as scenes
+import numpy as np
+
+from workbench.core.clip import Clip
+from workbench.core.dataset import Known
+
+EPSILON, SIGMA = 0.05, 3.0
+
+
+def of_frames(frames):
+    """A clip of these frames."""
+    return Clip(SimpleNamespace(known=Known("clip", len(frames)), frames=lambda: iter(frames)))
+
+
+def clip(*images, camera=scenes.FRONT):
+    """A clip of these images by one camera, and its frames."""
+    frames = [scenes.frame(i, (camera, image)) for i, image in enumerate(images)]
+    return of_frames(frames), frames
+
+
+def with_block(image, level, rows, columns):
+    changed = image.copy()
+    changed[rows, columns] = level
+    return changed
+
+
+def by_hand(difference):
+    """r of a pixel that differs from the background by so much."""
+    normal = np.exp(-0.5 * (difference / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
+    return -np.log(EPSILON + (1.0 - EPSILON) * 256.0 * normal)

@@ -1,0 +1,239 @@
+"""Parts of one's own: a package that a person names joins, and nothing else is ever imported."""
+
+import importlib
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+
+from workbench.cli.parts import listing
+from workbench.cli.parts import main as describe
+from workbench.errors import InputError
+from workbench.experiment import parts
+from workbench.experiment.build import build, check_targets
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.stored import runnable
+
+MODULE = '''
+"""A prior that holds still but for noise."""
+
+from pathlib import Path
+
+import numpy as np
+
+from workbench.body.skeleton import POSE_NAMES
+from workbench.core.state_space import StateSpace
+
+Path(__file__).with_name("imported").touch()
+
+
+class Still:
+    """Every parameter stays where it is, give or take.
+
+    sigma: noise per second.
+    """
+
+    def __init__(self, *, sigma: float = 0.5, names: tuple[str, ...] = ()) -> None:
+        self.sigma, self.parameters = sigma, POSE_NAMES
+        self.space = StateSpace.of({"pose": (POSE_NAMES, "rad")})
+
+    def start(self, pose, n, rng):
+        return pose + self.sigma * rng.standard_normal((n, len(pose)))
+
+    def step(self, state, dt_s, rng):
+        return state + self.sigma * np.sqrt(dt_s) * rng.standard_normal(state.shape)
+
+    def pose(self, state):
+        return state
+'''
+OPTION = "_target_: my_parts.mine.Still\n# A person who holds still.\n#   sigma: per second\nsigma: 0.25\n"
+EXPERIMENT = """# @package _global_
+# Holding still.
+defaults: [walk_straight, override /prior: still]
+when:
+  prior.still: {sigma: 0.125}
+  inference.particle_filter: {n_particles: 7}
+"""
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """The folder of a package my_parts that can be imported and that nobody has named."""
+    folder = tmp_path / "my_parts"
+    for name, text in {
+        "__init__.py": "",
+        "mine.py": MODULE,
+        "conf/prior/still.yaml": OPTION,
+        "conf/experiment/holding.yaml": EXPERIMENT,
+    }.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(parts, "_named", [])
+    monkeypatch.delenv(parts.VARIABLE, raising=False)
+    importlib.invalidate_caches()
+    yield folder
+    for known in (parts.folder, parts.folder_of):
+        known.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("my_parts")]:
+        del sys.modules[name]
+
+
+def composed(*overrides):
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        return compose("config", overrides=["paths.data=null", *overrides])
+
+
+def imported(package):
+    return (package / "imported").exists()
+
+
+def test_a_named_package_joins_the_groups_and_is_imported_when_chosen(package):
+    parts.name_parts(["my_parts"])
+    assert "still" in parts.options("prior")
+    assert "A person who holds still [my_parts]" in listing()
+    composed("prior=smooth", "parts=[my_parts]")
+    assert not imported(package)
+    config = composed("experiment=custom", "prior=still", "parts=[my_parts]").prior
+    assert imported(package)
+    assert (config.sigma, config.names) == (0.25, [])
+    check_targets(config)
+    assert type(build(config)).__name__ == "Still"
+    with pytest.raises(HydraException) as caught:
+        composed("prior=still", "prior.sigmas=1")
+    assert "sigmas" in str(caught.value)
+
+
+def test_own_parts_go_within_ours_and_own_experiments_begin_with_ours(package):
+    parts.name_parts(["my_parts"])
+    assert composed("experiment=holding").prior.sigma == 0.125
+    assert composed("experiment=holding").inference.n_particles == 7
+    assert "sigma" not in composed("experiment=holding", "prior=implicit").prior
+    assert composed("prior=jitter", "prior@prior.base=still", "experiment=custom").prior.base.sigma == 0.25
+
+
+def test_an_option_of_ones_own_is_checked_like_ours(package):
+    parts.name_parts(["my_parts"])
+    (package / "conf/prior/still.yaml").write_text(OPTION + "sigmas: 1\n")
+    with pytest.raises(HydraException, match=r"still\.yaml: my_parts\.mine\.Still has no key 'sigmas'"):
+        composed("prior=still")
+    (package / "conf/prior/smooth.yaml").write_text(OPTION)
+    with pytest.raises(InputError, match="prior=smooth is in both workbench and my_parts"):
+        parts.options("prior")
+
+
+def test_what_nobody_named_is_not_found_and_not_imported(package):
+    assert "still" not in parts.options("prior")
+    with pytest.raises(HydraException, match="still"):
+        composed("prior=still")
+    with pytest.raises(InputError, match=r"prior\._target_ .* refused 'my_parts\.mine\.Still'"):
+        check_targets(OmegaConf.create({"prior": {"_target_": "my_parts.mine.Still"}}))
+    # a key that says so in a file, or in a configuration that is stored, names nothing
+    with pytest.raises(InputError, match=r"if you trust it, say parts=\[my_parts\]"):
+        check_targets(OmegaConf.create({"parts": ["my_parts"], "prior": {"_target_": "my_parts.mine.Still"}}))
+    assert not imported(package)
+
+
+def test_all_names_are_looked_at_before_any_is_imported(package):
+    parts.name_parts(["my_parts"])
+    both = OmegaConf.create({"prior": {"_target_": "my_parts.mine.Still"}, "study": {"_target_": "os.system"}})
+    with pytest.raises(InputError, match=r"study\._target_"):
+        check_targets(both)
+    assert not imported(package)
+    with pytest.raises(InputError, match=r"my_parts\.mine\.Path"):  # which it has, and somebody else wrote
+        check_targets(OmegaConf.create({"prior": {"_target_": "my_parts.mine.Path"}}))
+
+
+def test_a_variable_and_an_entry_point_name_packages_too(package, monkeypatch):
+    monkeypatch.setenv(parts.VARIABLE, "my_parts")
+    assert parts.packages() == ("workbench", "my_parts")
+    monkeypatch.delenv(parts.VARIABLE)
+    assert parts.packages() == ("workbench",)
+    parts._installed.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(parts, "entry_points", lambda group: [SimpleNamespace(value="my_parts")])
+        assert parts.packages() == ("workbench", "my_parts")
+    parts._installed.cache_clear()
+
+
+def run_of(*, target):
+    """As much of a recording as is looked at before it is run again."""
+    return SimpleNamespace(path="some/x.rrd", settings={"parts": ["my_parts"], "prior": {"_target_": target}})
+
+
+def own():
+    return OmegaConf.create({"paths": {"data": None, "cache": "/some/cache"}, "check": {}})
+
+
+def test_a_recording_adds_nothing_to_what_may_be_built(package):
+    words = (
+        r"some/x\.rrd: prior\._target_: 'my_parts\.mine\.Still' is no part of the workbench; "
+        r"if you trust it, say parts=\[my_parts\]"
+    )
+    with pytest.raises(InputError, match=words):
+        runnable(run_of(target="my_parts.mine.Still"), [], own())
+    assert not imported(package)
+    parts.name_parts(["my_parts"])
+    assert runnable(run_of(target="my_parts.mine.Still"), [], own()).prior._target_ == "my_parts.mine.Still"
+    with pytest.raises(InputError, match=r"'my_parts\.mine\.Path' is no part of the workbench$"):
+        runnable(run_of(target="my_parts.mine.Path"), [], own())
+    assert not imported(package)
+
+
+@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "workbench.cli.run.main", "workbench.errors.X"])
+def test_a_recording_builds_options_only(target):
+    with pytest.raises(InputError, match=f"{target}' is no part of the workbench"):
+        runnable(run_of(target=target), [], own())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (["seed=3", "-m"], []),
+        (["parts=[my_parts]"], ["my_parts"]),
+        (["+parts=[a, b.c]"], ["a", "b.c"]),
+        (["parts=[]"], []),
+    ],
+)
+def test_packages_are_read_off_the_command_line(arguments, found):
+    assert parts.parts_in(arguments) == found
+
+
+@pytest.mark.parametrize("argument", ["parts=my_parts", "parts=[a],[b]", "parts=", "parts=[a;b]"])
+def test_what_is_no_list_of_packages_is_refused(argument):
+    with pytest.raises(InputError, match="expected a list of packages"):
+        parts.parts_in([argument])
+
+
+def test_a_package_that_is_not_there_or_has_no_options_is_refused(package):
+    with pytest.raises(InputError, match="no package 'no_such_package'"):
+        parts.name_parts(["no_such_package"])
+    with pytest.raises(InputError, match=r"expected options in .*conf"):
+        parts.name_parts(["email"])
+    assert parts.packages() == ("workbench",)
+
+
+def test_an_option_is_described_with_its_class_its_keys_and_their_defaults(package, capsys):
+    assert describe(["parts=[my_parts]", "prior.still"]) == 0
+    told = capsys.readouterr().out
+    assert "my_parts.mine.Still: Every parameter stays where it is, give or take." in told
+    assert "sigma: 0.25  per second" in told
+    assert describe(["prior.jitter"]) == 0
+    assert "keep: 0.9" in capsys.readouterr().out
+    assert describe(["prior.no_such"]) == 2
+    assert "no_such" in capsys.readouterr().err
+
+
+def test_a_list_of_options_imports_none_of_them():
+    """In a process of its own, whose modules are those of the command."""
+    code = "import sys; from workbench.cli import run; sys.argv = ['workbench', '--help']; code = run.main(); "
+    code += "assert code == 0; print(sorted({'numba', 'scipy', 'cv2', 'rerun', 'h5py', 'numpy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "schema" not in done.stdout
+    assert all(f"  {name} " in done.stdout for name in parts.options("prior"))

@@ -1,0 +1,203 @@
+"""Where tracking starts: whatever the prior, from a pose, from marked joints, from detected joints, or refused."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from keypoint_scenes import BODY, CAMERA, keypoints, walk
+from least_squares_scenes import SineModel
+from view_scenes import CAMERAS, errors_mm, frames, swinging
+
+from workbench.body.kinematics import joints
+from workbench.core.clip import Clip
+from workbench.core.dataset import Known
+from workbench.core.frame import MarkedFrames
+from workbench.core.prior import Powers
+from workbench.errors import InputError
+from workbench.inference.start.examples import placed_costs, start_from_examples
+from workbench.inference.start.keypoints import start_from_keypoints
+from workbench.inference.start.marks import start_from_marks, usable_marks
+from workbench.inference.start.poses import start_poses
+from workbench.mocap.generated.gait import builtin_motions
+from workbench.mocap.generated.running import builtin_runs
+
+SKELETON = BODY.skeleton
+
+
+def prior(**powers):
+    return SimpleNamespace(powers=Powers(**powers))
+
+
+def clip(shown=(), **known):
+    """A clip of frames of which that is known."""
+    known = {"cameras": (CAMERA,), **known}
+    return Clip(SimpleNamespace(known=Known("clip", len(shown), **known), frames=lambda: iter(shown)))
+
+
+def marked(times_s, poses, **noise):
+    return MarkedFrames(np.asarray(times_s), keypoints(poses, **noise))
+
+
+def apart_px(poses, truth, camera=CAMERA):
+    """Mean distances (n,) in the image between the joints of poses (n, P) and of the truth (P,)."""
+    seen = [camera.project(joints(SKELETON, np.atleast_2d(pose))) for pose in (poses, truth)]
+    return np.linalg.norm(seen[0] - seen[1], axis=2).mean(axis=1)
+
+
+def examples():
+    """Poses (n, 25) of generated walkers and runners, wherever they are."""
+    return np.concatenate([motion.poses[10:70:2] for motion in (*builtin_motions(4, seed=5), *builtin_runs(2, seed=5))])
+
+
+# What is given.
+
+
+def test_a_pose_that_the_prior_knows_comes_before_all_others():
+    own, given = np.full(25, 1.0), np.full(25, 2.0)
+    for known in ({"start_pose": given}, {}):
+        poses, said = start_poses(prior(first_pose=lambda: own, motion=SineModel()), BODY, clip(**known))
+        assert (poses is own, said) == (True, "")
+
+
+def test_the_dataset_s_pose_comes_before_its_marks():
+    times, _, truth = walk(1)
+    given = np.full(25, 2.0)
+    poses, said = start_poses(prior(), BODY, clip(start_pose=given, start_marks=marked(times, truth)))
+    assert (poses is given, said) == (True, "")
+
+
+def test_nothing_to_start_from_is_refused():
+    for powers in ({}, {"motion": SineModel()}, {"examples": examples}):
+        with pytest.raises(InputError, match=r"no starting pose: mark joints .*dataset.start=given"):
+            start_poses(prior(**powers), BODY, clip())
+
+
+# Marked joints, by a cyclic motion.
+
+
+def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
+    times, phases, truth = walk(1, heading=2.8)
+    pose, said = start_poses(prior(motion=SineModel(), examples=examples), BODY, clip(start_marks=marked(times, truth)))
+    assert pose.shape == (25,)
+    assert apart_px(pose, truth[0]) < 2.0  # the pull of style and lean against marks of 4 px
+    assert errors_mm(SKELETON, pose[None], truth) < 50.0  # mostly depth, which one camera hardly sees
+    assert said.startswith("start fitted to the marks: ")
+    assert f"px left, phase {phases[0] % 1.0:.1f}" in said
+    assert "cycles/s" not in said  # of which one frame says nothing
+
+
+def test_marks_of_several_frames_tell_the_pace_of_the_phase():
+    times, _, truth = walk(11, heading=2.8, rate_hz=0.95)
+    few = [0, 3, 10]
+    shown = clip(start_marks=marked(times[few], truth[few]), scale=0.5)
+    pose, said = start_poses(prior(motion=SineModel()), BODY, shown)
+    fit = start_from_marks(SineModel(), SKELETON, CAMERA, shown.known.start_marks)
+    assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
+    assert np.array_equal(pose, fit.pose)
+    assert said == (
+        f"start fitted to the marks: {2.0 * fit.error_px:.1f} px left, phase {fit.phase:.2f}, "
+        f"heading {np.degrees(fit.heading):.0f}°, {fit.rate_hz:.2f} cycles/s"
+    )
+    assert errors_mm(SKELETON, pose[None], truth[:1]) < 50.0
+
+
+# Marked joints, by examples.
+
+
+@pytest.mark.parametrize("distortion", [np.zeros(5), np.array([-0.3, 0.1, 0.001, -0.001, 0.0])])
+@pytest.mark.parametrize("which", [7, 40, 150])
+def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
+    known = examples()
+    camera, truth = replace(CAMERA, distortion=distortion), known[which].copy()
+    truth[:4] = [0.3, 0.2, 0.95, 2.0]
+    rows = np.column_stack([camera.project(joints(SKELETON, truth[None]))[0], np.ones(15)])
+    rows[4] = np.nan  # one of them was not marked
+    shown = clip(cameras=(camera,), start_marks=MarkedFrames(np.zeros(1), rows[None]))
+    poses, said = start_poses(prior(examples=lambda: known), BODY, shown)
+    assert apart_px(poses, truth, camera)[0] < 2.0
+    assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
+    assert 1 <= len(poses) <= 8
+    assert said.endswith(f"px left by the best of {len(poses)} of the prior's examples")
+    np.testing.assert_array_equal(np.isin(poses[:, 10], known[:, 10]), True)  # angles are those of examples
+
+
+def test_examples_that_fit_about_as_well_are_all_kept_and_differ():
+    known = examples()
+    truth = known[30].copy()
+    truth[:4] = [0.3, 0.2, 0.95, 2.0]
+    (seen,) = usable_marks(SKELETON, CAMERA, marked([0.0], truth[None], sigma_px=4.0))
+    poses = start_from_examples(known, SKELETON, seen)
+    places = joints(SKELETON, poses)
+    apart = np.linalg.norm(places[:, None] - places, axis=3).mean(axis=2)
+    assert len(poses) > 1
+    assert apart[~np.eye(len(poses), dtype=bool)].min() > 0.03  # APART_M
+    assert apart_px(poses, truth).max() < 15.0
+    assert np.all(poses[0] == start_from_examples(known[::-1], SKELETON, seen)[0])  # whatever their order
+
+
+def test_the_linear_fit_is_exact_where_the_marks_are():
+    pose = examples()[20]
+    truth, heading = pose.copy(), 0.7
+    truth[:4], pose[:4] = [0.3, 0.2, 0.95, heading], 0.0
+    (seen,) = usable_marks(SKELETON, CAMERA, marked([0.0], truth[None]))
+    other = examples()[33]
+    other[:4] = 0.0
+    costs, roots = placed_costs(seen, joints(SKELETON, np.stack([pose, other]))[:, seen.joints], heading, 4.0)
+    assert costs[0] == pytest.approx(0.0, abs=1e-12)
+    assert costs[1] > 1.0
+    np.testing.assert_allclose(roots[0], truth[:3], atol=1e-9)
+
+
+# Marked joints, by nothing but the body.
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
+    times, truth = swinging(SKELETON, 8 if several else 1)
+    if several:
+        times[-1] = 2.0  # too late to say anything about the first frame
+        truth[-1] = 0.0
+    poses, said = start_poses(prior(), BODY, clip(start_marks=marked(times, truth, sigma_px=1.0)))
+    assert apart_px(poses[:1], truth[0]) < 5.0
+    low, high = SKELETON.limits.T
+    assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
+    assert said.endswith(f"px left by the best of {len(poses)} of the poses that they allow")
+
+
+def test_too_few_marks_are_refused():
+    rows = np.full((1, 15, 3), np.nan)
+    rows[0, 1:4] = [300.0, 200.0, 1.0]
+    shown = clip(start_marks=MarkedFrames(np.zeros(1), rows))
+    for powers in ({"motion": SineModel()}, {"examples": examples}, {}):
+        with pytest.raises(InputError, match="found 3"):
+            start_poses(prior(**powers), BODY, shown)
+
+
+# Detected joints.
+
+
+@pytest.mark.parametrize("powers", [{}, {"motion": SineModel()}, {"examples": examples}])
+def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(powers):
+    times, truth = swinging(SKELETON, 30)
+    shown, decoded = frames(SKELETON, times, truth, sigma_px=2.0), []
+
+    def played():
+        for frame in shown:
+            decoded.append(frame.index)
+            yield frame
+
+    known = Known("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
+    poses, said = start_poses(prior(**powers), BODY, Clip(SimpleNamespace(known=known, frames=played)))
+    assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
+    assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
+    assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there
+    assert decoded == list(range(9))  # half a second, and the frame that is later
+
+
+def test_detected_joints_that_are_missing_in_the_first_frame_are_said():
+    times, truth = swinging(SKELETON, 3)
+    shown = frames(SKELETON, times, truth)
+    shown[0] = replace(shown[0], views=())
+    with pytest.raises(InputError, match="expected keypoints in the first frame to start from"):
+        start_poses(prior(), BODY, clip(shown, has_keypoints=True))

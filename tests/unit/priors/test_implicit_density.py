@@ -1,0 +1,266 @@
+"""The implicit prior's density against enumeration, integration and its own draws."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from workbench.body.skeleton import POSE_NAMES
+from workbench.errors import InputError
+from workbench.learning.windows import learn_windows
+from workbench.mocap.generated.gait import builtin_motions
+from workbench.priors.density import SAME
+from workbench.priors.implicit import MOST_EXAMPLES, Implicit
+from workbench.priors.implicit_density import WindowWays, log_mixture, log_mixture_reference
+from workbench.priors.implicit_search import exact_log_prob, kd_tree, nearest_entries
+
+DT, P, N = 1 / 30, len(POSE_NAMES), 20_000
+ELBOW = POSE_NAMES.index("left_elbow_flexion")
+WARM = {"beta": 0.5, "sigma_angles": 0.05}  # so that several windows could have led to a pose
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return builtin_motions(n_subjects=2)
+
+
+@pytest.fixture(scope="module")
+def poses(motions):
+    return motions[1].resampled(30.0).poses
+
+
+@pytest.fixture(scope="module")
+def elbow(motions):
+    """A library of one angle."""
+    return learn_windows(motions, angles=["left_elbow_flexion"], root=False, length=4)
+
+
+@pytest.fixture(scope="module")
+def body(motions):
+    return learn_windows(motions)
+
+
+def parent(prior, poses, n=1):
+    return prior.start_after(poses[20 : 21 + prior.windows.length] + 0.01, n)
+
+
+@pytest.mark.parametrize("still", [0, 2])
+def test_the_kernel_agrees_with_numpy(still):
+    """With columns that have no noise, too, where a window either leads or does not."""
+    rng = np.random.default_rng(0)
+    coefficients, white = rng.normal(size=(900, 5)).astype(np.float32), rng.normal(size=(900, 6))
+    white[:, 6 - still :] = np.round(white[:, 6 - still :])
+    ways = WindowWays(white, np.arange(6), np.linspace(0.1, 0.5, 6 - still))
+    tree = kd_tree(coefficients)
+    probes = rng.normal(size=(7, 5))[np.array([0, 1, 0, 2, 3, 4, 5, 0, 6, 6])]
+    sought = white[rng.integers(900, size=10)] + 0.3 * rng.normal(size=(10, 6)) * (np.arange(6) < 6 - still)
+    density, _ = log_mixture(tree, probes, 0.3, 0.01, ways, sought)
+    pairs = zip(probes, sought, strict=True)
+    terms = [log_mixture_reference(tree, probe, 0.3, 0.01, ways, way) for probe, way in pairs]
+    expected = [logsumexp(one) for one in terms]
+    assert density == pytest.approx(expected, rel=1e-4, abs=1e-3)  # the search's distances are float32, over 2β
+    assert np.isfinite(expected).any()
+
+
+def test_a_draw_given_the_way_has_the_odds_of_the_mixtures_terms():
+    rng = np.random.default_rng(1)
+    coefficients, white = rng.normal(size=(60, 3)).astype(np.float32), rng.normal(size=(60, 2))
+    ways, tree = WindowWays(white, np.arange(2), np.ones(2)), kd_tree(coefficients)
+    probe, sought = np.array([[0.2, -0.1, 0.4]]), np.array([[0.3, 0.8]])
+    terms = log_mixture_reference(tree, probe[0], 1.0, 1e-6, ways, sought[0])
+    p = np.exp(terms - logsumexp(terms))
+    _, entries = log_mixture(
+        tree, np.repeat(probe, N, axis=0), 1.0, 1e-6, ways, np.repeat(sought, N, axis=0), rng.random(N)
+    )
+    seen = np.bincount(entries, minlength=60) / N
+    assert (np.abs(seen - p) <= 5 * np.sqrt(p * (1 - p) / N) + 1e-12).all()
+    assert (p > 0.01).sum() > 5
+
+
+@pytest.mark.parametrize("prediction", ["copy", "increment", "blend"])
+def test_the_density_of_one_angle_integrates_to_one_and_is_the_sum_over_all_windows(elbow, poses, prediction):
+    prior = Implicit(elbow, prediction=prediction, epsilon=0.01, **WARM)
+    before = parent(prior, poses)
+    grid = np.linspace(-2.0, 4.0, 6001)
+    states = np.repeat(before, len(grid), axis=0)
+    states[:, ELBOW] = grid
+    found = np.exp(prior.powers.density.log_transition(before, states, DT))
+    assert found.sum() * (grid[1] - grid[0]) == pytest.approx(1.0, abs=1e-6)
+    everything = np.arange(len(elbow))
+    p = np.exp(exact_log_prob(elbow.coefficients, before[0, prior.space.slices["coefficients"]], prior.beta))
+    means = prior.predict(np.repeat(before, len(elbow), axis=0), everything, np.zeros((len(elbow), P)))[:, ELBOW]
+    exact = (p[:, None] * norm.pdf(grid, means[:, None], 0.05)).sum(axis=0)
+    assert 0.5 * np.abs(found - exact).sum() * (grid[1] - grid[0]) <= 0.01  # the total variation, at most epsilon
+
+
+def test_what_is_not_modelled_must_stay_and_the_memory_is_not_looked_at(elbow, poses):
+    prior = Implicit(elbow, **WARM)
+    density, before = prior.powers.density, parent(prior, poses)
+    after = prior.step(before, DT, np.random.default_rng(0))
+    found = density.log_transition(before, after, DT)
+    assert np.isfinite(found).all()
+    forgotten, moved = after.copy(), after.copy()
+    forgotten[:, P:] = np.nan
+    moved[:, 0] += 2 * SAME
+    assert (density.log_transition(before, forgotten, DT) == found).all()
+    assert (density.log_transition(before, moved, DT) == -np.inf).all()
+    assert (density.free == np.arange(P)).all()
+
+
+def test_a_memory_drawn_again_has_the_law_of_the_steps(elbow, poses):
+    """Means, variances and products of pose and memory; the memory that was there does not matter."""
+    prior = Implicit(elbow, **WARM)
+    before = parent(prior, poses, N)
+    stepped = prior.step(before, DT, np.random.default_rng(0))
+    forgotten = prior.step(before, DT, np.random.default_rng(1))
+    forgotten[:, P:] = np.nan
+    completed = prior.powers.density.complete(before, forgotten, DT, np.random.default_rng(2))
+    assert (completed[:, :P] == forgotten[:, :P]).all()
+    columns = [ELBOW, *range(P, len(prior.space))]
+    middle = stepped[:, columns].mean(axis=0)
+    mine, true = (states[:, columns] - middle for states in (completed, stepped))
+    for i in range(len(columns)):
+        for one, two in (
+            (mine, true),
+            (mine * mine[:, [i]], true * true[:, [i]]),
+            (mine**2 * mine[:, [i]], true**2 * true[:, [i]]),
+        ):
+            error = np.sqrt((one.var(axis=0) + two.var(axis=0)) / N)
+            assert (np.abs(one.mean(axis=0) - two.mean(axis=0)) <= 5 * error + 1e-9).all()
+
+
+def test_a_memory_is_that_of_the_windows_which_could_have_led_to_the_pose(elbow, poses):
+    """By enumeration: each window leaves a memory of its own, and is drawn by p(i | c) N(pose; m_i, σ²)."""
+    prior = Implicit(elbow, epsilon=1e-6, **WARM)
+    before = parent(prior, poses)
+    everything, n = np.arange(len(elbow)), len(elbow)
+    means = prior.predict(np.repeat(before, n, axis=0), everything, np.zeros((n, P)))[:, ELBOW]
+    after = before.copy()
+    after[0, ELBOW] = np.median(means) + 0.04
+    log_p = exact_log_prob(elbow.coefficients, before[0, prior.space.slices["coefficients"]], prior.beta)
+    log_p += norm.logpdf(after[0, ELBOW], means, 0.05)
+    p = np.exp(log_p - logsumexp(log_p))
+    memories = prior.prediction.arrive(np.repeat(before, n, axis=0), np.repeat(after[:, :P], n, axis=0), everything)
+    completed = prior.powers.density.complete(
+        np.repeat(before, N, axis=0), np.repeat(after, N, axis=0), DT, np.random.default_rng(0)
+    )
+    expected = p @ memories[:, P:]
+    deviation = np.sqrt(p @ (memories[:, P:] - expected) ** 2)
+    assert (np.abs(completed[:, P:].mean(axis=0) - expected) <= 5 * deviation / np.sqrt(N) + 1e-9).all()
+    assert completed[:, P:].std(axis=0) == pytest.approx(deviation, rel=0.1, abs=1e-9)
+    assert 1.0 / (p**2).sum() > 3.0
+
+
+def test_arriving_where_a_prediction_led_is_that_prediction(body, poses):
+    prior, rng = Implicit(body), np.random.default_rng(3)
+    before = parent(prior, poses, 50)
+    entries = rng.integers(len(body), size=50)
+    predicted = prior.predict(before, entries, rng.standard_normal((50, P)))
+    arrived = prior.prediction.arrive(before, predicted[:, :P], entries)
+    np.testing.assert_allclose(arrived, predicted, rtol=1e-9, atol=1e-9)
+
+
+def test_reweighted_children_of_a_body_have_the_moments_of_the_other_parents(body, poses):
+    prior = Implicit(body, beta=0.5, sigma_position=(0.02, 0.01, 0.03), sigma_angles=0.1)
+    mine, other = parent(prior, poses), parent(prior, poses)
+    other[:, :P] += np.array([0.005, -0.004, 0.01, 0.01, 0.005, -0.005, *np.full(19, 0.02)])
+    density = prior.powers.density
+    children = prior.step(np.repeat(mine, N, axis=0), DT, np.random.default_rng(1))
+    others = prior.step(np.repeat(other, N, axis=0), DT, np.random.default_rng(2))
+    weights = np.exp(density.log_transition(other, children, DT) - density.log_transition(mine, children, DT))
+    middle = others[:, :P].mean(axis=0)
+    for power in (0, 1, 2):
+        weighted, plain = weights[:, None] * (children[:, :P] - middle) ** power, (others[:, :P] - middle) ** power
+        error = np.sqrt((weighted.var(axis=0) + plain.var(axis=0)) / N)
+        assert (np.abs(weighted.mean(axis=0) - plain.mean(axis=0)) <= 5 * error + 1e-9).all()
+
+
+def test_the_density_turns_and_moves_with_the_body(body, poses):
+    prior = Implicit(body)
+    density, turn = prior.powers.density, 2.0
+    before = parent(prior, poses, 20)
+    after = prior.step(before, DT, np.random.default_rng(0))
+    c, s = np.cos(turn), np.sin(turn)
+    elsewhere = []
+    for state in (before, after):
+        moved = state.copy()
+        moved[:, :2] = state[:, :2] @ np.array([[c, s], [-s, c]]) + [3.0, -1.0]
+        moved[:, 3] += turn
+        elsewhere.append(moved)
+    np.testing.assert_allclose(density.log_transition(*elsewhere, DT), density.log_transition(before, after, DT))
+
+
+def test_every_pair_of_a_table_is_as_it_is_alone(body, poses):
+    prior = Implicit(body)
+    density = prior.powers.density
+    before = prior.start(poses[30], 6, np.random.default_rng(0))
+    after = prior.step(before, DT, np.random.default_rng(1))
+    table = density.log_transition(before[None], after[:, None], DT)
+    assert table.shape == (6, 6)
+    for i in range(6):
+        np.testing.assert_array_equal(table[:, i], density.log_transition(before[i], after, DT))
+
+
+def test_the_mean_is_where_the_nearest_window_leads(body, poses):
+    prior = Implicit(body)
+    before = prior.start(poses[30], 8, np.random.default_rng(0))
+    probes = before[:, prior.space.slices["coefficients"]]
+    nearest = ((body.coefficients[None] - probes[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+    assert (nearest_entries(prior.tree, probes, prior.beta) == nearest).all()
+    expected = prior.predict(before, nearest, np.zeros((8, P)))
+    assert (prior.powers.density.mean(before, DT) == expected).all()
+
+
+def test_no_states_have_no_densities(elbow, poses):
+    prior, rng = Implicit(elbow), np.random.default_rng(0)
+    density, none = prior.powers.density, np.empty((0, len(prior.space)))
+    assert density.log_transition(none, none, DT).shape == (0,)
+    assert density.complete(none, none, DT, rng).shape == density.mean(none, DT).shape == none.shape
+
+
+def test_a_restricted_or_colder_prior_has_the_density_of_its_own_draws(elbow, poses):
+    prior = Implicit(elbow, **WARM)
+    before = parent(prior, poses)
+    kept = np.arange(len(elbow)) < len(elbow) // 2
+    for other in (prior.only(kept), prior.searching("exact", 0.01)):
+        grid = np.repeat(before, 3001, axis=0)
+        grid[:, ELBOW] = np.linspace(-1.0, 3.0, 3001)
+        p = np.exp(other.powers.density.log_transition(before, grid, DT))
+        drawn = other.step(np.repeat(before, N, axis=0), DT, np.random.default_rng(0))[:, ELBOW]
+        mean = (p * grid[:, ELBOW]).sum() / p.sum()
+        assert abs(drawn.mean() - mean) <= 5 * drawn.std() / np.sqrt(N)
+
+
+def test_other_searches_have_no_density_and_other_rates_are_refused(elbow, poses):
+    for search in ("sign_tree", "median_tree"):
+        assert Implicit(elbow, search=search).powers.density is None
+    prior = Implicit(elbow)
+    assert prior.searching("sign_tree", 0.1).powers.density is None
+    before = parent(prior, poses)
+    for ask in (
+        lambda dt_s: prior.powers.density.mean(before, dt_s),
+        lambda dt_s: prior.powers.density.log_transition(before, before, dt_s),
+        lambda dt_s: prior.powers.density.complete(before, before, dt_s, np.random.default_rng(0)),
+    ):
+        with pytest.raises(InputError, match=r"2 rows .* whose density is of one"):
+            ask(2 * DT)
+
+
+def test_examples_are_poses_at_the_windows_ends(body, elbow):
+    examples = Implicit(body).powers.examples()
+    assert examples.shape == (min(len(body), MOST_EXAMPLES), P)
+    assert (examples[:, :4] == 0.0).all()
+    rows = body.rows[body.ends].astype(np.float64)
+    np.testing.assert_array_equal(examples[:, 6:], rows[:, :19])
+    np.testing.assert_array_equal(examples[:, 4:6], rows[:, 42:44])
+    one = Implicit(elbow).powers.examples()
+    assert (np.ptp(one, axis=0) > 0.0).nonzero()[0].tolist() == [ELBOW]
+
+
+def test_many_examples_are_thinned_evenly(elbow):
+    repeated = elbow.only(np.tile(np.arange(len(elbow)), 9)) if len(elbow) * 9 > MOST_EXAMPLES else None
+    assert repeated is not None
+    examples = Implicit(repeated).powers.examples()
+    assert len(examples) == MOST_EXAMPLES
+    ends = repeated.rows[repeated.ends, 0]
+    assert (examples[0, ELBOW], examples[-1, ELBOW]) == (ends[0], ends[-1])

@@ -1,0 +1,142 @@
+"""Every option of a package composes, runs, and keeps what is asked of its group."""
+
+from collections.abc import Iterator
+from contextlib import nullcontext
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_module
+from omegaconf import DictConfig
+
+from workbench.arrays import FloatArray
+from workbench.core.prior import propose
+from workbench.core.traits import KEYPOINTS, POINTS, RESIDUALS, Traits
+from workbench.experiment.assembly import assemble
+from workbench.experiment.build import build
+from workbench.experiment.compatibility import traits_of
+from workbench.experiment.parts import GROUPS, name_parts, options
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.tracking import Parts, track
+
+N_FRAMES, N = 4, 30
+SMALL = ("width=160", "height=120", "person_px=80.0", "focal_px=175.0", f"n_frames={N_FRAMES}")
+SCENE = ("dataset=synthetic", *(f"dataset.{text}" for text in SMALL))
+BY_NEED = {
+    POINTS: ("dataset=points", f"dataset.n_frames={N_FRAMES}", "dataset.n_points=80", "likelihood=surface_points"),
+    RESIDUALS: ("dataset=points", f"dataset.n_frames={N_FRAMES}", "dataset.n_points=80", "likelihood=surface_points"),
+    KEYPOINTS: (*SCENE, "dataset.keypoint_sigma_px=2.0", "likelihood=keypoints"),
+}
+"""What a part runs on that needs more than images."""
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Test every option of the package that --parts names."""
+    package = metafunc.config.getoption("--parts")
+    found: list[tuple[str, str]] = []
+    if package:
+        name_parts([package])
+        found = [(group, name) for group in GROUPS for name, own in options(group).items() if own.package == package]
+    own = next((group for group in GROUPS if metafunc.function.__name__.startswith(f"test_a_{group}_")), None)
+    metafunc.parametrize(("group", "option"), [pair for pair in found if own in (None, pair[0])])
+
+
+@pytest.fixture(autouse=True)
+def hydra_is_ready() -> Iterator[None]:
+    """Hydra, with the package's options beside ours."""
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        yield
+
+
+def composed(group: str, option: str, cache: str, *overrides: str) -> DictConfig:
+    """A small run with the option, on what it needs."""
+    chosen = [] if group in ("experiment", "study") else [f"{group}={option}"]
+    usual = ["experiment=custom", f"paths.cache={cache}", "paths.data=null"]
+    alone = compose("config", overrides=[*usual, *chosen])
+    traits = traits_of(alone[group]) if alone[group] is not None else Traits()
+    words = {word for words in traits.needs.values() for word in words}
+    scene = next((scene for word, scene in BY_NEED.items() if word in words), SCENE)
+    scene = tuple(text for text in scene if not text.startswith(f"{group}") or group != "dataset")
+    config = compose("config", overrides=[*usual, *scene, *chosen, *overrides])
+    if "n_particles" in config.inference:
+        config.inference.n_particles = N
+    return config
+
+
+def assembled(group: str, option: str, cache: str) -> Parts:
+    """The parts of a small run."""
+    return assemble(composed(group, option, cache), lambda name: nullcontext())
+
+
+def start_of(parts: Parts) -> FloatArray:
+    """One pose (P,) to start from."""
+    assert parts.start is not None
+    return np.atleast_2d(parts.start)[0]
+
+
+def test_it_names_its_class_on_line_1(group: str, option: str) -> None:
+    assert options(group)[option].target is not None
+
+
+def test_a_typo_names_the_key(group: str, option: str, tmp_path: Any) -> None:
+    with pytest.raises(Exception, match="no_such_key"):
+        composed(group, option, str(tmp_path), f"{group}.no_such_key=1")
+
+
+def test_a_run_is_whole_and_comes_out_the_same_twice(group: str, option: str, tmp_path: Any) -> None:
+    if group in ("study", "recorder"):
+        pytest.skip(f"a {group} tracks nobody")
+    runs = [[step for step, _ in track(assembled(group, option, str(tmp_path)), seed=3)] for _ in range(2)]
+    assert len(runs[0]) == len(runs[1]) > 0
+    for first, second in zip(*runs, strict=True):
+        assert first.particles.shape[1] == len(first.space) == len(first.space.units)
+        assert np.exp(first.log_weights).sum() == pytest.approx(1.0)
+        assert np.isfinite(first.expected_pose).all()
+        np.testing.assert_array_equal(first.particles, second.particles)
+        np.testing.assert_array_equal(first.log_weights, second.log_weights)
+
+
+def test_a_prior_starts_steps_and_decodes(group: str, option: str, tmp_path: Any) -> None:
+    parts = assembled(group, option, str(tmp_path))
+    prior, rng = parts.prior, np.random.default_rng(0)
+    assert prior is not None
+    pose = start_of(parts)
+    state = prior.start(pose, N, rng)
+    before = state.copy()
+    moved, correction = propose(prior, state, 1.0 / 30.0, rng)
+    np.testing.assert_array_equal(state, before)  # a step leaves the states it is given alone
+    assert state.shape == moved.shape == (N, len(prior.space))
+    assert correction.shape == (N,)
+    assert prior.pose(moved).shape == (N, len(pose))
+    assert set(prior.parameters) <= set(parts.body.skeleton.dof_names)
+    if (density := prior.powers.density) is not None:
+        drawn = prior.step(state, 1.0 / 30.0, rng)
+        assert np.isfinite(density.log_transition(state, drawn, 1.0 / 30.0)).all()
+        completed = density.complete(state, drawn, 1.0 / 30.0, rng)
+        np.testing.assert_array_equal(completed[:, density.free], drawn[:, density.free])
+
+
+def test_a_likelihood_looks_once_and_judges_each_pose_by_itself(group: str, option: str, tmp_path: Any) -> None:
+    parts, config = assembled(group, option, str(tmp_path)), composed(group, option, str(tmp_path))
+    likelihood = build(config.likelihood, body=parts.body, clip=parts.clip, known=parts.clip.known)
+    first, second, *_ = parts.clip
+    rng = np.random.default_rng(0)
+    poses = start_of(parts) + 0.02 * rng.standard_normal((N, len(parts.body.skeleton.dof_names)))
+    known = likelihood.look(None, first).remember(poses.mean(axis=0))
+    one, again = (known.look(first, second).evaluate(poses, poses).log_prob for _ in range(2))
+    assert one.shape == (N,)
+    np.testing.assert_array_equal(one, again)
+    order = rng.permutation(N)
+    shuffled = known.look(first, second).evaluate(poses[order], poses[order]).log_prob
+    np.testing.assert_allclose(shuffled, one[order], rtol=1e-6)
+
+
+def test_a_dataset_gives_what_it_knows_of(group: str, option: str, tmp_path: Any) -> None:
+    made = build(composed(group, option, str(tmp_path)).dataset)
+    frames, known = list(made.frames()), made.known
+    assert len(frames) == known.n_frames > 0
+    assert all(later.time_s > sooner.time_s for sooner, later in pairwise(frames))
+    assert all(view.image.shape[:2] == (view.camera.height, view.camera.width) for f in frames for view in f.views)
+    assert known.has_points == any(frame.points is not None for frame in frames)

@@ -1,0 +1,52 @@
+"""What every dataset offers: its frames, and what is known before any of them is looked at."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
+from workbench.body.limbs import Body
+from workbench.body.shape import Shape
+from workbench.core.frame import Frame, MarkedFrames
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a clip and its person beforehand.
+
+    name: short, for plots and tables. n_frames: how many `frames` gives. rate_hz: frames a second where they are evenly
+    spaced. cameras: those that see the person, in the order of the views; none where there are no images. scale: the
+    factor by which the source's images were resized.
+    shape: the person's own measurements. body: the tracked body where it is not the 25-number person, such as every
+    joint of a motion file. start_pose: (P,) in the first frame. start_marks: joints marked in the first frame, and
+    perhaps in some that follow. has_keypoints, has_points: whether frames show joints or points of the surface.
+    phase_ends: of a cyclic motion, cycles, in the first and the last frame. lead_in: (F, P) poses up to the start pose,
+    which is the last of them, at rate_hz; lead_in_activity: what the person does in them, such as "walk".
+    """
+
+    name: str
+    n_frames: int
+    rate_hz: float | None = None
+    cameras: tuple[Camera, ...] = ()
+    scale: float = 1.0
+    shape: Shape | None = None
+    body: Body | None = None
+    start_pose: FloatArray | None = None
+    start_marks: MarkedFrames | None = None
+    has_keypoints: bool = False
+    has_points: bool = False
+    phase_ends: tuple[float, float] | None = None
+    lead_in: FloatArray | None = None
+    lead_in_activity: str | None = None
+
+
+class Dataset(Protocol):
+    """A sequence of frames, and what is known about the person before it is looked at."""
+
+    @property
+    def known(self) -> Known:
+        """Tell what is known beforehand."""
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames in order. A run opens them once (see `clip.Clip`), as decoding is dear."""

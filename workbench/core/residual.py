@@ -1,0 +1,130 @@
+"""What least squares minimises: whitened residuals of a pose, under robust losses.
+
+A residual function takes a pose (P,) to whitened residuals (K,), dimensionless, and their derivative (K, P). Whatever
+it has to look up for that pose, such as the part of the body that each point belongs to, it looks up anew.
+
+A robust loss takes z = residual / scale, (K,), to ρ(z) and the weight ρ'(z) / z, both (K,), for iteratively reweighted
+least squares (Holland & Welsch 1977). Near zero all are ½ z² with weight 1, so that they differ only in how they treat
+what is far off. Paper D has the squared loss alone.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.core.observations import Observables, Observed
+from workbench.errors import InputError
+
+ResidualFunction: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+RobustLoss: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+def squared(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """ρ = ½ z²: one far point outweighs everything else."""
+    return 0.5 * z * z, np.ones_like(z)
+
+
+def huber(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
+    size = np.abs(z)
+    return np.where(size <= 1.0, 0.5 * z * z, size - 0.5), 1.0 / np.maximum(size, 1.0)
+
+
+def geman_mcclure(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
+    kept = 1.0 / (1.0 + z * z)
+    return 0.5 * (1.0 - kept), kept * kept
+
+
+LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
+    {"squared": squared, "huber": huber, "geman_mcclure": geman_mcclure}
+)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations.
+
+    Raises InputError for another name and a scale that is not positive.
+    """
+
+    name: str
+    scale: float
+
+    def __post_init__(self) -> None:
+        if self.name not in LOSSES:
+            raise InputError(f"loss must be one of {', '.join(LOSSES)}, found {self.name!r}")
+        if not 0.0 < self.scale < np.inf:
+            raise InputError(f"loss: scale must be above zero, found {self.scale}")
+
+    def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
+        rho, weights = LOSSES[self.name](residuals / self.scale)
+        return self.scale**2 * rho, weights
+
+    def wider(self, factor: float) -> "Loss":
+        """This loss on a scale `factor` times as large."""
+        return replace(self, scale=factor * self.scale)
+
+
+SQUARED = Loss("squared", 1.0)
+
+
+@runtime_checkable
+class ResidualLikelihood(Protocol):
+    """A likelihood that also says which residuals least squares minimises in its place."""
+
+    @property
+    def observables(self) -> Observables:
+        """Tell what it looks at, and how exactly it takes that."""
+
+    @property
+    def residual_loss(self) -> Loss:
+        """The loss of its residuals."""
+
+    def residual(self, observed: Observed) -> ResidualFunction:
+        """The residuals of one frame; none where it shows nothing that the likelihood looks at."""
+
+
+def robust(residual: ResidualFunction, loss: Loss) -> ResidualFunction:
+    """Make half its square the loss, so that others beside it keep theirs: √(2 ρ), and its derivative."""
+
+    def robustified(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = residual(pose)
+        rho, weights = loss(misses)
+        size = np.sqrt(2.0 * rho)
+        factor = np.divide(weights * np.abs(misses), size, out=np.ones_like(size), where=size > 0.0)
+        return np.sign(misses) * size, factor[:, None] * slopes
+
+    return robustified
+
+
+def scaled(residual: ResidualFunction, factor: float) -> ResidualFunction:
+    """Multiply its residuals and their derivative by a factor."""
+
+    def multiplied(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = residual(pose)
+        return factor * misses, factor * slopes
+
+    return multiplied
+
+
+def stacked(residuals: Sequence[ResidualFunction]) -> ResidualFunction:
+    """Put the residuals of all of them together, in order."""
+    if len(residuals) < 2:
+        return residuals[0] if residuals else nothing
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = zip(*(one(pose) for one in residuals), strict=True)
+        return np.concatenate(misses), np.concatenate(slopes)
+
+    return residual
+
+
+def nothing(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """No residuals."""
+    return np.empty(0), np.empty((0, len(pose)))

@@ -1,0 +1,31 @@
+"""The names of a state's columns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Names the D columns of a packed (N, D) particle array.
+
+    names, units: one per column. slices: named groups of columns, e.g. "coefficients", "phase", "root".
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    slices: Mapping[str, slice]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @staticmethod
+    def of(groups: Mapping[str, tuple[tuple[str, ...], str]]) -> "StateSpace":
+        """A state space from {group: (column names, unit)}, the groups side by side in the order given."""
+        names: list[str] = []
+        units: list[str] = []
+        slices: dict[str, slice] = {}
+        for group, (columns, unit) in groups.items():
+            slices[group] = slice(len(names), len(names) + len(columns))
+            names += columns
+            units += [unit] * len(columns)
+        return StateSpace(tuple(names), tuple(units), slices)

@@ -1,0 +1,56 @@
+"""What parts offer each other and need of each other, declared by their classes and compared before any is built.
+
+A class that a configuration names may have a static member `traits`: a `Traits`, or where it depends on the part's keys
+a function from these to one. A nested part is there with its own traits in place of its keys. A class without the
+member offers nothing special and needs nothing special.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+DENSITY = "a density that can be evaluated"
+MOTION = "a motion model to fit"
+ACTIVITY = "a motion model of activities, to draw about its fit"
+BODY_PARTS = "columns for joint angles that are drawn independently of each other"
+SEPARABLE = "columns that are drawn independently of each other"
+LIMB_COLUMNS = "columns for the twist and bend of a limb"
+RESIDUALS = "residuals that least squares can minimise"
+IMAGES = "images"
+POINTS = "points of the person's surface"
+KEYPOINTS = "2-D joints"
+ONE_CAMERA = "a single camera"
+START = "a pose, marks, 2-D joints or points to start from"
+
+
+@dataclass(frozen=True)
+class Traits:
+    """offers: what the part has to give. needs: what it asks of the dataset, the prior and the likelihood, by group; a
+    group with nothing to ask for must be there all the same. lacks: a sentence about what its own nested parts lack,
+    empty where they have it."""
+
+    offers: frozenset[str] = frozenset()
+    needs: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    lacks: str = ""
+
+
+Declared = Traits | Callable[[Mapping[str, Any]], Traits]
+
+
+def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
+    """Traits with these offers, and these needs by group."""
+    return Traits(
+        frozenset(offers),
+        {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},
+    )
+
+
+def needs_of_all(parts: Mapping[str, Traits]) -> dict[str, frozenset[str]]:
+    """Tell what several parts need together, by group."""
+    groups = {group for part in parts.values() for group in part.needs}
+    return {group: frozenset().union(*(part.needs.get(group, ()) for part in parts.values())) for group in groups}
+
+
+def offers_of_all(parts: Mapping[str, Traits]) -> frozenset[str]:
+    """Tell what each of several parts offers."""
+    return frozenset.intersection(*(part.offers for part in parts.values())) if parts else frozenset()

@@ -1,0 +1,1 @@
+"""Files that datasets read: videos, marks, points."""

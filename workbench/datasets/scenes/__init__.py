@@ -1,0 +1,1 @@
+"""What datasets are made of: rendering, surroundings, points on a surface."""

@@ -1,0 +1,1 @@
+"""One run: its configuration checked, its parts built, tracked and recorded."""

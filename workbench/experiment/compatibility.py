@@ -1,0 +1,101 @@
+"""What goes with what: refuse parts that cannot work together before any of them is built."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from hydra.utils import get_object
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from workbench.core.traits import Traits
+from workbench.errors import InputError
+
+GROUPS = ("dataset", "prior", "likelihood", "inference")
+
+
+def refuse_incompatible(config: DictConfig, names: Mapping[str, str] | None = None) -> None:
+    """Raise InputError where a part needs of another what that does not offer, in one sentence that names both.
+
+    names: the options chosen, by group; the classes' names stand for those that are not given.
+    """
+    if sentence := incompatibility(config, names or {}):
+        raise InputError(sentence)
+
+
+def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
+    """Say the first thing that a part needs and does not get; None where all goes together."""
+    looked_at = [group for group in GROUPS if config.get(group) is not None and group not in unread(config)]
+    traits = {group: traits_of(config[group]) for group in looked_at}
+    called = {group: f"{group}={names.get(group) or _class_name(config[group])}" for group in traits}
+    for group, part in reversed(traits.items()):
+        if part.lacks:
+            return f"config: {called[group]}: {part.lacks}"
+        for other, words in part.needs.items():
+            if other not in traits:
+                return f"config: {called[group]} needs a {other}, and there is none"
+            for word in sorted(words - traits[other].offers):
+                return f"config: {called[group]} needs {word} of the {other}, which {called[other]} does not have"
+    return None
+
+
+def unread(config: DictConfig) -> tuple[str, ...]:
+    """Name the groups chosen that the inference does not look at: the likelihood, for one that says it needs none."""
+    declared = hasattr(get_object(config.inference["_target_"]), "traits")
+    ignored = declared and "likelihood" not in traits_of(config.inference).needs
+    return ("likelihood",) if ignored and config.get("likelihood") is not None else ()
+
+
+def traits_of(node: DictConfig) -> Traits:
+    """Collect what the class that a node names declares, its nested parts first."""
+    keys: dict[str, Any] = {str(key): _value(node, str(key)) for key in node if key != "_target_"}
+    declared = getattr(get_object(node["_target_"]), "traits", Traits())
+    found: Traits = declared if isinstance(declared, Traits) else declared(keys)
+    return found
+
+
+def _value(node: DictConfig, key: str) -> Any:
+    """Take a key's value: of a nested part its traits, of a mapping of parts theirs by name."""
+    if OmegaConf.is_missing(node, key):
+        return None
+    try:
+        value = node[key]
+    except OmegaConfBaseException:  # whoever builds the part will say so
+        return None
+    if not isinstance(value, DictConfig):
+        return value
+    if "_target_" in value:
+        return traits_of(value)
+    return {str(name): _value(value, str(name)) for name in value}
+
+
+def _class_name(node: DictConfig) -> str:
+    return str(node["_target_"]).rpartition(".")[2]
+
+
+PAIRS = (
+    ("inference", "prior"), ("inference", "likelihood"), ("inference", "dataset"),
+    ("likelihood", "dataset"), ("prior", "dataset"),
+)  # fmt: skip
+"""Groups of which the first needs something of the second."""
+
+
+def table(traits: Mapping[str, Mapping[str, Traits]]) -> dict[str, dict[str, str]]:
+    """Say what goes with what: by pair of groups, for every option of the first, which of the second do not and why.
+
+    traits: by group, of its options by name, as they stand.
+    """
+    return {
+        f"{first} with {second}": {name: _with(part, second, traits[second]) for name, part in traits[first].items()}
+        for first, second in PAIRS
+    }
+
+
+def _with(part: Traits, group: str, others: Mapping[str, Traits]) -> str:
+    """Name the options that lack what a part needs of their group, by what they lack."""
+    if part.lacks:
+        return f"works with another part inside: {part.lacks}"
+    reasons = []
+    for word in sorted(part.needs.get(group, ())):
+        lacking = [name for name, other in others.items() if word not in other.offers]
+        reasons += [f"needs {word}: not with {', '.join(lacking)}"] if lacking else []
+    return "; ".join(reasons) or ("all" if group in part.needs else f"all; needs nothing of the {group}")

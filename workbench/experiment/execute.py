@@ -1,0 +1,143 @@
+"""One run: build the parts, track frame by frame, record, sum up."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numba
+import numpy as np
+from omegaconf import DictConfig, OmegaConf
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from workbench.core.prior import Prior
+from workbench.core.step import Step
+from workbench.core.study import Study
+from workbench.errors import InputError
+from workbench.experiment.assembly import assemble
+from workbench.experiment.build import build, check_targets
+from workbench.experiment.identity import identity
+from workbench.experiment.summary import Summary, versions
+from workbench.experiment.tracking import Meter, Parts, rng_streams, track
+from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.write.recorder import Recorder
+
+log = logging.getLogger(__name__)
+
+
+def execute(
+    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, names: Mapping[str, str] | None = None
+) -> Summary:
+    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`.
+
+    quiet: no progress bar. names: the options chosen, by group, which sentences name. Raises InputError for what a
+    person can mend, DegenerateWeights where the configuration asks to end there; summary.json then says so, and the
+    recording up to there is kept as `run.rrd.part`.
+    """
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
+    summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
+    try:
+        check_targets(config)
+        summary.identity = identity(config)
+        _set_threads(config.threads)
+        # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
+        with threadpool_limits(limits=1, user_api="blas"):
+            if config.study is not None:
+                _study(config, summary)
+            else:
+                parts = assemble(config, partial(_timed, summary), names)
+                with recorder_of(config, parts, summary) as recorder:
+                    record(parts, recorder, int(config.seed), summary, quiet)
+                    recorder.set_result(summary.metrics)
+                    recorder.set_cost(summary.cost)
+        summary.status = "complete"
+    except BaseException as error:
+        summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+        summary.error = f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        summary.write(folder / "summary.json")
+    return summary
+
+
+def _study(config: DictConfig, summary: Summary) -> None:
+    prior: Prior | None = None
+    if config.prior is not None:
+        with _timed(summary, "prior_learning"):
+            prior = build(config.prior)
+    study: Study = build(config.study, prior=prior)
+    with StudyRecorder(summary.recording, **_labels(config, summary)) as recorder:
+        with _timed(summary, "study"):
+            result = study.run(rng_streams(int(config.seed))["study"])
+        summary.study = result.metrics
+        recorder.log(result)
+        recorder.set_cost(summary.cost)
+
+
+def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool) -> None:
+    """Track, record every step with its errors, and count it in the summary; quiet: no progress bar."""
+    meter, disable = Meter(parts), True if quiet else None
+    with logging_redirect_tqdm(), tqdm(total=len(parts.clip), unit="frame", disable=disable) as bar:
+        for step, errors in track(parts, seed, meter):
+            with _timed(summary, "recording"):
+                recorder.log(step, errors)
+            summary.add(step, errors)
+            for sentence in step.warnings:
+                log.warning(sentence)
+            bar.set_postfix_str(_postfix(step, errors))
+            bar.update()
+    summary.offsets = meter.offsets
+
+
+def _postfix(step: Step, errors: dict[str, float]) -> str:
+    shown = [f"ESS {step.ess:.0f}"]
+    if "error_abs_mm" in errors:
+        shown.insert(0, f"error {errors['error_abs_mm']:.0f} mm")
+    elif "error_px" in errors:
+        shown.insert(0, f"error {errors['error_px']:.1f} px")
+    return ", ".join(shown)
+
+
+def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
+    """What records a run of these parts into `summary.recording`, not yet open; InputError for numbers out of range."""
+    space = parts.inference.space
+    coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
+    recorder: Recorder = build(
+        config.recorder,
+        path=summary.recording,
+        body=parts.body,
+        space=space,
+        coefficient_scale=np.ones(len(coefficients)),  # every prior counts them in standard deviations
+        **_labels(config, summary),
+    )
+    return recorder
+
+
+def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
+    """Tell what a recording says about its run."""
+    return {
+        "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
+        "config_yaml": OmegaConf.to_yaml(config, resolve=True),
+        "provenance": {"experiment": summary.experiment, "seed": summary.seed, **versions()},
+    }
+
+
+def _set_threads(threads: int | None) -> None:
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    if threads is not None and not 1 <= threads <= most:
+        raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
+    numba.set_num_threads(most if threads is None else threads)  # a job before this one may have set it
+
+
+@contextmanager
+def _timed(summary: Summary, stage: str) -> Iterator[None]:
+    began = perf_counter()
+    try:
+        yield
+    finally:
+        summary.timing[stage] = summary.timing.get(stage, 0.0) + perf_counter() - began

@@ -1,0 +1,73 @@
+"""The tracking loop: steps of an inference with their errors, whoever asks for them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.limbs import Body
+from workbench.core.clip import Clip
+from workbench.core.inference import Inference
+from workbench.core.prior import Prior
+from workbench.core.step import Step
+from workbench.errors import InputError
+from workbench.evaluation.errors import AccelerationError, step_errors
+from workbench.evaluation.marker_offsets import MarkerOffsets
+
+STREAMS = ("start", "resampling", "prior", "study")
+"""Names of the run's random streams, spawned from its seed in this order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The live objects of one run. prior: None where the inference does without. start: (P,) the first pose, (n, P)
+    several that are as likely, or None where the inference finds it."""
+
+    clip: Clip
+    body: Body
+    prior: Prior | None
+    inference: Inference
+    start: FloatArray | None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the pose's parameters that move."""
+        return self.body.skeleton.dof_names if self.prior is None else self.prior.parameters
+
+
+class Meter:
+    """Measures the errors of the steps of one run, in their order."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._body, self._parameters, self._scale = parts.body, parts.parameters, parts.clip.known.scale
+        self._acceleration = AccelerationError(parts.body.skeleton, parts.parameters)
+        self._markers = MarkerOffsets(parts.body.skeleton, parts.parameters)
+
+    def errors(self, step: Step) -> dict[str, float]:
+        """The step's errors by name; see `step_errors`, `AccelerationError` and `MarkerOffsets`."""
+        errors = step_errors(step, self._body, self._parameters, self._scale)
+        return errors | self._acceleration.add(step) | self._markers.add(step)
+
+    @property
+    def offsets(self) -> dict[str, float]:
+        """Lengths, mm, of the markers' offsets from their joints, as far as they are known."""
+        return self._markers.lengths_mm
+
+
+def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:
+    """Every frame's step with its errors, by the meter given or one of its own.
+
+    Raises InputError for a negative seed and what the parts raise.
+    """
+    meter = Meter(parts) if meter is None else meter
+    for step in parts.inference.run(parts.clip, parts.start, rng_streams(seed)):
+        yield step, meter.errors(step)
+
+
+def rng_streams(seed: int) -> dict[str, np.random.Generator]:
+    """The run's named random streams; raises InputError for a negative seed."""
+    if seed < 0:
+        raise InputError(f"seed must be zero or a positive whole number, found {seed}")
+    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
+    return {name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)}

@@ -1,0 +1,1 @@
+"""Deterministic fits of poses and motions by least squares."""

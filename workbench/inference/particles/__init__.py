@@ -1,0 +1,1 @@
+"""The particle filter, its moves, and what wraps it."""

@@ -1,0 +1,58 @@
+"""The bootstrap filter's move: resample, draw from the prior, weigh (Gordon, Salmond & Smith 1993)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from workbench.core.prior import Prior
+from workbench.core.traits import Traits, offering
+from workbench.errors import InputError
+from workbench.inference.particles.move import First, Streams
+from workbench.inference.particles.resampling import RESAMPLING
+from workbench.inference.particles.target import Moved, Particles, Target
+from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Draw from the posterior at t−1, propagate by the prior, weight by the likelihood (paper A, section 4.1).
+
+    Where the prior draws from a proposal of its own (`core.prior.Proposing`), its correction enters the weights.
+
+    resampling: systematic, multinomial or residual. ess_threshold: resample when the effective sample size falls to
+    this fraction of N or below; 1 resamples before every frame, as the paper does. Raises InputError for others.
+    """
+
+    traits: ClassVar[Traits] = offering()
+
+    resampling: str = "systematic"
+    ess_threshold: float = 1.0
+
+    proposes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.resampling not in RESAMPLING:
+            raise InputError(f"inference: resampling must be one of {', '.join(RESAMPLING)}, found {self.resampling!r}")
+        if not 0.0 <= self.ess_threshold <= 1.0:
+            raise InputError(f"inference: ess_threshold must lie between 0 and 1, found {self.ess_threshold}")
+
+    def check(self, prior: Prior, n_particles: int) -> None:
+        """Accept every prior."""
+
+    def first(self, n_particles: int) -> First:
+        """Say nothing of the first step."""
+        return {}, ()
+
+    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+        """Resample, propagate, weigh."""
+        log_weights, ancestors = target.parents.log_weights, np.arange(target.n)
+        if effective_sample_size(log_weights) <= self.ess_threshold * target.n:
+            ancestors = RESAMPLING[self.resampling](np.exp(log_weights), rng_streams["resampling"])
+            log_weights = even_log_weights(target.n)
+        target.clock.lap("resampling")
+        state, correction = target.propose(ancestors, rng_streams["prior"])
+        poses = target.prior.pose(state)
+        log_prob = target.log_prob(poses, ancestors)
+        log_weights, log_gain = target.weigh(log_weights, log_prob, correction)
+        return target.moved(Particles(state, poses, log_weights, ancestors), log_gain)

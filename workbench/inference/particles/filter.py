@@ -1,0 +1,137 @@
+"""The particle filter: sequential importance resampling (Doucet, de Freitas & Gordon 2001), whatever moves it."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Likelihood
+from workbench.core.prior import Prior
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
+from workbench.core.traits import START, Traits, needs_of_all, offering
+from workbench.errors import InputError
+from workbench.inference.particles.bootstrap import Bootstrap
+from workbench.inference.particles.move import Move, Streams
+from workbench.inference.particles.target import Moved, Particles, Stopwatch, Target
+from workbench.inference.particles.weights import DegenerateWeights as DegenerateWeights
+from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+
+
+@dataclass(frozen=True, eq=False)
+class ParticleFilter:
+    """Represent each frame's posterior by N weighted particles, which a move makes of those of the frame before.
+
+    move: how parents are chosen, states drawn and weighted. n_particles: N. on_degenerate: what to do when every weight
+    of a frame is zero or undefined: "recover" keeps the prior's prediction with even weights, or those of the frame
+    before, and says so, "stop" raises DegenerateWeights. Raises InputError for other values and a prior that lacks what
+    the move needs.
+    """
+
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare the need of a prior, a likelihood and a start, and what the move needs."""
+        own = offering(dataset=START, prior=(), likelihood=())
+        return Traits(needs=needs_of_all({"filter": own, "move": keys["move"] or Traits()}))
+
+    prior: Prior
+    likelihood: Likelihood
+    _: KW_ONLY
+    move: Move = Bootstrap()  # noqa: RUF009 - frozen
+    n_particles: int = 5000
+    on_degenerate: str = "recover"
+
+    kind: ClassVar[Literal["filtered"]] = "filtered"
+    finds_start: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self.n_particles < 1:
+            raise InputError(f"inference: n_particles must be at least 1, found {self.n_particles}")
+        if self.on_degenerate not in ("recover", "stop"):
+            raise InputError(f"inference: on_degenerate must be 'recover' or 'stop', found {self.on_degenerate!r}")
+        self.move.check(self.prior, self.n_particles)
+
+    @property
+    def space(self) -> StateSpace:
+        """The prior's."""
+        return self.prior.space
+
+    def rebuilt(self, **parts: Any) -> Self:
+        """Replace parts, such as the prior, the move or n_particles."""
+        return replace(self, **parts)
+
+    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame; the first gives the start distribution around the pose `start` (P,), unweighted, or
+        in even parts around each of the poses (n, P).
+
+        rng_streams: generators named "start", "resampling" and "prior". Raises InputError without a start, and
+        DegenerateWeights as configured.
+        """
+        likelihood, log_evidence = self.likelihood, 0.0
+        previous: Frame | None = None
+        for frame in frames:
+            clock = Stopwatch()
+            look = likelihood.look(previous, frame)
+            clock.lap("likelihood")
+            if previous is None:
+                moved = self._start(start, rng_streams["start"])
+                clock.lap("prior")
+            else:
+                stop = self.on_degenerate == "stop"
+                moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
+            moved = replace(
+                moved,
+                warnings=(*look.notes, *moved.warnings),
+                diagnostics={**look.diagnostics, **moved.diagnostics},
+            )
+            log_evidence += moved.log_gain
+            step = particle_step(frame, self.space, moved, log_evidence, clock)
+            likelihood = look.remember(step.expected_pose)
+            clock.lap("likelihood")
+            yield replace(step, timing_s=clock.laps)
+            previous = frame
+
+    def _start(self, poses: FloatArray | None, rng: np.random.Generator) -> Moved:
+        """Even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
+        if poses is None:
+            raise InputError("inference: a particle filter needs a pose to start from, found none")
+        state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
+        even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
+        diagnostics, warnings = self.move.first(self.n_particles)
+        particles = Particles(state, self.prior.pose(state), even, own)
+        return Moved(particles, diagnostics=diagnostics, warnings=warnings)
+
+
+def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
+    """Draw states (N, D), as evenly as possible around the poses (n, P)."""
+    shares = np.bincount(np.arange(n_particles) % len(poses), minlength=len(poses))
+    return np.concatenate([prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
+
+
+def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
+    """Sum up one frame's particles, with the expected pose and that of the best particle."""
+    particles = moved.particles
+    weights = np.exp(particles.log_weights)
+    # not a BLAS product, whose order of addition depends on the number of threads
+    expected = np.einsum("n,np->p", weights, particles.poses)
+    best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
+    clock.lap("summary")
+    return Step(
+        frame=frame,
+        space=space,
+        particles=particles.state,
+        poses=particles.poses,
+        log_weights=particles.log_weights,
+        ancestors=particles.ancestors,
+        expected_pose=expected,
+        map_pose=particles.poses[best],
+        ess=effective_sample_size(particles.log_weights),
+        log_evidence=log_evidence,
+        diagnostics=moved.diagnostics,
+        warnings=moved.warnings,
+        evaluations=moved.evaluations,
+        timing_s=clock.laps,
+    )

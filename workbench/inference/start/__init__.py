@@ -1,0 +1,1 @@
+"""Where tracking starts: poses from marks and keypoints, and the limbs they measure."""

@@ -1,0 +1,69 @@
+"""The poses that tracking starts from: given, or found in marks or detected joints, whatever the prior."""
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
+from workbench.body.limbs import Body
+from workbench.body.skeleton import Skeleton
+from workbench.core.clip import Clip
+from workbench.core.frame import MarkedFrames
+from workbench.core.motion_model import MotionModel
+from workbench.core.prior import Powers, Prior
+from workbench.errors import InputError
+from workbench.inference.start.examples import start_from_examples
+from workbench.inference.start.keypoints import START_S, allowed_poses, start_from_keypoints
+from workbench.inference.start.marks import error_px, start_from_marks, usable_marks
+from workbench.inference.start.points import start_from_points
+
+
+def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray, str]:
+    """Find the pose (P,) in the first frame, or several (n, P) of which each may be it, and say in a sentence how.
+
+    The prior's own first pose comes first, then the dataset's, for which there is nothing to say; then marked joints,
+    by what the prior knows of people: a cyclic motion, examples, or nothing, where the body's limits have to do; then
+    detected joints, then points. Raises InputError where there is none of these, or too few joints.
+    """
+    known, powers = clip.known, Powers() if prior is None else prior.powers
+    if powers.first_pose is not None:
+        return powers.first_pose(), ""
+    if known.start_pose is not None:
+        return known.start_pose, ""
+    if known.start_marks is not None:
+        poses, said = _from_marks(powers, body.skeleton, known.cameras[0], known.start_marks, known.scale)
+        return poses, f"start fitted to the marks: {said}"
+    if known.has_keypoints:
+        poses = start_from_keypoints(body.skeleton, clip)
+        return poses, f"start fitted to keypoints: {len(poses)} poses that they allow"
+    if known.has_points:
+        return start_from_points(prior, body, clip), "start fitted to the points of the first second"
+    raise InputError(
+        "dataset: no starting pose: mark joints of the first frame of a video (dataset.start_marks=FILE.csv), give "
+        "the start of points (dataset.start=given), or fit by inference=least_squares, which finds it"
+    )
+
+
+def _from_marks(
+    powers: Powers, skeleton: Skeleton, camera: Camera, marks: MarkedFrames, scale: float
+) -> tuple[FloatArray, str]:
+    """The pose (P,) or poses (n, P) that fit the marks, and what is left of them in pixels of the source's images."""
+    if powers.motion is not None:
+        return _on_motion(powers.motion, skeleton, camera, marks, scale)
+    seen = usable_marks(skeleton, camera, marks)
+    if powers.examples is not None:
+        poses, of = start_from_examples(powers.examples(), skeleton, seen[0]), "the prior's examples"
+    else:
+        soon = np.flatnonzero(marks.times_s - marks.times_s[0] <= START_S)
+        poses = allowed_poses(skeleton, [(seen[k],) for k in soon], marks.times_s[soon])
+        of = "the poses that they allow"
+    left = error_px(skeleton, seen[:1], poses[:1]) / scale
+    return poses, f"{left:.1f} px left by the best of {len(poses)} of {of}"
+
+
+def _on_motion(
+    model: MotionModel, skeleton: Skeleton, camera: Camera, marks: MarkedFrames, scale: float
+) -> tuple[FloatArray, str]:
+    fit = start_from_marks(model, skeleton, camera, marks)
+    pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
+    left, heading = fit.error_px / scale, np.degrees(fit.heading)
+    return fit.pose, f"{left:.1f} px left, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"

@@ -1,0 +1,150 @@
+"""Sums of an image over the union of outlines, which overlap: row by row, a span of pixels for every outline."""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.body.lanes import FAST
+
+CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
+"""Of a patch (u, v), once around it."""
+OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
+"""Which way along the limb and across it they lie from its middle."""
+
+
+def running_sums(image: Float32Array) -> FloatArray:
+    """Sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
+    reached = np.zeros((image.shape[0], image.shape[1] + 1))
+    np.cumsum(image, axis=1, out=reached[:, 1:])
+    return reached
+
+
+def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
+    """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
+    row that is covered.
+
+    corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen. spheres: (L,), whose
+    outline is the circle through its corners. rim_px: by which outlines are wider on all sides.
+    """
+    sums = np.empty(len(corners))
+    _outline_sums(reached, corners, spheres, rim_px, sums)
+    return sums
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
+    height, width = reached.shape[0], reached.shape[1] - 1
+    n_limbs = corners.shape[1]
+    for i in numba.prange(corners.shape[0]):
+        lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
+        counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
+        top, bottom = height, -1
+        for limb in range(n_limbs):
+            if not _widened(corners[i, limb], rim_px, outline):
+                continue
+            if spheres[limb]:
+                low, high = _disc_spans(corners[i, limb], rim_px, width, counts, lefts, rights)
+            else:
+                low, high = _spans(outline, width, counts, lefts, rights)
+            top, bottom = min(top, low), max(bottom, high)
+        total = 0.0
+        for y in range(top, bottom + 1):
+            total += _union(reached[y], counts[y], lefts[y], rights[y])
+        sums[i] = total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
+    """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
+    ax, ay = (
+        corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0],
+        corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1],
+    )
+    bx, by = (
+        corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0],
+        corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1],
+    )
+    a, b = np.sqrt(np.float64(ax * ax + ay * ay)), np.sqrt(np.float64(bx * bx + by * by))
+    if not min(a, b) > 0.0:
+        return False
+    for k in range(4):
+        along, across = rim_px * OUTWARDS[k, 0] / a, rim_px * OUTWARDS[k, 1] / b
+        outline[k, 0] = corners[k, 0] + along * ax + across * bx
+        outline[k, 1] = corners[k, 1] + along * ay + across * by
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+    """Add to every row where it meets a disc, and return the first and the last row that may."""
+    x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
+    y = 0.25 * (corners[0, 1] + corners[1, 1] + corners[2, 1] + corners[3, 1])
+    dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + rim_px
+    low, high = _rows(y - radius, y + radius, counts.shape[0])
+    for row in range(low, high + 1):
+        square = radius * radius - (row - y) * (row - y)
+        if square > 0.0:
+            half = np.sqrt(square)
+            _add(row, x - half, x + half, width, counts, lefts, rights)
+    return low, high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+    """Find the spans of a quadrangle."""
+    low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
+    for row in range(low, high + 1):
+        left, right = np.inf, -np.inf
+        for k in range(4):
+            x0, y0, x1, y1 = outline[k, 0], outline[k, 1], outline[(k + 1) % 4, 0], outline[(k + 1) % 4, 1]
+            if min(y0, y1) <= row and row < max(y0, y1):
+                x = x0 + (row - y0) / (y1 - y0) * (x1 - x0)
+                left, right = min(left, x), max(right, x)
+        if right > left:
+            _add(row, left, right, width, counts, lefts, rights)
+    return low, high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _rows(above: float, below: float, height: int) -> tuple[int, int]:
+    """The rows of the image between two heights; the last is before the first where there are none."""
+    low, high = max(np.ceil(above), 0.0), min(np.floor(below), height - 1.0)
+    if not low <= high:  # also for NaN
+        return height, -1
+    return int(low), int(high)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: Any, rights: Any) -> None:
+    """Put a span into its row, from the left to the right by where spans begin."""
+    left, right = max(left + 0.5, 0.0), min(right + 0.5, float(width))  # from the image's left edge
+    if not right > left:
+        return
+    place = counts[row]
+    while place > 0 and lefts[row, place - 1] > left:
+        lefts[row, place], rights[row, place] = lefts[row, place - 1], rights[row, place - 1]
+        place -= 1
+    lefts[row, place], rights[row, place] = left, right
+    counts[row] += 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
+    """The row's sum over the union of its spans."""
+    total, end = 0.0, 0.0
+    for k in range(count):
+        left, right = max(lefts[k], end), rights[k]
+        if right > left:
+            total += _until(reached, right) - _until(reached, left)
+            end = right
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _until(reached: Any, x: float) -> Any:
+    """The sum of the row from its left edge to x."""
+    first = min(int(x), reached.shape[0] - 2)
+    return reached[first] + (x - first) * (reached[first + 1] - reached[first])

@@ -1,0 +1,1 @@
+"""Invented people: walkers, runners and an arm, for work without recordings."""

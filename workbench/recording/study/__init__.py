@@ -1,0 +1,1 @@
+"""Recordings of studies: figures, drawn and as numbers."""

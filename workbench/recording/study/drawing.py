@@ -1,0 +1,148 @@
+"""Draw curves, bars and scattered points: one look for the viewer, for reports and for the papers' figures.
+
+Rerun's views of time series share one time line, which cannot be a period, a phase and a count at once, and name no
+axes. So a study's figures are drawn by matplotlib and recorded as images, beside their numbers.
+"""
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib import figure as plt
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+from matplotlib.style import context
+from scipy.optimize import isotonic_regression
+
+from workbench.arrays import FloatArray
+from workbench.core.study import Bars, Curves, Scatter
+
+Drawn: TypeAlias = Curves | Bars | Scatter
+
+INK, GREY, FAINT = "#222222", "#767676", "#C9C9C9"
+ESTIMATE, TRUTH = "#D55E00", "#0072B2"
+SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
+"""After Okabe & Ito, told apart with every kind of colour vision; without their yellow, which white paper swallows."""
+DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "-")
+"""Of the series in the same order, so that they can be told apart in print without colours."""
+HALO = withStroke(linewidth=2.0, foreground="white")
+
+STYLE: dict[str, Any] = {
+    "font.size": 8.0, "axes.titlesize": 8.5, "axes.titlelocation": "left", "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": GREY, "ytick.color": GREY,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.linewidth": 0.6, "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6, "lines.linewidth": 1.3, "lines.solid_capstyle": "round", "savefig.dpi": 200,
+    "savefig.facecolor": "white", "pdf.fonttype": 42,
+}  # fmt: skip
+"""For matplotlib.style.context."""
+_FEW = 20  # curves of so few points show them
+_SCREEN_DPI, _PICTURE_DPI = 100.0, 150.0  # half as fine again as the view, for those who zoom
+
+
+def picture(figure: Drawn, width: float, height: float) -> bytes:
+    """Draw a figure for a view of that size, points of the screen, as a PNG."""
+    with context(STYLE):
+        drawn = plt.Figure(figsize=(width / _SCREEN_DPI, height / _SCREEN_DPI), layout="constrained")
+        draw(drawn.add_subplot(), figure)
+        return png(drawn, dpi=_PICTURE_DPI)
+
+
+def png(drawn: plt.Figure, **options: Any) -> bytes:
+    """Encode a drawing, the same bytes for the same drawing; options: of matplotlib's savefig."""
+    file = BytesIO()
+    drawn.savefig(file, format="png", metadata={"Software": None}, **options)
+    return file.getvalue()
+
+
+def draw(axes: Axes, figure: Drawn) -> None:
+    """Draw any of a study's flat figures."""
+    if isinstance(figure, Curves):
+        draw_curves(axes, figure)
+    elif isinstance(figure, Bars):
+        draw_bars(axes, figure)
+    else:
+        draw_scatter(axes, figure)
+
+
+def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
+    """Draw curves with labels at their ends, faint ones grey behind them, marks as vertical lines named at a height.
+
+    labels: whether the curves are named. marks_at: the height of the first mark's name, a part of the axes'.
+    """
+    for curve in figure.faint.values():
+        axes.plot(figure.x, curve, color=FAINT, linewidth=0.4, zorder=1)
+    ends = []
+    for k, (label, curve) in enumerate(figure.curves.items()):
+        known, colour = np.isfinite(curve), SERIES[k % len(SERIES)]
+        beside = np.append(False, known[:-1]) | np.append(known[1:], False)
+        dots = np.flatnonzero(known & (~beside | (known.sum() <= _FEW)))
+        dashes = DASHES[k % len(DASHES)] if dashed else "-"
+        axes.plot(
+            figure.x, curve, color=colour, linestyle=dashes, zorder=3.0 - 0.01 * k, marker="o", markersize=2.5,
+            markevery=dots,
+        )  # fmt: skip
+        if known.any():
+            last = np.flatnonzero(known)[-1]
+            ends.append((label, colour, float(figure.x[last]), float(curve[last])))
+    axes.set_xlabel(figure.x_name)
+    axes.set_ylabel(figure.y_name)
+    axes.margins(x=0.0)
+    for k, (label, x) in enumerate(figure.marks.items()):
+        axes.axvline(x, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
+        axes.annotate(
+            f"{label} {x:.4g}", (x, marks_at - 0.09 * k), (3.0, 0.0), xycoords=("data", "axes fraction"),
+            textcoords="offset points", va="top", fontsize=7.5, color=INK, path_effects=[HALO],
+        )  # fmt: skip
+    if labels:
+        label_ends(axes, ends)
+
+
+def draw_bars(axes: Axes, figure: Bars) -> None:
+    """Draw a histogram as a stepped line, and the model as a dashed one, as in paper C."""
+    half = 0.5 * float(np.diff(figure.x).min()) if len(figure.x) > 1 else 0.5
+    edges = np.append(figure.x - half, figure.x[-1] + half)
+    axes.stairs(figure.heights, edges, color=ESTIMATE, fill=True, alpha=0.25)
+    axes.stairs(figure.heights, edges, color=ESTIMATE, linewidth=1.1)
+    if figure.model is not None:
+        axes.plot(figure.x, figure.model, color=INK, linestyle=(0, (4, 2)), linewidth=1.1)
+    axes.set_xlabel(figure.x_name)
+    axes.set_ylim(bottom=0.0)
+
+
+def draw_scatter(axes: Axes, figure: Scatter) -> None:
+    """Draw points by label, the labels above."""
+    for k, (label, points) in enumerate(figure.points.items()):
+        colour, marker = SERIES[k % len(SERIES)], "o^sD"[k % 4]
+        axes.scatter(
+            points[:, 0], points[:, 1], s=5.0, marker=marker, color=colour, alpha=0.45, linewidths=0.0, label=label
+        )
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(figure.points), borderaxespad=0.0, frameon=False,
+        markerscale=2.0, handletextpad=0.0, columnspacing=0.6, fontsize=7.5,
+    )  # fmt: skip
+    axes.set_xlabel(figure.x_name)
+    axes.set_ylabel(figure.y_name)
+
+
+def label_ends(axes: Axes, ends: Sequence[tuple[str, Any, float, float]], gap: float = 0.09, size: float = 7.5) -> None:
+    """Put labels (text, colour, x, y) right of lines' ends, moved as little as it takes to lie `gap` apart.
+
+    gap: a part of the axes' height. size: of the letters, points. After the axes' limits are set.
+    """
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(axes.get_ylim())
+    ordered = sorted(ends, key=lambda end: end[3])
+    heights = [float((scale.transform([y])[0] - low) / (high - low)) for _, _, _, y in ordered]
+    for (text, colour, x, _), height in zip(ordered, spread(heights, gap), strict=True):
+        axes.annotate(
+            text, (x, height), (4.0, 0.0), xycoords=("data", "axes fraction"), textcoords="offset points", va="center",
+            color=colour, fontsize=size, path_effects=[HALO], annotation_clip=False,
+        )  # fmt: skip
+
+
+def spread(heights: Sequence[float], gap: float) -> FloatArray:
+    """Move rising heights as little as it takes, in the sum of squares, to put neighbours `gap` apart."""
+    steps = gap * np.arange(len(heights))
+    return isotonic_regression(np.asarray(heights) - steps).x + steps
