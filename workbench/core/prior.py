@@ -7,9 +7,57 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.core.motion_model import MotionModel
-from workbench.core.smoothness import Smoothness
 from workbench.core.state_space import StateSpace
+
+PACE_HZ = 14.0
+"""The frames a second for which `Smoothness` is given, paper D's."""
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Standard deviations of what may change between frames at PACE_HZ; over other times as a random walk of the
+    coefficients and of the speeds.
+
+    style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
+    differences of μ, cycles. position, rotation: second differences of the root, m and rad. angle: those of joint
+    angles without a motion model, rad.
+    """
+
+    style: float = 0.3
+    phase: float = 0.02
+    position: float = 0.03
+    rotation: float = 0.03
+    angle: float = 0.2
+
+    @property
+    def second_differences(self) -> FloatArray:
+        """(7,), of {μ, root}."""
+        return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
+
+
+class MotionModel(Protocol):
+    """What a fit asks of a learned motion, C angles with d coefficients; `learning.activities.ActivityModel` is one.
+
+    angles: the C degrees of freedom it speaks of. scales: (d,) standard deviations of the coefficients. Of the n
+    examples it was learned from: scores (n, d) in units of scales, activities, and cycle_rate_hz (n,).
+    """
+
+    @property
+    def angles(self) -> tuple[str, ...]: ...
+    @property
+    def scales(self) -> FloatArray: ...
+    @property
+    def scores(self) -> FloatArray: ...
+    @property
+    def activities(self) -> tuple[str, ...]: ...
+    @property
+    def cycle_rate_hz(self) -> FloatArray: ...
+
+    def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
+        """Angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
+
+    def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
 
 
 class Density(Protocol):

@@ -1,8 +1,11 @@
 """One frame's result."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
+
+import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.core.frame import Frame
@@ -45,3 +48,22 @@ class Step:
         """(P,): the pose's numbers in which the particles differ; the others are held fixed by the prior."""
         differ: BoolArray = (self.poses != self.poses[0]).any(axis=0)
         return differ
+
+
+class Inference(Protocol):
+    """Turns frames into steps."""
+
+    @property
+    def space(self) -> StateSpace:
+        """Names and units of the columns of its steps' particles."""
+
+    @property
+    def finds_start(self) -> bool:
+        """Tell whether it finds the first pose itself where nobody gives one."""
+
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
+    ) -> Iterator[Step]:
+        """One step per frame, from the pose `start` (P,) in the first, which some can do without; draws come from the
+        named generators.
+        """

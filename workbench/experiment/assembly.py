@@ -11,15 +11,15 @@ from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.clip import Clip
 from workbench.core.dataset import Known
-from workbench.core.inference import Inference
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
+from workbench.core.step import Inference
 from workbench.errors import InputError
 from workbench.experiment.build import build
 from workbench.experiment.compatibility import refuse_incompatible, unread
 from workbench.experiment.tracking import Parts
+from workbench.inference.start.keypoints import trajectory_of_keypoints
 from workbench.inference.start.poses import start_poses
-from workbench.inference.start.trajectory import trajectory_of_keypoints
 
 log = logging.getLogger(__name__)
 

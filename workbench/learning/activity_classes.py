@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray
-from workbench.core.motion_model import MotionModel
+from workbench.core.prior import MotionModel
 from workbench.errors import InputError
 from workbench.learning.activities import ActivityModel, fewest, principal_components
 from workbench.learning.activity_cycles import ActivityCycles

@@ -13,9 +13,8 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import Frame, View
-from workbench.core.observation_residuals import keypoint_residual
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, stacked
+from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
 from workbench.core.traits import KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.errors import InputError
 from workbench.likelihoods.constants import POSITIVE, TEMPER, check, check_choice

@@ -10,9 +10,8 @@ from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
 from workbench.core.frame import Frame
-from workbench.core.observation_residuals import surface_residual
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction
+from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
 from workbench.core.traits import POINTS, RESIDUALS, Traits, offering
 from workbench.likelihoods.constants import INSIDE_UNIT, POSITIVE, TEMPER, check, check_choice
 from workbench.likelihoods.looks import PoseLook, finite_rows

@@ -12,8 +12,7 @@ from scipy.special import logsumexp
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.prior import Density, Powers, Prior, propose
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Density, Powers, Prior, Smoothness, propose
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
 from workbench.errors import InputError
 
 

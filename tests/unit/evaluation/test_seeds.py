@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from workbench.evaluation.seeds import mean_interval
+from workbench.evaluation.intervals import mean_interval
 
 
 def test_with_one_old_number_it_is_the_prediction_interval_of_the_new_ones():

@@ -9,10 +9,8 @@ from least_squares_scenes import WALKER, decoder, joint_residuals, walk
 from workbench.body.kinematics import joints
 from workbench.core.frame import Frame
 from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.fit.frame import pose_prior
-from workbench.inference.fit.frame_by_frame import fit_poses
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.fit.motion_fit import fit_sequence
 from workbench.inference.fit.posterior import steps
 
@@ -28,8 +26,8 @@ def sequence(n_frames=10, frames_per_style=1, phases=None, **scene):
     start = decoder().poses(states)[0]
     start[:6] += 0.03
     fit = fit_sequence(
-        MotionDecoder(WALKER, decoder().model, start), joint_residuals(states, noise_m=0.01, **scene), times, ROBUST,
-        smoothness=Smoothness(), frames_per_style=frames_per_style, phases=phases,
+        MotionDecoder(WALKER, decoder().model, start),
+        FitData(joint_residuals(states, noise_m=0.01, **scene), times, ROBUST), frames_per_style, phases=phases,
     )  # fmt: skip
     return fit, states, times
 
@@ -102,9 +100,8 @@ def test_the_same_seed_gives_the_same_bits():
 def test_without_a_model_the_state_is_the_pose(prior):
     times, states = walk(6)
     truth = decoder().poses(states)
-    fit = fit_poses(
-        PoseDecoder(WALKER), joint_residuals(states, noise_m=0.005), ROBUST, truth[0], prior and pose_prior(prior)
-    )
+    data = FitData(joint_residuals(states, noise_m=0.005), times, ROBUST)
+    fit = fit_poses(PoseDecoder(WALKER), data, truth[0], prior and pose_prior(prior))
     assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, truth)).max() < 0.03
     assert fit.alpha.shape == (6, 0)
     assert np.isnan(fit.mu).all()

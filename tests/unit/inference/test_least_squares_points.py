@@ -12,8 +12,8 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import person_surface
 from workbench.core.frame import Frame, View
-from workbench.core.observation_residuals import surface_residual
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
+from workbench.core.residual import surface_residual
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import MotionDecoder
 from workbench.inference.fit.frame_by_frame import FrameByFrame

@@ -6,9 +6,8 @@ from keypoint_scenes import BODY
 from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
-from workbench.core.observation_residuals import keypoint_residual, surface_residual
 from workbench.core.observations import Observables, Observed, observe
-from workbench.core.residual import Loss, ResidualLikelihood, robust
+from workbench.core.residual import Loss, ResidualLikelihood, keypoint_residual, robust, surface_residual
 from workbench.errors import InputError
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.residuals import joint_observables, product_loss, product_residual, residual_terms

@@ -5,7 +5,7 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.body.skeleton import N_ROOT
-from workbench.core.observation_residuals import projection_jacobian
+from workbench.core.residual import projection_jacobian
 from workbench.errors import InputError
 from workbench.learning.walking import WalkingModel
 from workbench.priors.cyclic import TABLE_PHASES, Cyclic, decode, decode_reference

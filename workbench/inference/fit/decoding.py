@@ -1,15 +1,39 @@
-"""From the unknowns of one frame to its pose, with the derivative: by a motion model, or the pose itself."""
+"""What a fit is given of the frames, and how the unknowns of one become its pose: by a motion model, or as they are."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.motion_model import MotionModel
+from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
+from workbench.core.residual import Loss, ResidualFunction
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change."""
+
+    residuals: Sequence[ResidualFunction]
+    times_s: FloatArray
+    loss: Loss
+    smoothness: Smoothness = Smoothness()  # noqa: RUF009 - frozen
+
+    def some(self, frames: IntArray) -> "FitData":
+        """Take the frames of these indices."""
+        return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames])
+
+    def spaced(self, shown: Iterable[bool]) -> "FitData":
+        """Take of the frames that are `shown` (T,) those no closer than 1 / PACE_HZ to one before."""
+        spaced: list[int] = []
+        for t in np.flatnonzero(list(shown)):
+            if not spaced or self.times_s[t] - self.times_s[spaced[-1]] > 0.99 / PACE_HZ:
+                spaced.append(int(t))
+        return self.some(np.array(spaced, dtype=np.intp))
 
 
 class Decoder(Protocol):

@@ -14,9 +14,8 @@ from workbench.body.surface import attach, person_surface, residual_jacobian, re
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
-from workbench.core.prior import Powers, Prior
+from workbench.core.prior import Powers, Prior, Smoothness
 from workbench.core.residual import ResidualLikelihood
-from workbench.core.smoothness import Smoothness
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import RESIDUALS, Traits, needs_of_all, offering

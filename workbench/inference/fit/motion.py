@@ -11,17 +11,15 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
-from workbench.core.smoothness import PACE_HZ, Smoothness
 from workbench.errors import InputError
 from workbench.inference.fit.arrowhead import Pattern
-from workbench.inference.fit.decoding import Decoder, MotionDecoder
+from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
 from workbench.inference.fit.solver import Minimum, Quadratic, minimise
 
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
-
-
 Row: TypeAlias = tuple[IntArray, FloatArray]
 """Columns and values of one row of R."""
 
@@ -46,14 +44,7 @@ class FitProblem:
     penalty_entries: FloatArray
 
     @staticmethod
-    def of(
-        decoder: Decoder,
-        residuals: Sequence[ResidualFunction],
-        loss: Loss,
-        columns: IntArray,
-        rows: Sequence[Row],
-        n_border: int,
-    ) -> "FitProblem":
+    def of(decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int) -> "FitProblem":
         """With the penalty of `rows`; the last n_border unknowns belong to all frames."""
         n = int(columns.max()) + 1
         places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
@@ -65,15 +56,13 @@ class FitProblem:
         banded = (every[0] < n - n_border) & (every[1] < n - n_border)
         pattern = Pattern(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
         return FitProblem(
-            decoder, residuals, loss, columns, penalty, pattern,
-            frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
-            penalty_entries=square.data,
+            decoder, data.residuals, data.loss, columns, penalty, pattern,
+            pattern.place(i, j), pattern.place(square.row, square.col), square.data,
         )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
         """x (n,) of states (T, D); a style that frames share is the mean of theirs."""
-        shared = np.bincount(self.columns.ravel())
-        x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / shared
+        x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / np.bincount(self.columns.ravel())
         return x
 
     def expand(self, x: FloatArray) -> Quadratic:
@@ -97,15 +86,8 @@ class FitProblem:
         return Quadratic(cost + 0.5 * float(rough @ rough), gradient, normal, np.asarray(trust, dtype=np.float64))
 
 
-def fit_problem(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    smoothness: Smoothness,
-    frames_per_style: int,
-) -> FitProblem:
-    """The problem of T frames at times (T,), s, with coefficients α for every `frames_per_style` frames.
+def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) -> FitProblem:
+    """Pose the problem of T frames with coefficients α for every `frames_per_style` of them.
 
     One for all frames is D's steady style (eq. 12), one for each its varying style (eq. 15).
 
@@ -116,15 +98,13 @@ def fit_problem(
 
     Raises InputError for times that do not increase.
     """
-    if np.any(np.diff(times_s) <= 0.0):
+    if np.any(np.diff(data.times_s) <= 0.0):
         raise InputError("least squares: expected the times of the frames to increase")
-    styles = np.arange(len(residuals)) // frames_per_style
+    times, styles = PACE_HZ * data.times_s, np.arange(len(data.times_s)) // frames_per_style
     columns, n_border = _columns(styles, decoder.n_style)
-    rows = [
-        *_style_rows(styles, columns[:, : decoder.n_style], PACE_HZ * times_s, smoothness.style),
-        *second_differences(columns[:, decoder.n_style :], PACE_HZ * times_s, smoothness.second_differences),
-    ]
-    return FitProblem.of(decoder, residuals, loss, columns, rows, n_border)
+    rows = _style_rows(styles, columns[:, : decoder.n_style], times, data.smoothness.style)
+    rows += second_differences(columns[:, decoder.n_style :], times, data.smoothness.second_differences)
+    return FitProblem.of(decoder, data, columns, rows, n_border)
 
 
 def fit_motion(

@@ -9,12 +9,11 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
-from workbench.core.motion_model import MotionModel
 from workbench.core.observations import Observed, kinds_seen
-from workbench.core.residual import Loss, ResidualFunction, ResidualLikelihood, stacked
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import MotionModel, Smoothness
+from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
-from workbench.inference.fit.decoding import Decoder
+from workbench.inference.fit.decoding import Decoder, FitData
 from workbench.inference.fit.residuals import upright_residual
 
 
@@ -38,26 +37,22 @@ class Task:
     max_iterations: int = 40
 
     @property
-    def loss(self) -> Loss:
-        """That of the likelihood's residuals."""
-        return self.likelihood.residual_loss
-
-    @property
     def sigma_px(self) -> float:
         """Deviation of a keypoint, px; infinite where the likelihood does not look at any."""
         return self.likelihood.observables.sigma_px or np.inf
 
-    def residuals(self, upright_rad: float) -> list[ResidualFunction]:
-        """Make the residuals of every frame, by the likelihood; with keypoints comes an upright person, see
+    def data(self, upright_rad: float) -> FitData:
+        """Make the likelihood's residuals of every frame; with keypoints comes an upright person, see
         `upright_residual`.
 
         Where keypoints are all there is, the person is upright in the frames between them too.
         """
         upright = upright_residual(self.skeleton, upright_rad)
         alone = kinds_seen(self.seen) == ("keypoints",)
-        return [
+        residuals = [
             stacked([self.likelihood.residual(one), *[upright] * (alone or bool(one.keypoints))]) for one in self.seen
         ]
+        return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +95,12 @@ class Problem(Protocol):
 
 
 def fit_of(
-    decoder: Decoder,
-    residuals: Sequence[ResidualFunction],
-    loss: Loss,
-    states: FloatArray,
-    covariances: FloatArray,
-    iterations: float,
+    decoder: Decoder, data: FitData, states: FloatArray, covariances: FloatArray, iterations: float,
     costs: tuple[float, ...],
-) -> Fit:
+) -> Fit:  # fmt: skip
     """Say what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
-    near = [np.abs(residual(pose)[0]) < loss.scale for residual, pose in zip(residuals, poses, strict=True)]
+    near = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
     slices = decoder.space.slices
     phases = states[:, slices["phase"].start] if "phase" in slices else np.full(len(states), np.nan)
     return Fit(

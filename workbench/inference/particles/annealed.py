@@ -9,9 +9,8 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 
 NO_POSTERIOR = (
     "annealed: the particles were gathered about the best pose they found; their spread is no posterior, bands and "

@@ -8,9 +8,8 @@ from scipy.special import logsumexp
 
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target
-from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight
+from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight, systematic
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from workbench.core.prior import Prior
 from workbench.core.traits import Traits, offering
 from workbench.errors import InputError
 from workbench.inference.particles.move import First, Streams
-from workbench.inference.particles.resampling import RESAMPLING
 from workbench.inference.particles.target import Moved, Particles, Target
-from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+from workbench.inference.particles.weights import RESAMPLING, effective_sample_size, even_log_weights
 
 
 @dataclass(frozen=True)

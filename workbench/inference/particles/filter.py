@@ -83,9 +83,7 @@ class ParticleFilter:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
             moved = replace(
-                moved,
-                warnings=(*look.notes, *moved.warnings),
-                diagnostics={**look.diagnostics, **moved.diagnostics},
+                moved, warnings=(*look.notes, *moved.warnings), diagnostics={**look.diagnostics, **moved.diagnostics}
             )
             log_evidence += moved.log_gain
             step = particle_step(frame, self.space, moved, log_evidence, clock)

@@ -12,9 +12,8 @@ from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic_draws
 from workbench.inference.particles.target import STILL, Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic_draws
 from workbench.priors.density import apart, circular
 
 FARTHEST = 2.0

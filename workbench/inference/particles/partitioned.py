@@ -15,9 +15,8 @@ from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, SEPARABLE, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target, density_of
-from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight
+from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight, systematic
 
 PARTS = ("root", "lower_body", "upper_body")
 

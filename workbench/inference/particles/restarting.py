@@ -15,9 +15,8 @@ from workbench.core.step import Step
 from workbench.errors import InputError
 from workbench.inference.particles.filter import start_around
 from workbench.inference.particles.move import Move, Streams, Surrounded
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Particles, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 from workbench.inference.particles.wrapper import Kind, Wrapper
 from workbench.inference.start.keypoints import start_from_keypoints
 

@@ -17,9 +17,8 @@ from workbench.core.step import Step
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.particles.move import Move, Streams, Surrounded
-from workbench.inference.particles.resampling import systematic_draws
 from workbench.inference.particles.target import Moved, Target, density_of
-from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights
+from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights, systematic_draws
 from workbench.inference.particles.wrapper import Kind, Wrapper
 
 BLOCK = 2_000_000

@@ -10,9 +10,8 @@ import numpy as np
 from workbench.arrays import BoolArray, FloatArray
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Candidates, Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 
 WANTED_ACCEPTANCE = 0.25
 """Of a random walk in many dimensions, about the best (Roberts, Gelman & Gilks 1997)."""

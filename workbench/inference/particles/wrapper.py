@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
-from workbench.core.inference import Inference
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
+from workbench.core.step import Inference
 from workbench.core.traits import Traits
 from workbench.errors import InputError
 from workbench.inference.particles.move import Move

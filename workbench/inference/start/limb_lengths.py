@@ -13,14 +13,13 @@ from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.clip import Clip
-from workbench.core.observation_residuals import projection_jacobian
 from workbench.core.observations import Keypoints, Observed, person_px, usable_keypoints
+from workbench.core.residual import projection_jacobian
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import PoseDecoder
 from workbench.inference.fit.frame import fit_frame
 from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_pose
-from workbench.inference.fit.pose_prior import usual_poses
-from workbench.inference.fit.residuals import views_residual
+from workbench.inference.fit.residuals import usual_poses, views_residual
 
 log = logging.getLogger(__name__)
 

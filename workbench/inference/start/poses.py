@@ -1,20 +1,66 @@
 """The poses that tracking starts from: given, or found in marks or detected joints, whatever the prior."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import takewhile
+
 import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.body.skeleton import Skeleton
+from workbench.body.surface import Surface, person_surface
 from workbench.core.clip import Clip
-from workbench.core.frame import MarkedFrames
-from workbench.core.motion_model import MotionModel
-from workbench.core.prior import Powers, Prior
+from workbench.core.frame import Frame, MarkedFrames
+from workbench.core.observations import Observables, Observed
+from workbench.core.prior import MotionModel, Powers, Prior
+from workbench.core.residual import Loss, ResidualFunction, surface_residual
 from workbench.errors import InputError
-from workbench.inference.start.examples import start_from_examples
+from workbench.inference.fit.hypotheses import START_LOSS, START_SIGMA_M
+from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.start.keypoints import START_S, allowed_poses, start_from_keypoints
-from workbench.inference.start.marks import error_px, start_from_marks, usable_marks
-from workbench.inference.start.points import start_from_points
+from workbench.inference.start.marks import error_px, start_from_examples, start_from_marks, usable_marks
+
+POINTS_S = 1.0
+"""Time whose frames are looked at: which way a person faces shows in which way they go."""
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances of points from a surface, as the start of least squares always looks at them."""
+
+    skeleton: Skeleton
+    surface: Surface
+
+    @property
+    def observables(self) -> Observables:
+        """Points, with the deviation of the start."""
+        return Observables(sigma=START_SIGMA_M)
+
+    @property
+    def residual_loss(self) -> Loss:
+        """The loss of the start."""
+        return START_LOSS
+
+    def residual(self, observed: Observed) -> ResidualFunction:
+        """Measure the distances, whitened by the deviation."""
+        return surface_residual(self.skeleton, self.surface, observed.points, "distance", START_SIGMA_M)
+
+
+def start_from_points(prior: Prior | None, body: Body, frames: Iterable[Frame]) -> FloatArray:
+    """Find the pose (P,) in the first frame that the points of the first second tell.
+
+    The prior's motion model is fitted where it has one, else smooth poses within the body's limits. Raises InputError
+    where the points do not tell where the person faces.
+    """
+    frames = iter(frames)
+    first = next(frames)
+    seen = [first, *takewhile(lambda frame: frame.time_s - first.time_s <= POINTS_S, frames)]
+    distances = Distances(body.skeleton, person_surface(body))
+    fit, _, _ = LeastSquares(body, distances, prior).fit_frames(seen, None, np.random.default_rng(0))
+    pose: FloatArray = fit.poses[0]
+    return pose
 
 
 def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray, str]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.evaluation.seeds import mean_interval
+from workbench.evaluation.intervals import mean_interval
 from workbench.recording.compare.compare import Finding
 from workbench.recording.read.reader import Run
 
@@ -12,7 +12,7 @@ from workbench.recording.read.reader import Run
 def compare_seeds(old: Sequence[Run], new: Sequence[Run], n_judged: int) -> list[Finding]:
     """Tell whether the mean of each of the runs' numbers over `new` lies where the mean over `old` lets one expect it.
 
-    See `workbench.evaluation.seeds.mean_interval`; its level lets all of `n_judged` numbers pass 95 % of the time.
+    See `workbench.evaluation.intervals.mean_interval`; its level lets all of `n_judged` numbers pass 95 % of the time.
     A number that is missing from any of the runs, or is not finite, fails.
     """
     level = 1.0 - 0.05 / max(n_judged, 1)

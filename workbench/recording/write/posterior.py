@@ -11,7 +11,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Truth
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.intervals import weighted_quantiles
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
