@@ -82,10 +82,8 @@ class Density(Protocol):
         """
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """States (N, D) whose free columns were set by somebody, with the others drawn given those.
-
-        For most priors there are no others, and the states come back as they are.
-        """
+        """States (N, D) whose free columns were set by somebody, with the others drawn given those. For most priors
+        there are no others, and the states come back as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,19 +104,18 @@ class Powers:
 
 
 class Prior(Protocol):
-    """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P."""
+    """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P.
+
+    space: names and units of the D columns. parameters: names of the pose's parameters that move; the others stay as
+    they start, or go as is known of them. powers: what it can do beside drawing; `Powers()` for nothing.
+    """
 
     @property
-    def space(self) -> StateSpace:
-        """Names and units of the D columns."""
-
+    def space(self) -> StateSpace: ...
     @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the pose's parameters that move; the others stay as they start, or go as is known of them."""
-
+    def parameters(self) -> tuple[str, ...]: ...
     @property
-    def powers(self) -> Powers:
-        """Tell what it can do beside drawing; `Powers()` for nothing."""
+    def powers(self) -> Powers: ...
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) spread around a starting pose (P,)."""

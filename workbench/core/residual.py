@@ -51,10 +51,8 @@ LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Loss:
-    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations.
-
-    Raises InputError for another name and a scale that is not positive.
-    """
+    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations. Raises
+    InputError for another name and a scale that is not positive."""
 
     name: str
     scale: float
@@ -80,15 +78,15 @@ SQUARED = Loss("squared", 1.0)
 
 @runtime_checkable
 class ResidualLikelihood(Protocol):
-    """A likelihood that also says which residuals least squares minimises in its place."""
+    """A likelihood that also says which residuals, under which loss, least squares minimises in its place.
+
+    observables: what it looks at, and how exactly it takes that.
+    """
 
     @property
-    def observables(self) -> Observables:
-        """Tell what it looks at, and how exactly it takes that."""
-
+    def observables(self) -> Observables: ...
     @property
-    def residual_loss(self) -> Loss:
-        """The loss of its residuals."""
+    def residual_loss(self) -> Loss: ...
 
     def residual(self, observed: Observed) -> ResidualFunction:
         """The residuals of one frame; none where it shows nothing that the likelihood looks at."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StateSpace:
-    """Names the D columns of a packed (N, D) particle array.
-
-    names, units: one per column. slices: named groups of columns, e.g. "coefficients", "phase", "root".
-    """
+    """Names the D columns of a packed (N, D) particle array. names, units: one per column. slices: named groups of
+    columns, e.g. "coefficients", "phase", "root"."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""One frame's result."""
+"""One frame's result, and what every inference offers."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -51,19 +51,16 @@ class Step:
 
 
 class Inference(Protocol):
-    """Turns frames into steps."""
+    """Turns frames into steps. space: names and units of the columns of its steps' particles. finds_start: whether it
+    finds the first pose itself where nobody gives one."""
 
     @property
-    def space(self) -> StateSpace:
-        """Names and units of the columns of its steps' particles."""
-
+    def space(self) -> StateSpace: ...
     @property
-    def finds_start(self) -> bool:
-        """Tell whether it finds the first pose itself where nobody gives one."""
+    def finds_start(self) -> bool: ...
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
         """One step per frame, from the pose `start` (P,) in the first, which some can do without; draws come from the
-        named generators.
-        """
+        named generators."""

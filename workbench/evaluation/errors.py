@@ -53,23 +53,23 @@ def step_errors(
     truth = step.frame.truth
     if truth is None:
         return {}
-    skeleton = body.skeleton
-    measured = moved_joints(skeleton, moving)
+    skeleton, measured = body.skeleton, moved_joints(body.skeleton, moving)
     estimates = joints(skeleton, np.stack([step.expected_pose, step.map_pose]))
     errors: dict[str, float] = {}
     for suffix, estimate in zip(("", "_map"), estimates, strict=True):
         if truth.joints is not None:
-            found = joint_errors(measured, estimate, truth.joints)
-            errors |= {name + suffix: found[name] for name in found if not suffix or name in OF_HEAVIEST}
+            in_space = joint_errors(measured, estimate, truth.joints)
+            errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in OF_HEAVIEST}
         pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
-    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and step.frame.views:
-        seen = [(view.camera.project(estimates[0]), view.camera.project(truth.joints)) for view in step.frame.views]
-        error = float(np.mean([mean_distance(found, true) for found, true in seen])) / image_scale
+    cameras = [view.camera for view in step.frame.views]
+    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
+        distances = [mean_distance(camera.project(estimates[0]), camera.project(truth.joints)) for camera in cameras]
+        error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
-    if truth.joints is not None and step.frame.views and "error_px" in errors:
-        errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
+    if truth.joints is not None and "error_px" in errors:
+        errors["forearm_px"] = forearm_px(cameras[0], body, truth.joints, measured) / image_scale
     if truth.pose is not None:
         errors |= pose_calibration(step, truth.pose)
         errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
@@ -83,9 +83,7 @@ def step_errors(
 
 def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
     """knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has it.
-
-    Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away.
-    """
+    Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
     found, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
         apart = [wrapped_deg(found[name] - true[name]) for name in found if name.endswith(joint)]
@@ -199,10 +197,8 @@ def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measure
         return {}
     values = joints(skeleton, step.poses)[:, known].reshape(len(step.poses), -1)
     weights, true = np.exp(step.log_weights), truth[known].ravel()
-    return {
-        **_coverages(values, weights, true, "_joints"),
-        "crps_joints_mm": 1e3 * float(crps(values, weights, true).mean()),
-    }
+    score = 1e3 * float(crps(values, weights, true).mean())
+    return {**_coverages(values, weights, true, "_joints"), "crps_joints_mm": score}
 
 
 def _coverages(values: FloatArray, weights: FloatArray, truth: FloatArray, suffix: str) -> dict[str, float]:
@@ -216,10 +212,8 @@ def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, 
         visible = np.isfinite(truth.marks).all(axis=1)
         if truth.marks_visible is not None:
             visible &= truth.marks_visible
-        if not visible.any():
-            return None
-        return float(np.linalg.norm(seen - truth.marks, axis=1)[visible].mean())
+        return float(np.linalg.norm(seen - truth.marks, axis=1)[visible].mean()) if visible.any() else None
     if truth.joints is None:
         return None
-    apart = np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)]
-    return float(np.nanmean(apart)) if np.isfinite(apart).any() else None
+    distances = np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)]
+    return float(np.nanmean(distances)) if np.isfinite(distances).any() else None

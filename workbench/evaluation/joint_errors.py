@@ -45,9 +45,7 @@ def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float)
 
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:
     """The mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3) in frames at times (F,), s.
-
-    Frames may be uneven: accelerations are second divided differences, which are exact for parabolas.
-    """
+    Frames may be uneven: accelerations are second divided differences, which are exact for parabolas."""
     return mean_distance(accelerations(estimate, times_s), accelerations(truth, times_s))
 
 

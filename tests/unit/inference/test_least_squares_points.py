@@ -200,7 +200,7 @@ def test_points_that_the_likelihood_does_not_look_at_are_not_fitted():
 
 
 def test_what_is_out_of_range_is_an_error():
-    with pytest.raises(InputError, match="most_points must be above zero"):
+    with pytest.raises(InputError, match="most_points must be positive"):
         fitting(most_points=0)
     with pytest.raises(InputError, match="frames_per_style must be above zero"):
         MotionFit(0)

@@ -68,15 +68,9 @@ class MotionDecoder:
         if unknown := set(self.model.angles) - set(self.skeleton.dof_names[N_ROOT:]):
             raise InputError(f"motion model: the skeleton has no joint angle called {min(unknown)!r}")
         names = self.skeleton.dof_names
-        space = StateSpace.of(
-            {
-                "coefficients": (tuple(f"a{i + 1}" for i in range(len(self.model.scales))), "σ"),
-                "phase": (("phase",), "cycle"),
-                "root_position": (names[:3], "m"),
-                "root_rotation": (names[3:N_ROOT], "rad"),
-            }
-        )
-        object.__setattr__(self, "space", space)
+        coefficients = tuple(f"a{i + 1}" for i in range(len(self.model.scales)))
+        groups = {"coefficients": (coefficients, "σ"), "phase": (("phase",), "cycle")}
+        object.__setattr__(self, "space", StateSpace.of(groups | _root_groups(self.skeleton)))
         object.__setattr__(self, "dofs", np.array([names.index(name) for name in self.model.angles]))
 
     @property
@@ -115,9 +109,8 @@ class PoseDecoder:
     space: StateSpace = field(init=False)
 
     def __post_init__(self) -> None:
-        names = self.skeleton.dof_names
-        groups = {"root_position": (names[:3], "m"), "root_rotation": (names[3:N_ROOT], "rad")}
-        object.__setattr__(self, "space", StateSpace.of(groups | {"angles": (names[N_ROOT:], "rad")}))
+        angles = self.skeleton.dof_names[N_ROOT:]
+        object.__setattr__(self, "space", StateSpace.of(_root_groups(self.skeleton) | {"angles": (angles, "rad")}))
 
     def poses(self, states: FloatArray) -> FloatArray:
         """The states themselves."""
@@ -126,3 +119,7 @@ class PoseDecoder:
     def jacobian(self, states: FloatArray) -> FloatArray:
         """Identities (T, P, P)."""
         return np.broadcast_to(np.eye(states.shape[1]), (len(states), states.shape[1], states.shape[1]))
+
+
+def _root_groups(skeleton: Skeleton) -> dict[str, tuple[tuple[str, ...], str]]:
+    return {"root_position": (skeleton.dof_names[:3], "m"), "root_rotation": (skeleton.dof_names[3:N_ROOT], "rad")}

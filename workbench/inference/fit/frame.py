@@ -11,9 +11,8 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
-from workbench.inference.fit.arrowhead import Pattern
 from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder, PoseDecoder
-from workbench.inference.fit.solver import Minimum, Quadratic, minimise
+from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
 WIDENED = (8.0, 1.0)
 """Scales of the loss, one after the other, with which a root is found that may start decimetres away: a redescending
@@ -42,10 +41,8 @@ def fit_frame(
     decoder: Decoder, residual: ResidualFunction, loss: Loss, state: FloatArray, *, free: IntArray | None = None,
     prior: Gaussian | None = None, max_iterations: int = 20, tolerance: float = 1e-3,
 ) -> Minimum:  # fmt: skip
-    """The state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default.
-
-    The minimum's x is the whole state; its quadratic is that of the free columns.
-    """
+    """The state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default. The minimum's
+    x is the whole state; its quadratic is that of the free columns."""
     free = np.arange(len(state)) if free is None else free
     places = _full(len(free)).place(*np.indices((len(free), len(free))))
 
@@ -73,9 +70,7 @@ def fit_root(
     widened: tuple[float, ...],
 ) -> Minimum:  # fmt: skip
     """The root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at first.
-
-    widened: factors of the loss's scale, one after the other.
-    """
+    widened: factors of the loss's scale, one after the other."""
     wide = loss.wider(widened[0])
     pose = min(guesses, key=lambda guess: float(wide(residual(guess)[0])[0].sum())) if len(guesses) > 1 else guesses[0]
     for factor in widened:

@@ -23,10 +23,6 @@ from workbench.inference.fit.task import Fit, Task, fit_of
 
 FLAT = 1.0
 """Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
-
-PRIOR_PHASES = 64
-PRIOR_RAD = 0.05
-"""Standard deviation of an angle beside what the motion model explains of it."""
 PRIOR_PHASES = 64
 PRIOR_RAD = 0.05
 """Standard deviation of an angle beside what the motion model explains of it."""
@@ -34,10 +30,8 @@ PRIOR_RAD = 0.05
 
 @dataclass(frozen=True)
 class FrameByFrame:
-    """Fit the pose of every frame from that of the frame before, without a motion model.
-
-    pose_prior: under the Gaussian of the poses that the prior's motion model makes, see `pose_prior`.
-    """
+    """Fit the pose of every frame from that of the frame before, without a motion model. pose_prior: under the Gaussian
+    of the poses that the prior's motion model makes, see `pose_prior`."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -62,10 +56,8 @@ class FrameByFrame:
 
 def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gaussian | None = None) -> Fit:
     """Fit each frame from the pose of the frame before (paper D, section 4.1), the first from a pose `start` (P,), with
-    a Gaussian prior over poses or without.
-
-    A covariance is the inverse of the Gauss–Newton matrix; what neither points nor prior tell has the deviation FLAT.
-    """
+    a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither points
+    nor prior tell has the deviation FLAT."""
     clock, covariances, searches, pose = perf_counter(), [], list[Minimum](), start
     for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
         searches.append(fit_frame(decoder, residual, data.loss, pose, prior=prior, max_iterations=40))
@@ -79,9 +71,7 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
 
 def pose_prior(decoder: MotionDecoder) -> Gaussian:
     """The Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is free.
-
-    Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD.
-    """
+    Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
     phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
     states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))
     poses, by_style = decoder.poses(states), decoder.jacobian(states)[:, :, : decoder.n_style]

@@ -23,6 +23,11 @@ KEYPOINT_LOSS = Loss("huber", 3.0)
 N_KEPT = 2
 APART_M = 0.1
 _APART_RAD = np.pi / 4.0  # between headings that are worth keeping both
+START_POINTS = 150
+"""Points a frame that the start looks at, taken evenly from all; more only make it slower."""
+START_SIGMA_M = 0.02
+START_LOSS = Loss("geman_mcclure", 1.5)
+"""The start always looks at distances with this deviation and loss: the field says nothing far from the body."""
 
 
 def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
@@ -31,10 +36,8 @@ def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
 
 
 def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
-    """Select those of the first frame that shows enough to start from; none where points are what it shows.
-
-    Raises InputError when no frame does.
-    """
+    """Select those of the first frame that shows enough to start from; none where points are what it shows. Raises
+    InputError when no frame does."""
     for one in seen:
         if len(one.points) or enough_keypoints(one):
             return enough_keypoints(one)
@@ -43,9 +46,7 @@ def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
 
 def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: ResidualFunction) -> FloatArray:
     """The likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits best.
-
-    From N_HEADINGS headings; no two of those kept are within 45°.
-    """
+    From N_HEADINGS headings; no two of those kept are within 45°."""
     free, own, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
     phases = np.arange(N_PHASES) / N_PHASES
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
@@ -61,30 +62,20 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
     return np.array(kept)
 
 
-def likely_pose(
-    skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: Gaussian | None
-) -> FloatArray:
-    """The pose (P,) that fits one frame of keypoints best, without a motion; prior: over poses, else of no lean only.
-
-    Where no prior holds the angles, the damping of the search does.
-    """
-    pose: FloatArray = likely_poses(skeleton, seen, residual, prior, 1)[0]
-    return pose
-
-
 def likely_poses(
     skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: Gaussian | None, most: int
 ) -> FloatArray:
-    """The poses (n ≤ most, P) that fit one frame of keypoints best, the best first: minima found from N_HEADINGS
-    headings whose joints are APART_M or more from each other in the mean."""
+    """Find the poses (n ≤ most, P) that fit one frame of keypoints best without a motion, the best first: minima found
+    from N_HEADINGS headings whose joints are APART_M or more from each other in the mean. prior: over poses, else of no
+    lean only; where none holds the angles, the damping of the search does."""
     upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
     upright[:N_ROOT] = 0.0
-    found = [
+    fits = [
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
         for root in upright_roots(skeleton, seen, upright)
     ]
     kept: list[FloatArray] = []
-    for fit in sorted(found, key=lambda fit: fit.costs[-1]):
+    for fit in sorted(fits, key=lambda fit: fit.costs[-1]):
         places = joints(skeleton, np.stack([fit.x, *kept]))
         if len(kept) < most and (np.linalg.norm(places[1:] - places[0], axis=2).mean(axis=1) > APART_M).all():
             kept.append(fit.x)
@@ -113,13 +104,6 @@ def _place(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
     return place
 
 
-START_POINTS = 150
-"""Points a frame that the start looks at, taken evenly from all; more only make it slower."""
-START_SIGMA_M = 0.02
-START_LOSS = Loss("geman_mcclure", 1.5)
-"""The start always looks at distances with this deviation and loss: the field says nothing far from the body."""
-
-
 def coarse_data(task: Task) -> FitData:
     """Make what the start looks at: some of the points, and keypoints where there are enough."""
     loss = START_LOSS if "points" in kinds_seen(task.seen) else KEYPOINT_LOSS
@@ -135,17 +119,17 @@ def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
 
 
 def first_pose(task: Task, prior: Gaussian | None) -> FloatArray:
-    """Find a pose (P,) of the person there without a motion model; prior: over poses, see `likely_pose`.
-
-    Raises InputError where points alone are seen and do not tell where the person faces.
-    """
+    """Find a pose (P,) of the person there without a motion model; prior: over poses, see `likely_poses`. Raises
+    InputError where points alone are seen and do not tell where the person faces."""
     keypoints = first_keypoints(task.seen)
     if not keypoints:
         roots = roots_from_points(task.skeleton, [one.points for one in task.seen], task.times_s)
         if len(roots) > 1:
             raise InputError("least squares: the person moves too little to tell where they face; give a start")
         return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])
-    return likely_pose(task.skeleton, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px), prior)
+    residual = views_residual(task.skeleton, keypoints, task.sigma_px)
+    pose: FloatArray = likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
+    return pose
 
 
 def _coarse(task: Task, seen: Observed) -> ResidualFunction:

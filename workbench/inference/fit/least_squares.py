@@ -11,6 +11,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
+from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
@@ -21,7 +22,6 @@ from workbench.core.step import Step
 from workbench.core.traits import RESIDUALS, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.fit.posterior import steps
 from workbench.inference.fit.smooth_fit import SmoothFit
 from workbench.inference.fit.task import Fit, Problem, Task
 from workbench.learning.activity_classes import classify
@@ -54,22 +54,10 @@ class LeastSquares:
         return Traits(needs=needs_of_all({"fit": fit, "problem": keys["problem"] or Traits()}))
 
     def __init__(
-        self,
-        body: Body,
-        likelihood: Likelihood | ResidualLikelihood,
-        prior: Prior | None = None,
-        phase_ends: tuple[float, float] | None = None,
-        *,
-        problem: Problem | None = None,
-        most_points: int = 1000,
-        max_iterations: int = 40,
-        n_particles: int = 500,
-    ) -> None:
-        for name, value in (
-            ("most_points", most_points), ("max_iterations", max_iterations), ("n_particles", n_particles)
-        ):  # fmt: skip
-            if not 0 < value < np.inf:
-                raise InputError(f"inference: {name} must be above zero, found {value}")
+        self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
+        phase_ends: tuple[float, float] | None = None, *, problem: Problem | None = None,
+        most_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
+    ) -> None:  # fmt: skip
         if not isinstance(likelihood, ResidualLikelihood):
             raise InputError(
                 "inference: least squares expected a likelihood with residuals, such as surface_points or keypoints, "
@@ -83,6 +71,7 @@ class LeastSquares:
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
+        check("inference", self, most_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
@@ -110,10 +99,8 @@ class LeastSquares:
     def fit_frames(
         self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator
     ) -> tuple[Fit, list[Observed], list[tuple[str, ...]]]:
-        """Fit all frames; returns the fit with what was used of each and what there is to say about it.
-
-        rng: thins points. Raises InputError when there is nothing to fit.
-        """
+        """Fit all frames; returns the fit with what was used of each and what there is to say about it. rng: thins
+        points. Raises InputError when there is nothing to fit."""
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
         seen, warnings = observe(frames, self.skeleton, self.most_points, rng, self.observables)
@@ -140,10 +127,8 @@ class LeastSquares:
         return {"residual": between - began, "residual_jacobian": perf_counter() - between}
 
     def _activity(self, step: Step) -> tuple[str | None, dict[str, float]]:
-        """Tell the activity of the step's coefficients among the model's, and the probability of each.
-
-        Paper D, section 5. Nothing where the model has one activity only.
-        """
+        """Tell the activity of the step's coefficients among the model's, and the probability of each. Paper D, section
+        5. Nothing where the model has one activity only."""
         coefficients = step.space.slices.get("coefficients")
         if coefficients is None or self.motion is None or len(set(self.motion.activities)) < 2:
             return None, {}
@@ -162,3 +147,33 @@ class LeastSquares:
         missed = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], kind, near)
         parts[usable] = np.where(np.abs(missed) < 3.0 * sigma, near, -1)
         return parts
+
+
+def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
+    """Yield one step per frame: particles drawn from the Gaussian posterior of its state, with even weights.
+
+    Poses are drawn by the same numbers through the derivative at the fit, so that theirs is the Gaussian of
+    `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of each other, so that an ancestor
+    means nothing. Phases are shown from the cycle they are in.
+    """
+    even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
+    phase = fit.space.slices.get("phase", slice(0))
+    for t, frame in enumerate(frames):
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ _root(fit.state_covariance[t]).T
+        state = fit.states[t].copy()
+        state[phase] %= 1.0
+        diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        yield Step(
+            frame=frame, space=fit.space, particles=state + draws,
+            poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
+            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=0.0,
+            diagnostics=diagnostics, evaluations=fit.iterations,
+            timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+        )  # fmt: skip
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return A with A Aᵀ the covariance (D, D), by eigenvalues, as it may be singular to rounding."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(values.clip(min=0.0))
+    return root

@@ -14,9 +14,8 @@ from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.errors import InputError
-from workbench.inference.fit.arrowhead import Pattern
 from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
-from workbench.inference.fit.solver import Minimum, Quadratic, minimise
+from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
@@ -133,10 +132,8 @@ def fit_motion(
 
 
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
-    """The unknowns (T, D) of each frame, and how many form the border.
-
-    A single style is the border; several stand before the frames they belong to, so that the band stays narrow.
-    """
+    """The unknowns (T, D) of each frame, and how many form the border. A single style is the border; several stand
+    before the frames they belong to, so that the band stays narrow."""
     n_frames, n_styles = len(styles), int(styles[-1]) + 1
     local = N_LOCAL * np.arange(n_frames)[:, None] + np.arange(N_LOCAL)
     if n_styles == 1:
@@ -160,10 +157,8 @@ def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: flo
 
 
 def second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[Row]:
-    """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
-
-    Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle.
-    """
+    """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ. Over
+    uneven times the slopes differ by as much as the random walk of a speed does from middle to middle."""
     rows = []
     for t in range(1, len(columns) - 1):
         before, after = 1.0 / np.diff(times[t - 1 : t + 2])

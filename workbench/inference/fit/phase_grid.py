@@ -36,10 +36,8 @@ _APART = 0.1  # cycles between lines that are worth refining both
 
 
 def find_phase(decoder: MotionDecoder, data: FitData, root: FloatArray) -> FloatArray:
-    """Find states (F, D) of the first F ≤ N_FRAMES of the frames, each of which shows something.
-
-    root: (6,) about where the person is in the first one, or several guesses (n, 6).
-    """
+    """Find states (F, D) of the first F ≤ N_FRAMES of the frames, each of which shows something. root: (6,) about where
+    the person is in the first one, or several guesses (n, 6)."""
     data = data.some(np.arange(len(data.times_s))[:N_FRAMES])
     frames, times_s = np.arange(len(data.times_s)), data.times_s
     lines: list[tuple[float, FloatArray]] = []
@@ -98,10 +96,8 @@ def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> 
 
 def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
     """Rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
-    way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell.
-
-    Raises InputError without points in two of the first frames. Medians stand outliers, but not a wall behind.
-    """
+    way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell. Raises InputError
+    without points in two of the first frames. Medians stand outliers, but not a wall behind."""
     shown = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
     if len(shown) < 2:
         raise InputError("least squares: expected points in two of the first frames or more, found none to start from")

@@ -1,6 +1,6 @@
 """The problem of poses that move smoothly and stay within the body's limits, without a motion model."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import ClassVar
@@ -9,22 +9,23 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
+from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.prior import PACE_HZ, MotionModel
-from workbench.core.residual import Loss, robust, stacked
+from workbench.core.residual import SQUARED, Loss, robust, stacked
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import Traits, offering
 from workbench.inference.fit.decoding import FitData, PoseDecoder
-from workbench.inference.fit.flips import flips
 from workbench.inference.fit.frame import Gaussian, fit_frame
 from workbench.inference.fit.hypotheses import first_keypoints, first_pose, likely_poses
 from workbench.inference.fit.motion import FitProblem, fit_motion, second_differences
 from workbench.inference.fit.residuals import (
     balance_residual,
     ground_residual,
+    joint_residual,
     limit_residual,
     usual_poses,
     usual_residual,
@@ -36,7 +37,6 @@ from workbench.inference.fit.task import Fit, Task, fit_of
 LIMIT_SIGMA_RAD = 0.05
 FOLLOW_SIGMA = 0.5
 """m and rad at PACE_HZ: how far from the frame before a pose is looked for at first."""
-SQUARED = Loss("squared", 1.0)
 FAR_LOSS = Loss("huber", 3.0)
 BALANCE_LOSS = Loss("huber", 1.0)
 """Balance is a habit: who jumps or leans on something is out of it by more than its deviation says."""
@@ -45,16 +45,23 @@ LEANING_SIGMA_RAD = np.inf
 FLIP_ROUNDS, HOPELESS, FLIP_GAIN = 2, 2.0, 0.5
 """Flips are tried one by one, in rounds until none helps; not those that at first cost HOPELESS times as much; those
 that gain less than FLIP_GAIN nats are not taken."""
+LIMBS = tuple(
+    (f"{side}_{upper}", f"{side}_{middle}", f"{side}_{lower}")
+    for side in ("left", "right")
+    for upper, middle, lower in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+)
+LEAST_FRAMES = 3
+"""A stretch of fewer is left to the fit, which gets there by itself."""
+FLIP_SIGMA_M = 0.03
+"""How near the joints of a limb come to where the flip has them, against the body's limits."""
 N_HYPOTHESES = 3
 """Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
 
 
 @dataclass(frozen=True)
 class SmoothFit:
-    """Fit smooth poses to all frames at once, see `fit_smooth`.
-
-    ground_m: height of a standing person's ankles in the world, m, to which the lower foot is tied; None: to none.
-    """
+    """Fit smooth poses to all frames at once, see `fit_smooth`. ground_m: height of a standing person's ankles in the
+    world, m, to which the lower foot is tied; None: to none."""
 
     traits: ClassVar[Traits] = offering()
 
@@ -124,8 +131,7 @@ def candidates(
 
 def bounded(skeleton: Skeleton, data: FitData, ground_m: float | None = None) -> FitData:
     """Add to what is seen, under its loss, what no loss forgives, limits and how people hold themselves: usual angles,
-    balance, and where ground_m, the height of a standing person's ankles, is known, one foot near the ground.
-    """
+    balance, and where ground_m, the height of a standing person's ankles, is known, one foot near the ground."""
     own = [limit_residual(skeleton, LIMIT_SIGMA_RAD), usual_residual(skeleton)]
     if set(JOINT_NAMES) <= set(skeleton.names):
         own += [robust(balance_residual(skeleton), BALANCE_LOSS)]
@@ -173,3 +179,38 @@ def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses:
         if cost == before:
             break
     return poses
+
+
+def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[FloatArray]:
+    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth: forearms and
+    calves that point away from a camera where they might point towards it (Sminchisescu & Triggs, Kinematic Jump
+    Processes for Monocular 3D Human Tracking, CVPR 2003).
+
+    It is turned over in all frames, or in those between two times at which it lies across the view, where nobody can
+    tell in which direction it goes on.
+    """
+    places = joints(skeleton, poses)
+    for names in LIMBS:
+        if not set(names) <= set(skeleton.names):
+            continue
+        limb = np.array([skeleton.joint(name) for name in names])
+        rays = places[:, limb[1]] - camera.position
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        away = ((places[:, limb[2]] - places[:, limb[1]]) * rays).sum(axis=1)
+        stretches = np.split(np.arange(len(poses)), np.flatnonzero(np.diff(np.sign(away))) + 1)
+        for frames in [np.arange(len(poses))] * (len(stretches) > 1) + stretches:
+            if len(frames) >= LEAST_FRAMES:
+                aims = places[:, limb[1:]].copy()
+                aims[:, 1] -= 2.0 * away[:, None] * rays
+                yield _reaching(skeleton, poses, frames, limb, aims)
+
+
+def _reaching(skeleton: Skeleton, poses: FloatArray, frames: IntArray, limb: IntArray, aims: FloatArray) -> FloatArray:
+    """Bring the limb's middle and end near aims (T, 2, 3) in some frames of poses (T, P), as far as its limits allow."""
+    reached, decoder = poses.copy(), PoseDecoder(skeleton)
+    own = np.flatnonzero(np.isin(skeleton.dof_joints, limb[:2]))
+    for t in frames:
+        aim = joint_residual(skeleton, limb[1:], aims[t], FLIP_SIGMA_M)
+        near = stacked([aim, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
+        reached[t] = fit_frame(decoder, near, SQUARED, poses[t], free=own, max_iterations=8, tolerance=1e-2).x
+    return reached

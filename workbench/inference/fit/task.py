@@ -43,10 +43,7 @@ class Task:
 
     def data(self, upright_rad: float) -> FitData:
         """Make the likelihood's residuals of every frame; with keypoints comes an upright person, see
-        `upright_residual`.
-
-        Where keypoints are all there is, the person is upright in the frames between them too.
-        """
+        `upright_residual`. Where keypoints are all there is, the person is upright in the frames between them too."""
         upright = upright_residual(self.skeleton, upright_rad)
         alone = kinds_seen(self.seen) == ("keypoints",)
         residuals = [
@@ -59,19 +56,16 @@ class Task:
 class Fit:
     """T frames fitted. poses: (T, P). covariance: (T, P, P), marginal, of the poses by the Gauss–Newton matrix.
 
-    space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, else the pose. alpha (T, d) in
-    standard deviations, mu (T,) in cycles, counted on; without a motion model d = 0 and μ is NaN.
-    state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance to the other.
-    inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in its step).
-    iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch, at the
-    start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
+    space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, α in standard deviations and μ in
+    cycles, counted on, else the pose. state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance
+    to the other. inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in
+    its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
+    at the start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
     """
 
     space: StateSpace
     poses: FloatArray
     covariance: FloatArray
-    alpha: FloatArray
-    mu: FloatArray
     states: FloatArray
     state_covariance: FloatArray
     pose_jacobian: FloatArray
@@ -88,10 +82,8 @@ class Problem(Protocol):
         """Names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
-        """The fit of all frames, from about the pose `start` (P,), or None to find the person.
-
-        Raises InputError where the frames do not tell where to start.
-        """
+        """The fit of all frames, from about the pose `start` (P,), or None to find the person. Raises InputError where
+        the frames do not tell where to start."""
 
 
 def fit_of(
@@ -101,12 +93,9 @@ def fit_of(
     """Say what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
     near = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
-    slices = decoder.space.slices
-    phases = states[:, slices["phase"].start] if "phase" in slices else np.full(len(states), np.nan)
     return Fit(
         space=decoder.space, poses=poses, covariance=jacobian @ covariances @ jacobian.transpose(0, 2, 1),
-        alpha=states[:, slices.get("coefficients", slice(0))], mu=phases, states=states,
-        state_covariance=covariances, pose_jacobian=jacobian,
+        states=states, state_covariance=covariances, pose_jacobian=jacobian,
         inliers=np.array([hits.mean() if len(hits) else np.nan for hits in near]),
         iterations=iterations, costs=costs,
     )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.checks import at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
@@ -48,10 +49,7 @@ class ParticleFilter:
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if self.n_particles < 1:
-            raise InputError(f"inference: n_particles must be at least 1, found {self.n_particles}")
-        if self.on_degenerate not in ("recover", "stop"):
-            raise InputError(f"inference: on_degenerate must be 'recover' or 'stop', found {self.on_degenerate!r}")
+        check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
         self.move.check(self.prior, self.n_particles)
 
     @property
@@ -82,9 +80,8 @@ class ParticleFilter:
             else:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
-            moved = replace(
-                moved, warnings=(*look.notes, *moved.warnings), diagnostics={**look.diagnostics, **moved.diagnostics}
-            )
+            diagnostics, warnings = {**look.diagnostics, **moved.diagnostics}, (*look.notes, *moved.warnings)
+            moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
             step = particle_step(frame, self.space, moved, log_evidence, clock)
             likelihood = look.remember(step.expected_pose)
@@ -99,8 +96,7 @@ class ParticleFilter:
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
         diagnostics, warnings = self.move.first(self.n_particles)
-        particles = Particles(state, self.prior.pose(state), even, own)
-        return Moved(particles, diagnostics=diagnostics, warnings=warnings)
+        return Moved(Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings)
 
 
 def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
@@ -112,24 +108,13 @@ def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.rand
 def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
-    weights = np.exp(particles.log_weights)
     # not a BLAS product, whose order of addition depends on the number of threads
-    expected = np.einsum("n,np->p", weights, particles.poses)
+    expected = np.einsum("n,np->p", np.exp(particles.log_weights), particles.poses)
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
     clock.lap("summary")
     return Step(
-        frame=frame,
-        space=space,
-        particles=particles.state,
-        poses=particles.poses,
-        log_weights=particles.log_weights,
-        ancestors=particles.ancestors,
-        expected_pose=expected,
-        map_pose=particles.poses[best],
-        ess=effective_sample_size(particles.log_weights),
-        log_evidence=log_evidence,
-        diagnostics=moved.diagnostics,
-        warnings=moved.warnings,
-        evaluations=moved.evaluations,
-        timing_s=clock.laps,
-    )
+        frame=frame, space=space, particles=particles.state, poses=particles.poses,
+        log_weights=particles.log_weights, ancestors=particles.ancestors, expected_pose=expected,
+        map_pose=particles.poses[best], ess=effective_sample_size(particles.log_weights), log_evidence=log_evidence,
+        diagnostics=moved.diagnostics, warnings=moved.warnings, evaluations=moved.evaluations, timing_s=clock.laps,
+    )  # fmt: skip

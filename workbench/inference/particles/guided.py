@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.step import Step
@@ -74,10 +75,7 @@ class Hybrid(Wrapper):
     def __post_init__(self) -> None:
         super().__post_init__()
         driven_prior(self.prior)
-        if not (0.0 <= self.share < 1.0 and 0.0 < self.widen < np.inf):
-            raise InputError(
-                f"inference: share must lie in 0 to below 1 and widen above 0, found {self.share} and {self.widen}"
-            )
+        check("inference", self, share=BELOW_1, widen=POSITIVE)
 
     @property
     def finds_start(self) -> bool:
@@ -86,15 +84,11 @@ class Hybrid(Wrapper):
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to find the person.
-
-        rng_streams: as for the filter. Raises InputError when there is nothing to fit.
-        """
+        rng_streams: as for the filter. Raises InputError when there is nothing to fit."""
         frames = list(frames)
         fit, _, warnings = self.fitter.fit_frames(frames, start, rng_streams["start"])
-        times_s = np.array([frame.time_s for frame in frames])
-        guides = guides_of(
-            driven_prior(self.prior), fit.states, self.widen**2 * fit.state_covariance, times_s, self.share
-        )
+        prior, times_s = driven_prior(self.prior), np.array([frame.time_s for frame in frames])
+        guides = guides_of(prior, fit.states, self.widen**2 * fit.state_covariance, times_s, self.share)
         by_frame = {frame.index: guide for frame, guide in zip(frames, guides, strict=True)}
 
         def guide_move(move: Move, target: Target, rng_streams: Streams) -> Moved:
@@ -118,10 +112,8 @@ def driven_prior(prior: Prior) -> Driven:
 
 
 class Guided:
-    """A prior, with a proposal for one frame that is drawn towards a Gaussian over its driven columns.
-
-    mean: (D',). covariance: (D', D'). speeds: (D',), a second, with which states start.
-    """
+    """A prior, with a proposal for one frame that is drawn towards a Gaussian over its driven columns. mean: (D',).
+    covariance: (D', D'). speeds: (D',), a second, with which states start."""
 
     def __init__(
         self, prior: Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
@@ -146,10 +138,8 @@ class Guided:
         return state
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw (N, D) from the mixture, with the log weights (N,) by which draws stand for the prior.
-
-        The product of the fit's Gaussian and p(s_t | s_t−1) is a Gaussian whose mean depends on the particle.
-        """
+        """Draw (N, D) from the mixture, with the log weights (N,) by which draws stand for the prior. The product of
+        the fit's Gaussian and p(s_t | s_t−1) is a Gaussian whose mean depends on the particle."""
         driven, turn = self.prior.driven, self._turn
         predicted, sigma = self.prior.predicted(state, dt_s)
         target = np.repeat(self.mean[None], len(state), axis=0)  # at the phase that is nearest to the particle's

@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 
 from workbench.arrays import IntArray
 from workbench.body.skeleton import parameters as named_parameters
+from workbench.core.checks import UNIT, check
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, SEPARABLE, Traits, offering
@@ -50,8 +51,7 @@ class Partitioned(DensityMove):
     parts: Sequence[str] = PARTS
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.flatten <= 1.0:
-            raise InputError(f"inference: expected flatten between 0 and 1, found {self.flatten}")
+        check("inference", self, flatten=UNIT)
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without a density, and columns that the parts do not divide."""

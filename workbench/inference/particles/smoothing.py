@@ -11,14 +11,14 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.core.checks import at_least, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.step import Step
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offering
-from workbench.errors import InputError
 from workbench.inference.particles.move import Move, Streams, Surrounded
 from workbench.inference.particles.target import Moved, Target, density_of
-from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights, systematic_draws
+from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights, systematic
 from workbench.inference.particles.wrapper import Kind, Wrapper
 
 BLOCK = 2_000_000
@@ -48,10 +48,7 @@ class FixedLag(Wrapper):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lag < 1 or self.least_ancestors < 1:
-            raise InputError(
-                f"inference: lag and least_ancestors must be at least 1, found {self.lag} and {self.least_ancestors}"
-            )
+        check("inference", self, lag=at_least(1), least_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
@@ -73,21 +70,18 @@ class FixedLag(Wrapper):
 
     def _looking_back(self, window: Iterable[Step], before: int) -> tuple[Step, int]:
         """The window's first step, its particles being ancestors of a later one's, and how much later that one is.
-
-        before: the same of the frame before, to whose particles the result's `ancestors` point.
-        """
+        before: the same of the frame before, to whose particles the result's `ancestors` point."""
         first, *later = window
         # of a step's particles, their ancestors in the first step
-        lineages = list(
-            accumulate(later, lambda own, step: own[step.ancestors], initial=np.arange(len(first.ancestors)))
-        )
+        own = np.arange(len(first.ancestors))
+        lineages = list(accumulate(later, lambda lineage, step: lineage[step.ancestors], initial=own))
         enough = [
             effective_number(lineage, step.log_weights) >= self.least_ancestors
             for lineage, step in zip(lineages, (first, *later), strict=True)
         ]
         # never before the frame that told the last one: ancestors there are ancestors of those here, and not more
         ahead = max([before - 1, 0, *np.flatnonzero(enough)])
-        parents = np.arange(len(first.ancestors))
+        parents = own
         for step in (first, *later)[before : ahead + 1]:
             parents = parents[step.ancestors]
         weights = (first, *later)[ahead].log_weights
@@ -138,11 +132,7 @@ class BackwardSimulation(Wrapper):
     def __post_init__(self) -> None:
         super().__post_init__()
         density_of(self.prior)
-        if self.n_paths < 1 or self.moves < 1 or self.least_ancestors < 1:
-            raise InputError(
-                "inference: n_paths, moves and least_ancestors must be at least 1, "
-                f"found {self.n_paths}, {self.moves} and {self.least_ancestors}"
-            )
+        check("inference", self, n_paths=at_least(1), moves=at_least(1), least_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, all of them once every frame is filtered and the paths are drawn.
@@ -172,7 +162,7 @@ class BackwardSimulation(Wrapper):
             if not stretch or effective_number(chosen, even) < self.least_ancestors:
                 yield from self._told(stretch, score)
                 step, score, stretch = steps[t], np.zeros(self.n_paths), []
-                chosen = systematic_draws(np.exp(step.log_weights), self.n_paths, rng)
+                chosen = systematic(np.exp(step.log_weights), rng, self.n_paths)
             spent = {**step.timing_s, "smoothing": perf_counter() - began}
             stretch.append((replace(step, timing_s=spent), chosen))
         yield from self._told(stretch, score)
@@ -215,10 +205,8 @@ class BackwardSimulation(Wrapper):
         rows = max(1, BLOCK // step.particles.size)
         for first in range(0, len(states), rows):
             block = slice(first, first + rows)
-            odds = (
-                density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
-                + step.log_weights
-            )
+            onward = density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
+            odds = onward + step.log_weights
             edges = np.cumsum(np.exp(odds - odds.max(axis=1, keepdims=True)), axis=1)  # the ancestor's is finite
             for move in range(self.moves):
                 proposed[move, block] = (edges <= uniforms[move, block, None] * edges[:, -1:]).sum(axis=1)
@@ -238,13 +226,8 @@ def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: 
     """The step with some of its particles, weighted anew."""
     poses = step.poses[picked]
     return replace(
-        step,
-        particles=step.particles[picked],
-        poses=poses,
-        log_weights=log_weights,
-        ancestors=ancestors,
-        expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0),
-        map_pose=poses[best],
+        step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,
+        expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],
         ess=effective_number(picked, log_weights),
         diagnostics={**step.diagnostics, "distinct": float(len(np.unique(picked)))},
-    )
+    )  # fmt: skip

@@ -58,20 +58,12 @@ class Candidates:
 
     def pick(self, which: IntArray) -> "Candidates":
         """Gather the candidates of these indices."""
-        return Candidates(
-            self.state[which], self.poses[which], self.parents[which], self.log_prior[which], self.log_prob[which]
-        )
+        return Candidates(*(values[which] for values in vars(self).values()))
 
     def merge(self, other: "Candidates", taken: BoolArray) -> "Candidates":
         """Take the other's candidates, of the same parents, where taken (N,), these elsewhere."""
-        rows = taken[:, None]
-        return Candidates(
-            np.where(rows, other.state, self.state),
-            np.where(rows, other.poses, self.poses),
-            self.parents,
-            np.where(taken, other.log_prior, self.log_prior),
-            np.where(taken, other.log_prob, self.log_prob),
-        )
+        pairs = zip(vars(other).values(), vars(self).values(), strict=True)
+        return Candidates(*(np.where(taken[:, None] if own.ndim > 1 else taken, new, own) for new, own in pairs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray
-from workbench.errors import InputError
+from workbench.core.checks import INSIDE_UNIT, at_least, check
 from workbench.inference.particles.move import DensityMove, Streams
 from workbench.inference.particles.target import Candidates, Moved, Target
 from workbench.inference.particles.weights import even_log_weights, systematic
@@ -46,11 +46,7 @@ class TemperedSMC(DensityMove):
     first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
 
     def __post_init__(self) -> None:
-        if self.moves < 1 or not 0.0 < self.ess_threshold < 1.0:
-            raise InputError(
-                "inference: expected moves of at least 1 and ess_threshold between 0 and 1, "
-                f"found {self.moves} and {self.ess_threshold}"
-            )
+        check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Temper from the equally weighted particles of the previous frame to those of this one."""
@@ -128,22 +124,15 @@ def random_walk(
     target: Target, candidates: Candidates, phi: float, root: FloatArray, noisy: BoolArray, rng: np.random.Generator
 ) -> tuple[Candidates, float]:
     """Take one Metropolis step at temperature φ by N(0, R Rᵀ), R being the root (D', D'), in the columns noisy (D,).
-
-    Returns the candidates (N) after it and the share of proposals accepted.
-    """
+    Returns the candidates (N) after it and the share of proposals accepted."""
     walk = rng.standard_normal((len(candidates.state), len(root))) @ root.T
     return _accept(candidates, target.shift(candidates, noisy, walk), phi, 0.0, rng)
 
 
 def mix_with_prior(
-    target: Target,
-    candidates: Candidates,
-    phi: float,
-    sigma: FloatArray,
-    share: float,
-    noisy: BoolArray,
+    target: Target, candidates: Candidates, phi: float, sigma: FloatArray, share: float, noisy: BoolArray,
     rng: np.random.Generator,
-) -> tuple[Candidates, float]:
+) -> tuple[Candidates, float]:  # fmt: skip
     """Take one preconditioned Crank–Nicolson step (Cotter, Roberts, Stuart & White 2013) at temperature φ on the
     innovations, δ' = √(1 − share²) δ + share N(0, σ²), σ (D',).
 

@@ -1,4 +1,5 @@
-"""Arithmetic of log weights."""
+"""Log weights, and resampling: from weights to ancestors (Doucet, de Freitas & Gordon 2001; Douc, Cappé & Moulines
+2005)."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,10 +15,8 @@ class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
 
 
 def logsumexp(log_weights: FloatArray) -> float:
-    """log Σ exp of (N,): −∞ where all are, nan where one is.
-
-    scipy's, which also knows axes, signs, factors and complex numbers, takes four times as long for 10⁴ weights.
-    """
+    """log Σ exp of (N,): −∞ where all are, nan where one is. scipy's, which also knows axes, signs, factors and complex
+    numbers, takes four times as long for 10⁴ weights."""
     largest = float(log_weights.max())
     return largest + float(np.log(np.exp(log_weights - largest).sum())) if np.isfinite(largest) else largest
 
@@ -50,10 +49,8 @@ def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
 
 
 def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
-    """Log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`.
-
-    An impossible state may lead to possible ones: it keeps the least of the finite values.
-    """
+    """Log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`. An
+    impossible state may lead to possible ones: it keeps the least of the finite values."""
     possible = np.isfinite(log_prob)
     floor = log_prob[possible].min() if possible.any() else 0.0
     log_weight: FloatArray = flatten * np.where(possible, log_prob, floor)
@@ -63,13 +60,10 @@ def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
 Resample = Callable[[FloatArray, np.random.Generator], IntArray]
 
 
-def systematic(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Ancestors (N,) of N particles with normalised weights (N,): one uniform, N equidistant positions."""
-    return systematic_draws(weights, len(weights), rng)
-
-
-def systematic_draws(weights: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
-    """Indices (n,) of particles with normalised weights (N,), in rising order: as `systematic`, but n of them."""
+def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = None) -> IntArray:
+    """Draw n ancestors (n,), N by default, of particles with normalised weights (N,), in rising order: one uniform, n
+    equidistant positions."""
+    n = len(weights) if n is None else n
     positions = (np.arange(n) + rng.random()) / n
     return _pick(weights, positions)
 

@@ -70,9 +70,7 @@ def allowed_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], times
 
 def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Trajectory:
     """Fit a whole body's motion to the keypoints of all views and frames, smooth and within limits, see `fit_smooth`.
-
-    Raises InputError where no frame shows enough keypoints to start from.
-    """
+    Raises InputError where no frame shows enough keypoints to start from."""
     blind = [replace(frame, views=tuple(replace(view, image=NO_IMAGE) for view in frame.views)) for frame in frames]
     seen, _ = observe(blind, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
     first, times_s = first_keypoints(seen), np.array([frame.time_s for frame in blind])

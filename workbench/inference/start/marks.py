@@ -20,6 +20,7 @@ from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, LEAST_KEYPOINTS, l
 from workbench.inference.fit.motion import fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import views_residual
+from workbench.inference.start.keypoints import LIKELY
 
 MARK_SIGMA_PX = 4.0
 
@@ -56,10 +57,8 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
 
 
 def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> list[Keypoints]:
-    """The joints marked in each of the F frames.
-
-    Raises InputError when fewer than LEAST_KEYPOINTS joints are marked in a frame.
-    """
+    """The joints marked in each of the F frames. Raises InputError when fewer than LEAST_KEYPOINTS joints are marked in
+    a frame."""
     given = [usable_keypoints(skeleton, rows, camera) for rows in marks.keypoints]
     seen = [one for one in given if one is not None and len(one.joints) >= LEAST_KEYPOINTS]
     if len(seen) < len(given):
@@ -84,8 +83,6 @@ N_TRIED, N_REFINED, N_KEPT = 2000, 32, 8
 """How many of the examples, each with a heading, are compared with each other, fitted exactly, and started from."""
 APART_M = 0.03
 """In the mean over the joints; of poses that are nearer than this to each other one is enough."""
-LIKELY = 10.0
-"""Examples whose cost is higher by more than this, in nats, are no start."""
 _BLOCK = 2_000
 _PLACE = np.arange(4)  # position and heading; how a person leans is part of the example
 

@@ -1,4 +1,4 @@
-"""The poses that tracking starts from: given, or found in marks or detected joints, whatever the prior."""
+"""The poses that tracking starts from: given, or found in marks, detected joints or points, whatever the prior."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from workbench.body.surface import Surface, person_surface
 from workbench.core.clip import Clip
 from workbench.core.frame import Frame, MarkedFrames
 from workbench.core.observations import Observables, Observed
-from workbench.core.prior import MotionModel, Powers, Prior
+from workbench.core.prior import Powers, Prior
 from workbench.core.residual import Loss, ResidualFunction, surface_residual
 from workbench.errors import InputError
 from workbench.inference.fit.hypotheses import START_LOSS, START_SIGMA_M
@@ -32,16 +32,8 @@ class Distances:
 
     skeleton: Skeleton
     surface: Surface
-
-    @property
-    def observables(self) -> Observables:
-        """Points, with the deviation of the start."""
-        return Observables(sigma=START_SIGMA_M)
-
-    @property
-    def residual_loss(self) -> Loss:
-        """The loss of the start."""
-        return START_LOSS
+    observables: Observables = Observables(sigma=START_SIGMA_M)  # noqa: RUF009 - frozen
+    residual_loss: Loss = START_LOSS
 
     def residual(self, observed: Observed) -> ResidualFunction:
         """Measure the distances, whitened by the deviation."""
@@ -92,9 +84,12 @@ def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray
 def _from_marks(
     powers: Powers, skeleton: Skeleton, camera: Camera, marks: MarkedFrames, scale: float
 ) -> tuple[FloatArray, str]:
-    """The pose (P,) or poses (n, P) that fit the marks, and what is left of them in pixels of the source's images."""
+    """Find the pose (P,) or poses (n, P) that fit the marks, and say how well, in pixels of the source's images."""
     if powers.motion is not None:
-        return _on_motion(powers.motion, skeleton, camera, marks, scale)
+        fit = start_from_marks(powers.motion, skeleton, camera, marks)
+        pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
+        error, heading = fit.error_px / scale, np.degrees(fit.heading)
+        return fit.pose, f"{error:.1f} px left, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"
     seen = usable_marks(skeleton, camera, marks)
     if powers.examples is not None:
         poses, of = start_from_examples(powers.examples(), skeleton, seen[0]), "the prior's examples"
@@ -102,14 +97,5 @@ def _from_marks(
         soon = np.flatnonzero(marks.times_s - marks.times_s[0] <= START_S)
         poses = allowed_poses(skeleton, [(seen[k],) for k in soon], marks.times_s[soon])
         of = "the poses that they allow"
-    left = error_px(skeleton, seen[:1], poses[:1]) / scale
-    return poses, f"{left:.1f} px left by the best of {len(poses)} of {of}"
-
-
-def _on_motion(
-    model: MotionModel, skeleton: Skeleton, camera: Camera, marks: MarkedFrames, scale: float
-) -> tuple[FloatArray, str]:
-    fit = start_from_marks(model, skeleton, camera, marks)
-    pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
-    left, heading = fit.error_px / scale, np.degrees(fit.heading)
-    return fit.pose, f"{left:.1f} px left, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"
+    error = error_px(skeleton, seen[:1], poses[:1]) / scale
+    return poses, f"{error:.1f} px left by the best of {len(poses)} of {of}"
