@@ -108,7 +108,7 @@ def person_px(seen: Sequence[Keypoints]) -> float:
 
 
 def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
-    """The frame's usable points (K, 3), m, and what was done about the others."""
+    """Return the frame's usable points (K, 3), m, and what was done about the others."""
     given = np.empty((0, 3)) if frame.points is None else frame.points
     points, warnings = given[np.isfinite(given).all(axis=1)], []
     if len(points) < len(given):

@@ -31,7 +31,7 @@ class Smoothness:
 
     @property
     def second_differences(self) -> FloatArray:
-        """(7,), of {μ, root}."""
+        """Return those (7,) of {μ, root}."""
         return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
 
 
@@ -54,10 +54,10 @@ class MotionModel(Protocol):
     def cycle_rate_hz(self) -> FloatArray: ...
 
     def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
-        """Angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
+        """Return angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
 
     def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
+        """Return their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
 
 
 class Density(Protocol):
@@ -65,7 +65,8 @@ class Density(Protocol):
 
     @property
     def free(self) -> IntArray:
-        """Indices of the columns that `log_transition` speaks of, ascending: all, unless others follow from them.
+        """Return indices of the columns that `log_transition` speaks of, ascending: all, unless others follow from
+        them.
 
         Whoever sets a state sets these and then calls `complete`. Where some follow, the columns are not independent
         of each other given the previous state; where none do, they are.
@@ -75,15 +76,15 @@ class Density(Protocol):
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
-        """log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
+        """Return log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
 
         Columns without noise have no density: log p is −∞ where they are not as the previous state says. Columns that
         follow from the others (see `complete`) are not looked at.
         """
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """States (N, D) whose free columns were set by somebody, with the others drawn given those. For most priors
-        there are no others, and the states come back as they are."""
+        """Return states (N, D) whose free columns were set by somebody, with the others drawn given those. For most
+        priors there are no others, and the states come back as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +119,13 @@ class Prior(Protocol):
     def powers(self) -> Powers: ...
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-        """N states (N, D) spread around a starting pose (P,)."""
+        """Return N states (N, D) spread around a starting pose (P,)."""
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """One draw (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
+        """Return one draw (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
 
     def pose(self, state: FloatArray) -> FloatArray:
-        """The poses (N, P) that states (N, D) stand for."""
+        """Return the poses (N, P) that states (N, D) stand for."""
 
 
 @runtime_checkable
@@ -132,11 +133,13 @@ class Proposing(Protocol):
     """A prior that draws from a proposal and says by which weights its draws stand for the prior."""
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""
+        """Return states (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were
+        drawn."""
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """By the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of zero."""
+    """Draw by the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of
+    zero."""
     if isinstance(prior, Proposing):
         return prior.propose(state, dt_s, rng)
     return prior.step(state, dt_s, rng), np.zeros(len(state))

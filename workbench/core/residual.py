@@ -28,18 +28,18 @@ RobustLoss: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def squared(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z²: one far point outweighs everything else."""
+    """Return ρ = ½ z²: one far point outweighs everything else."""
     return 0.5 * z * z, np.ones_like(z)
 
 
 def huber(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
+    """Return ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
     size = np.abs(z)
     return np.where(size <= 1.0, 0.5 * z * z, size - 0.5), 1.0 / np.maximum(size, 1.0)
 
 
 def geman_mcclure(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
+    """Return ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
     kept = 1.0 / (1.0 + z * z)
     return 0.5 * (1.0 - kept), kept * kept
 
@@ -64,12 +64,12 @@ class Loss:
             raise InputError(f"loss: scale must be above zero, found {self.scale}")
 
     def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
+        """Return ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
         rho, weights = LOSSES[self.name](residuals / self.scale)
         return self.scale**2 * rho, weights
 
     def wider(self, factor: float) -> "Loss":
-        """This loss on a scale `factor` times as large."""
+        """Return this loss on a scale `factor` times as large."""
         return replace(self, scale=factor * self.scale)
 
 
@@ -89,7 +89,7 @@ class ResidualLikelihood(Protocol):
     def residual_loss(self) -> Loss: ...
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """The residuals of one frame; none where it shows nothing that the likelihood looks at."""
+        """Return the residuals of one frame; none where it shows nothing that the likelihood looks at."""
 
 
 def robust(residual: ResidualFunction, loss: Loss) -> ResidualFunction:
@@ -128,7 +128,7 @@ def stacked(residuals: Sequence[ResidualFunction]) -> ResidualFunction:
 
 
 def nothing(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """No residuals."""
+    """Return no residuals."""
     return np.empty(0), np.empty((0, len(pose)))
 
 

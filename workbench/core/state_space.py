@@ -18,7 +18,7 @@ class StateSpace:
 
     @staticmethod
     def of(groups: Mapping[str, tuple[tuple[str, ...], str]]) -> "StateSpace":
-        """A state space from {group: (column names, unit)}, the groups side by side in the order given."""
+        """Return a state space from {group: (column names, unit)}, the groups side by side in the order given."""
         names: list[str] = []
         units: list[str] = []
         slices: dict[str, slice] = {}

@@ -45,7 +45,7 @@ class Step:
 
     @cached_property
     def spread(self) -> BoolArray:
-        """(P,): the pose's numbers in which the particles differ; the others are held fixed by the prior."""
+        """Select (P,), the pose's numbers in which the particles differ; the others are held fixed by the prior."""
         differ: BoolArray = (self.poses != self.poses[0]).any(axis=0)
         return differ
 
@@ -62,5 +62,5 @@ class Inference(Protocol):
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """One step per frame, from the pose `start` (P,) in the first, which some can do without; draws come from the
-        named generators."""
+        """Return one step per frame, from the pose `start` (P,) in the first, which some can do without; draws come
+        from the named generators."""

@@ -34,7 +34,7 @@ class Traits:
 
 
 def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
-    """Traits with these offers, and these needs by group."""
+    """Return traits with these offers, and these needs by group."""
     return Traits(
         frozenset(offers),
         {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},

@@ -34,7 +34,8 @@ N_POSITION = 3
 def step_errors(
     step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
 ) -> dict[str, float]:
-    """The errors of one step that its truth allows, of the expected pose, and three (`_map`) of the heaviest particle.
+    """Return the errors of one step that its truth allows, of the expected pose, and three (`_map`) of the heaviest
+    particle.
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
@@ -82,8 +83,8 @@ def step_errors(
 
 
 def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has it.
-    Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
+    """Return knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has
+    it. Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
     found, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
         apart = [wrapped_deg(found[name] - true[name]) for name in found if name.endswith(joint)]
@@ -98,7 +99,8 @@ def held(error_px: Sequence[float], forearm_px: Sequence[float], last: int = 5) 
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
-    """The joints, but the root, that one of the parameters called `moving` moves: those below the one it turns."""
+    """Return the joints, but the root, that one of the parameters called `moving` moves: those below the one it
+    turns."""
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -110,15 +112,15 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
 
 
 def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
-    """Mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
+    """Return mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
     width_m = float(np.sum(body.shape.forearm_radii))  # the mean of the two ends' diameters
     depth_m = float(np.nanmean(camera.to_camera(true_joints)[list(measured), 2]))
     return float(camera.matrix[0, 0]) * width_m / depth_m
 
 
 def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """Errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is known
-    (not NaN); what needs more than is known is left out."""
+    """Return errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is
+    known (not NaN); what needs more than is known is left out."""
     places, true = estimate[list(measured)], truth[list(measured)]
     whole = len(measured) == len(truth) - 1
     errors = {
@@ -141,7 +143,7 @@ class AccelerationError:
         self._last: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=3)
 
     def add(self, step: Step) -> dict[str, float]:
-        """The error, where this frame and the two before have a truth."""
+        """Return the error, where this frame and the two before have a truth."""
         truth = step.frame.truth
         if truth is None or truth.joints is None:
             self._last.clear()
@@ -156,8 +158,8 @@ class AccelerationError:
 
 
 def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, moving: Sequence[str]) -> float:
-    """The mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true ones,
-    over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
+    """Return the mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true
+    ones, over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
     rotations = forward(skeleton, np.stack([pose, truth])).rotations
     local = rotations.copy()
     children = np.flatnonzero(skeleton.parents >= 0)
@@ -167,8 +169,9 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
 
 
 def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
-    """coverage_50, coverage_90, crps_mm, crps_deg and log_score over the true pose's (P,) numbers, but those that the
-    prior holds fixed: no spread among the particles. log_score is left out where only one particle has a weight."""
+    """Return coverage_50, coverage_90, crps_mm, crps_deg and log_score over the true pose's (P,) numbers, but those
+    that the prior holds fixed: no spread among the particles. log_score is left out where only one particle has a
+    weight."""
     spread = step.spread
     if not spread.any():
         return {"coverage_90": float("nan")}
@@ -182,7 +185,8 @@ def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """The ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where the pose is unknown."""
+    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where the pose is
+    unknown."""
     truth, spread = step.frame.truth, step.spread
     if truth is None or truth.pose is None:
         return np.zeros(0)
@@ -190,8 +194,8 @@ def pose_ranks(step: Step) -> FloatArray:
 
 
 def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:
-    """coverage_50_joints, coverage_90_joints and crps_joints_mm over the coordinates of those of the true joints (J,
-    3), m, that are measured and known."""
+    """Return coverage_50_joints, coverage_90_joints and crps_joints_mm over the coordinates of those of the true joints
+    (J, 3), m, that are measured and known."""
     known = [joint for joint in measured if np.isfinite(truth[joint]).all()]
     if not known:
         return {}

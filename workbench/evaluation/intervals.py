@@ -9,7 +9,7 @@ N_RESAMPLES = 10_000
 
 
 def bootstrap_interval(values: FloatArray, rng: np.random.Generator, level: float = 0.95) -> FloatArray:
-    """The percentile bootstrap interval (2, ...) of the mean of values (n, ...) over their first axis.
+    """Return the percentile bootstrap interval (2, ...) of the mean of values (n, ...) over their first axis.
 
     Efron & Tibshirani, An Introduction to the Bootstrap (1993), section 13.3. NaN for fewer than two values, which say
     nothing about their spread. It is too narrow for a handful of values: for three it is their range, within which the
@@ -24,7 +24,7 @@ def bootstrap_interval(values: FloatArray, rng: np.random.Generator, level: floa
 
 
 def weighted_quantiles(values: FloatArray, weights: FloatArray, levels: tuple[float, ...]) -> FloatArray:
-    """Quantiles (L, D) at `levels` of the columns of values (N, D) with normalised weights (N,).
+    """Return quantiles (L, D) at `levels` of the columns of values (N, D) with normalised weights (N,).
 
     The q-quantile is the smallest value at which the weighted empirical distribution reaches q. np.quantile with
     method="inverted_cdf" takes 1.7 times as long and, where a sum of even weights rounds, gives the next value.

@@ -40,7 +40,7 @@ class MarkerOffsets:
 
     @property
     def lengths_mm(self) -> dict[str, float]:
-        """offset_<joint>_mm: how far each marker lies from its joint, of those known."""
+        """Return offset_<joint>_mm: how far each marker lies from its joint, of those known."""
         known = [joint for joint in self._measured if np.isfinite(self.offsets[joint]).all()]
         return {
             f"offset_{self._skeleton.names[joint]}_mm": 1e3 * float(np.linalg.norm(self.offsets[joint]))
@@ -48,7 +48,7 @@ class MarkerOffsets:
         }
 
     def add(self, step: Step) -> dict[str, float]:
-        """The error in this frame, over the joints that it knows and whose offset frames before it gave."""
+        """Return the error in this frame, over the joints that it knows and whose offset frames before it gave."""
         truth = step.frame.truth
         if truth is None or truth.joints is None or truth.pose is not None:
             return {}

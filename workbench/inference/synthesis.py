@@ -41,19 +41,19 @@ class Recorded(Prior, Protocol):
     def beta(self) -> float: ...
 
     def start_after(self, poses: FloatArray, n: int) -> FloatArray:
-        """N states (N, D) that have just gone through poses (d + 1, P) at the library's rate."""
+        """Return N states (N, D) that have just gone through poses (d + 1, P) at the library's rate."""
 
     def rows_in(self, dt_s: float) -> int:
-        """The library's frames in dt_s seconds; raises InputError unless it is a whole number."""
+        """Return the library's frames in dt_s seconds; raises InputError unless it is a whole number."""
 
     def draw(self, probes: FloatArray, rng: np.random.Generator) -> IntArray:
-        """An entry (N,) for each probe (N, b), whitened coefficients."""
+        """Return an entry (N,) for each probe (N, b), whitened coefficients."""
 
     def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
-        """States (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
+        """Return states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
 
     def only(self, kept: BoolArray) -> Self:
-        """This prior, drawing from the windows kept (n,) alone."""
+        """Return this prior, drawing from the windows kept (n,) alone."""
 
 
 class Synthesis:
@@ -125,7 +125,7 @@ class Synthesis:
             )  # fmt: skip
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
-        """A state (1, D) at the pose (P,), and what there is to say about it."""
+        """Return a state (1, D) at the pose (P,), and what there is to say about it."""
         if not isinstance(self.prior, Recorded):
             return self.prior.start(pose, 1, rng), ()
         library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
@@ -141,7 +141,7 @@ class Synthesis:
         return self.prior.start(pose, 1, rng), (sentence,)
 
     def _advance(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
-        """The state (1, D) dt_s seconds later, and the step's diagnostics."""
+        """Return the state (1, D) dt_s seconds later, and the step's diagnostics."""
         if not isinstance(self.prior, Recorded):
             return self.prior.step(state, dt_s, rng), {}
         same, activity = True, self.known.lead_in_activity
@@ -163,7 +163,7 @@ class Smoother:
         self._shown = np.zeros(len(POSE_NAMES) - 3)
 
     def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
-        """The next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
+        """Return the next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
         angles = pose[3:]
         if self._last is None or self.smoothing_s == 0.0:
             self._last = self._shown = angles
@@ -196,7 +196,7 @@ class FootContact:
         self._anchor = np.zeros(3)
 
     def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
-        """The next pose (P,), `dt_s` seconds after the one before, with its root shifted."""
+        """Return the next pose (P,), `dt_s` seconds after the one before, with its root shifted."""
         ankles = ankle_positions(self._skeleton, pose[None])[0]
         if self._last is not None:
             self._plant(ankles, np.linalg.norm(ankles - self._last, axis=1) / dt_s)
@@ -219,18 +219,19 @@ class FootContact:
 
 
 def ankle_positions(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
-    """Both ankles (N, 2, 3), m, of poses (N, P)."""
+    """Return both ankles (N, 2, 3), m, of poses (N, P)."""
     both: FloatArray = joints(skeleton, poses)[:, [skeleton.joint(name) for name in ANKLES]]
     return both
 
 
 def jump_deg(before: FloatArray, after: FloatArray) -> float:
-    """The largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
+    """Return the largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
     return float(np.degrees(np.abs(_turn(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
 def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
-    """The state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead > 0."""
+    """Return the state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead >
+    0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
     states, squares = firsts, np.zeros(len(firsts))
@@ -245,7 +246,8 @@ def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generat
 def _one_frame(
     prior: Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """The states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances (N,)."""
+    """Return the states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances
+    (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
     entries = prior.draw(probes, rng)
     squares = ((prior.windows.coefficients[entries] - probes) ** 2).sum(axis=1)
@@ -262,7 +264,7 @@ def _with_followers(prior: Prior, frames: int) -> Recorded:
 
 
 def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArray:
-    """Poses (F, P) from the last one back, by cubic splines at another rate."""
+    """Return poses (F, P) from the last one back, by cubic splines at another rate."""
     poses = poses[::-1]
     if len(poses) < 2 or rate_hz == wanted_hz:
         return poses
@@ -272,6 +274,6 @@ def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
 
 
 def _turn(angles: FloatArray) -> FloatArray:
-    """Angles without whole turns, in [−π, π)."""
+    """Return angles without whole turns, in [−π, π)."""
     turned: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
     return turned

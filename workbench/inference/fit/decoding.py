@@ -41,13 +41,13 @@ class Decoder(Protocol):
 
     @property
     def space(self) -> StateSpace:
-        """Names of the D columns."""
+        """Return names of the D columns."""
 
     def poses(self, states: FloatArray) -> FloatArray:
-        """The poses (T, P) of states (T, D)."""
+        """Return the poses (T, P) of states (T, D)."""
 
     def jacobian(self, states: FloatArray) -> FloatArray:
-        """Their derivative (T, P, D)."""
+        """Return their derivative (T, P, D)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,24 +75,24 @@ class MotionDecoder:
 
     @property
     def n_style(self) -> int:
-        """d, the number of coefficients."""
+        """Return d, the number of coefficients."""
         return len(self.model.scales)
 
     def states(self, alpha: FloatArray, mu: FloatArray, roots: FloatArray) -> FloatArray:
-        """States (T, d + 7) of coefficients (T, d) or (d,), phases (T,) and roots (T, 6) or (6,)."""
+        """Return states (T, d + 7) of coefficients (T, d) or (d,), phases (T,) and roots (T, 6) or (6,)."""
         states = np.empty((len(mu), len(self.space)))
         states[:, : self.n_style], states[:, self.n_style], states[:, -N_ROOT:] = alpha, mu, roots
         return states
 
     def poses(self, states: FloatArray) -> FloatArray:
-        """The poses (T, P) of states (T, d + 7)."""
+        """Return the poses (T, P) of states (T, d + 7)."""
         poses = np.tile(self.rest, (len(states), 1))
         poses[:, :N_ROOT] = states[:, -N_ROOT:]
         poses[:, self.dofs] = self.model.angles_at(states[:, : self.n_style], states[:, self.n_style])
         return poses
 
     def jacobian(self, states: FloatArray) -> FloatArray:
-        """Their derivative (T, P, d + 7): the chain rule of D, eq. 13–14."""
+        """Return their derivative (T, P, d + 7): the chain rule of D, eq. 13–14."""
         jacobian = np.zeros((len(states), len(self.rest), states.shape[1]))
         by_style, by_phase = self.model.jacobian_at(states[:, : self.n_style], states[:, self.n_style])
         jacobian[:, self.dofs, : self.n_style] = by_style
@@ -113,11 +113,11 @@ class PoseDecoder:
         object.__setattr__(self, "space", StateSpace.of(_root_groups(self.skeleton) | {"angles": (angles, "rad")}))
 
     def poses(self, states: FloatArray) -> FloatArray:
-        """The states themselves."""
+        """Return the states themselves."""
         return states
 
     def jacobian(self, states: FloatArray) -> FloatArray:
-        """Identities (T, P, P)."""
+        """Return identities (T, P, P)."""
         return np.broadcast_to(np.eye(states.shape[1]), (len(states), states.shape[1], states.shape[1]))
 
 

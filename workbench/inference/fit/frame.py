@@ -33,7 +33,7 @@ class Gaussian:
 
     @staticmethod
     def independent(mean: FloatArray, deviations: FloatArray) -> "Gaussian":
-        """With these standard deviations (D,); infinite ones leave a number free."""
+        """Return the Gaussian with these standard deviations (D,); infinite ones leave a number free."""
         return Gaussian(mean, np.diag(1.0 / deviations))
 
 
@@ -41,8 +41,8 @@ def fit_frame(
     decoder: Decoder, residual: ResidualFunction, loss: Loss, state: FloatArray, *, free: IntArray | None = None,
     prior: Gaussian | None = None, max_iterations: int = 20, tolerance: float = 1e-3,
 ) -> Minimum:  # fmt: skip
-    """The state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default. The minimum's
-    x is the whole state; its quadratic is that of the free columns."""
+    """Return the state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default. The
+    minimum's x is the whole state; its quadratic is that of the free columns."""
     free = np.arange(len(state)) if free is None else free
     places = _full(len(free)).place(*np.indices((len(free), len(free))))
 
@@ -69,8 +69,8 @@ def fit_root(
     decoder: PoseDecoder, residual: ResidualFunction, loss: Loss, guesses: Sequence[FloatArray],
     widened: tuple[float, ...],
 ) -> Minimum:  # fmt: skip
-    """The root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at first.
-    widened: factors of the loss's scale, one after the other."""
+    """Return the root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at
+    first. widened: factors of the loss's scale, one after the other."""
     wide = loss.wider(widened[0])
     pose = min(guesses, key=lambda guess: float(wide(residual(guess)[0])[0].sum())) if len(guesses) > 1 else guesses[0]
     for factor in widened:
@@ -80,7 +80,7 @@ def fit_root(
 
 
 def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> FloatArray:
-    """The roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
+    """Return the roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
 
     The coefficients and phases of `states` are kept, and the root of its first row is the start. Where two frames are
     known the next one may also start where their motion leads: at 14 Hz a runner's root moves 25 cm a frame.
@@ -95,7 +95,8 @@ def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> 
 
 
 def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArray:
-    """States (T, D) of all frames, of which the first ones are `known` (F ≥ 2, D), and the next follow one by one.
+    """Return states (T, D) of all frames, of which the first ones are `known` (F ≥ 2, D), and the next follow one by
+    one.
 
     Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held;
     the phase goes on at its mean speed of late, and the root is first found with a wide loss: what goes wrong here is
@@ -121,7 +122,7 @@ def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArr
 
 @lru_cache
 def _full(n: int) -> Pattern:
-    """The pattern of a dense matrix."""
+    """Return the pattern of a dense matrix."""
     return Pattern(n_band=n, n_border=0, width=n - 1)
 
 

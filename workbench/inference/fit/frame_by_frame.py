@@ -70,8 +70,8 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
 
 
 def pose_prior(decoder: MotionDecoder) -> Gaussian:
-    """The Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is free.
-    Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
+    """Return the Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is
+    free. Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
     phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
     states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))
     poses, by_style = decoder.poses(states), decoder.jacobian(states)[:, :, : decoder.n_style]

@@ -31,7 +31,7 @@ START_LOSS = Loss("geman_mcclure", 1.5)
 
 
 def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
-    """The frame's keypoints, where some view shows enough to start from."""
+    """Return the frame's keypoints, where some view shows enough to start from."""
     return seen.keypoints if any(len(one.joints) >= LEAST_KEYPOINTS for one in seen.keypoints) else ()
 
 
@@ -45,8 +45,8 @@ def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
 
 
 def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: ResidualFunction) -> FloatArray:
-    """The likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits best.
-    From N_HEADINGS headings; no two of those kept are within 45°."""
+    """Return the likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits
+    best. From N_HEADINGS headings; no two of those kept are within 45°."""
     free, own, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
     phases = np.arange(N_PHASES) / N_PHASES
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
@@ -83,8 +83,8 @@ def likely_poses(
 
 
 def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
-    """Roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the image of
-    the view that shows most of them."""
+    """Return roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the
+    image of the view that shows most of them."""
     fullest = max(seen, key=lambda one: len(one.joints))
     roots = np.zeros((N_HEADINGS, N_ROOT))
     roots[:, 3] = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS

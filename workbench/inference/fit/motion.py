@@ -44,7 +44,7 @@ class FitProblem:
 
     @staticmethod
     def of(decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int) -> "FitProblem":
-        """With the penalty of `rows`; the last n_border unknowns belong to all frames."""
+        """Pose the problem with the penalty of `rows`; the last n_border unknowns belong to all frames."""
         n = int(columns.max()) + 1
         places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
         at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
@@ -60,12 +60,12 @@ class FitProblem:
         )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
-        """x (n,) of states (T, D); a style that frames share is the mean of theirs."""
+        """Return x (n,) of states (T, D); a style that frames share is the mean of theirs."""
         x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / np.bincount(self.columns.ravel())
         return x
 
     def expand(self, x: FloatArray) -> Quadratic:
-        """The cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""
+        """Return the cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""
         states = x[self.columns]
         poses, decoding = self.decoder.poses(states), self.decoder.jacobian(states)
         gradients, blocks, cost = np.empty(states.shape), np.empty(self.frame_cells.shape), 0.0
@@ -109,7 +109,8 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) ->
 def fit_motion(
     problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4
 ) -> tuple[FloatArray, FloatArray, Minimum]:
-    """States (T, D) near `states` that fit all frames best, their marginal covariances (T, D, D), and the search.
+    """Return states (T, D) near `states` that fit all frames best, their marginal covariances (T, D, D), and the
+    search.
 
     The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation.
     Raises InputError when the observations leave some unknown undetermined.
@@ -132,8 +133,8 @@ def fit_motion(
 
 
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
-    """The unknowns (T, D) of each frame, and how many form the border. A single style is the border; several stand
-    before the frames they belong to, so that the band stays narrow."""
+    """Return the unknowns (T, D) of each frame, and how many form the border. A single style is the border; several
+    stand before the frames they belong to, so that the band stays narrow."""
     n_frames, n_styles = len(styles), int(styles[-1]) + 1
     local = N_LOCAL * np.arange(n_frames)[:, None] + np.arange(N_LOCAL)
     if n_styles == 1:
@@ -145,7 +146,7 @@ def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
 
 
 def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: float) -> list[Row]:
-    """Rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
+    """Return rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
     first = np.searchsorted(styles, np.arange(styles[-1] + 1))
     rows = [(columns[0, k : k + 1], np.ones(1)) for k in range(columns.shape[1])]
     for before, after in pairwise(first):
@@ -157,8 +158,8 @@ def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: flo
 
 
 def second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[Row]:
-    """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ. Over
-    uneven times the slopes differ by as much as the random walk of a speed does from middle to middle."""
+    """Return rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
+    Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle."""
     rows = []
     for t in range(1, len(columns) - 1):
         before, after = 1.0 / np.diff(times[t - 1 : t + 2])

@@ -76,7 +76,7 @@ def phase_table(
 
 
 def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> list[tuple[float, FloatArray]]:
-    """The N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
+    """Return the N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
     n_frames, n_phases = costs.shape
     starts = np.arange(_FINE * n_phases) / (_FINE * n_phases)
     phases = starts[:, None, None] + rates_hz[:, None] * (times_s - times_s[0])  # (start, rate, frame)
@@ -95,9 +95,9 @@ def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> 
 
 
 def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
-    """Rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
-    way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell. Raises InputError
-    without points in two of the first frames. Medians stand outliers, but not a wall behind."""
+    """Return rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing
+    the way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell. Raises
+    InputError without points in two of the first frames. Medians stand outliers, but not a wall behind."""
     shown = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
     if len(shown) < 2:
         raise InputError("least squares: expected points in two of the first frames or more, found none to start from")
@@ -121,7 +121,8 @@ def _activity_styles(model: MotionModel) -> Iterator[tuple[FloatArray, FloatArra
 
 
 def _fine_enough(rates_hz: FloatArray, times_s: FloatArray) -> FloatArray:
-    """The range of frequencies in as many steps, or in so many that neighbours end less than a table's phase apart."""
+    """Return the range of frequencies in as many steps, or in so many that neighbours end less than a table's phase
+    apart."""
     low, high = rates_hz[[0, -1]]
     steps = int(np.ceil((high - low) * (times_s[-1] - times_s[0]) * N_PHASES))
     return rates_hz if steps < len(rates_hz) else np.linspace(low, high, steps + 1)

@@ -94,7 +94,7 @@ def limit_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
 
 
 def usual_poses(skeleton: Skeleton) -> Gaussian:
-    """Independent normal joint angles, pitch and roll; the root may be anywhere and face anywhere."""
+    """Return independent normal joint angles, pitch and roll; the root may be anywhere and face anywhere."""
     sides = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.dof_names]
     mean, deviation = np.array([USUAL_RAD.get(name, UNKNOWN_RAD) for name in sides]).T
     mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
@@ -151,8 +151,8 @@ def ground_residual(skeleton: Skeleton, ground_m: float) -> ResidualFunction:
 
 
 def centre_of_mass(skeleton: Skeleton) -> FloatArray:
-    """Weights (J,) of a person's joints that make their centre of mass; see _LIMBS. The trunk's is midway between
-    pelvis and neck, a little high."""
+    """Return weights (J,) of a person's joints that make their centre of mass; see _LIMBS. The trunk's is midway
+    between pelvis and neck, a little high."""
     weights = dict.fromkeys(JOINT_NAMES, 0.0) | {"pelvis": 0.2485, "neck": 0.2485, "head_centre": 0.081}
     for side in ("left", "right"):
         for near, far, mass, along in _LIMBS:

@@ -82,7 +82,7 @@ class SmoothFit:
 
 
 def _starts(task: Task, start: FloatArray | None) -> FloatArray:
-    """Poses (n, P) of the first frame to start from."""
+    """Return poses (n, P) of the first frame to start from."""
     if start is not None:
         return start[None]
     if keypoints := first_keypoints(task.seen):
@@ -141,7 +141,7 @@ def bounded(skeleton: Skeleton, data: FitData, ground_m: float | None = None) ->
 
 
 def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> FloatArray:
-    """Poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows."""
+    """Return poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows."""
     residual = views_residual(skeleton, seen, sigma_px, LEANING_SIGMA_RAD)
     within = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
     return likely_poses(skeleton, seen, within, usual_poses(skeleton), N_HYPOTHESES)
@@ -167,7 +167,7 @@ def _follow(decoder: PoseDecoder, data: FitData, start: FloatArray) -> FloatArra
 
 
 def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses: FloatArray, cost: float) -> FloatArray:
-    """The poses (T, P), or such with limbs turned over in depth that fit better."""
+    """Return the poses (T, P), or such with limbs turned over in depth that fit better."""
     for _ in range(FLIP_ROUNDS):
         before = cost
         for guess in tqdm(list(flips(skeleton, camera, poses)), desc="flips", disable=None, leave=False):
@@ -206,7 +206,7 @@ def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[Flo
 
 
 def _reaching(skeleton: Skeleton, poses: FloatArray, frames: IntArray, limb: IntArray, aims: FloatArray) -> FloatArray:
-    """Bring the limb's middle and end near aims (T, 2, 3) in some frames of poses (T, P), as far as its limits allow."""
+    """Bring a limb's middle and end near aims (T, 2, 3) in some frames of poses (T, P), as far as its limits allow."""
     reached, decoder = poses.copy(), PoseDecoder(skeleton)
     own = np.flatnonzero(np.isin(skeleton.dof_joints, limb[:2]))
     for t in frames:

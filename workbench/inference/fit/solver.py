@@ -30,18 +30,19 @@ class Pattern:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the storage."""
+        """Return rows and columns of the storage."""
         return self.width + 1 + self.n_border, self.n_band + self.n_border
 
     def place(self, rows: IntArray, columns: IntArray) -> IntArray:
-        """Flat cells of entries (rows, columns), equal shapes; those above the diagonal get one past the last cell."""
+        """Return flat cells of entries (rows, columns), equal shapes; those above the diagonal get one past the last
+        cell."""
         n_rows, n_columns = self.shape
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
         cells: IntArray = np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
         return cells
 
     def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
-        """The matrix whose entries are the sums of the values (...) at their `places` (...)."""
+        """Return the matrix whose entries are the sums of the values (...) at their `places` (...)."""
         n_rows, n_columns = self.shape
         cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
         return Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
@@ -60,7 +61,7 @@ class Arrowhead:
         return corner
 
     def dense(self) -> FloatArray:
-        """The whole matrix (n, n)."""
+        """Return the whole matrix (n, n)."""
         n = self.pattern.shape[1]
         rows, columns = np.tril_indices(n)
         kept = (rows >= self.pattern.n_band) | (rows - columns <= self.pattern.width)
@@ -69,8 +70,8 @@ class Arrowhead:
         return matrix + np.tril(matrix, -1).T
 
     def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
-        """The factors of the matrix with `damping` (n,) added to its diagonal. Raises numpy.linalg.LinAlgError when
-        that is not positive definite."""
+        """Return the factors of the matrix with `damping` (n,) added to its diagonal. Raises numpy.linalg.LinAlgError
+        when that is not positive definite."""
         n_band, width = self.pattern.n_band, self.pattern.width
         added = np.broadcast_to(damping, self.pattern.shape[1:])
         band = self.cells[: width + 1, :n_band].copy()
@@ -96,7 +97,7 @@ class Factor:
     corner: FloatArray
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """x (n,) of A x = right (n,)."""
+        """Return x (n,) of A x = right (n,)."""
         n_band = self.pattern.n_band
         x: FloatArray = cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
         if not self.pattern.n_border:
@@ -105,8 +106,8 @@ class Factor:
         return np.concatenate([x - self.reduced @ shared, shared])
 
     def covariances(self, columns: IntArray) -> FloatArray:
-        """The blocks (T, D, D) of A⁻¹ that belong to the unknowns `columns` (T, D) of each of T frames. Unknowns of one
-        frame must meet in the pattern."""
+        """Return the blocks (T, D, D) of A⁻¹ that belong to the unknowns `columns` (T, D) of each of T frames. Unknowns
+        of one frame must meet in the pattern."""
         n_band, width = self.pattern.n_band, self.pattern.width
         near = selected_inverse(self.root)
         banded = columns < n_band
@@ -124,7 +125,8 @@ class Factor:
 
 
 def selected_inverse(root: FloatArray) -> FloatArray:
-    """The band (w + 1, n) of A⁻¹ from the banded Cholesky factor `root` (w + 1, n) of A, both as lower diagonals.
+    """Return the band (w + 1, n) of A⁻¹ from the banded Cholesky factor `root` (w + 1, n) of A, both as lower
+    diagonals.
 
     Block of w + 1 columns by block from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973):
     with L the factor's block on the diagonal, M the one below, and Z the inverse's block beyond it, the inverse has

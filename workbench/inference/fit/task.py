@@ -38,7 +38,7 @@ class Task:
 
     @property
     def sigma_px(self) -> float:
-        """Deviation of a keypoint, px; infinite where the likelihood does not look at any."""
+        """Return deviation of a keypoint, px; infinite where the likelihood does not look at any."""
         return self.likelihood.observables.sigma_px or np.inf
 
     def data(self, upright_rad: float) -> FitData:
@@ -79,11 +79,11 @@ class Problem(Protocol):
     """Which unknowns least squares looks for, and what holds them beside what is seen."""
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
-        """Names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
+        """Return names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
-        """The fit of all frames, from about the pose `start` (P,), or None to find the person. Raises InputError where
-        the frames do not tell where to start."""
+        """Return the fit of all frames, from about the pose `start` (P,), or None to find the person. Raises InputError
+        where the frames do not tell where to start."""
 
 
 def fit_of(

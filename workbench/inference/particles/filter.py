@@ -54,7 +54,7 @@ class ParticleFilter:
 
     @property
     def space(self) -> StateSpace:
-        """The prior's."""
+        """Return the prior's."""
         return self.prior.space
 
     def rebuilt(self, **parts: Any) -> Self:
@@ -90,7 +90,7 @@ class ParticleFilter:
             previous = frame
 
     def _start(self, poses: FloatArray | None, rng: np.random.Generator) -> Moved:
-        """Even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
+        """Return even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
         if poses is None:
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)

@@ -33,16 +33,17 @@ class Driven(Prior, Protocol):
     def driven(self) -> list[int]: ...
 
     def predicted(self, state: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """Means (N, D') and deviations (D',) of the driven columns, `dt_s` seconds after states (N, D); the phase is
-        counted on, without wrapping."""
+        """Return means (N, D') and deviations (D',) of the driven columns, `dt_s` seconds after states (N, D); the
+        phase is counted on, without wrapping."""
 
 
 class Fitter(Protocol):
     """What fits all frames at once; `fit.least_squares.LeastSquares` is one."""
 
     def fit_frames(self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator) -> Any:
-        """The fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of each
-        frame, and what there is to say about each, from about the pose `start` (P,), or None to find the person."""
+        """Return the fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of
+        each frame, and what there is to say about each, from about the pose `start` (P,), or None to find the
+        person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class Hybrid(Wrapper):
 
     @property
     def finds_start(self) -> bool:
-        """The fit does."""
+        """Return the fit does."""
         return True
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
@@ -174,7 +175,8 @@ def guides_of(
 
 
 def _log_gaussian(white: FloatArray, scales: FloatArray) -> FloatArray:
-    """log N (N,) of whitened deviations (N, D'), with the diagonal (D',) of the triangular factor that whitens."""
+    """Return log N (N,) of whitened deviations (N, D'), with the diagonal (D',) of the triangular factor that
+    whitens."""
     constant = float(np.log(np.sqrt(2.0 * np.pi) * scales).sum())
     density: FloatArray = -0.5 * (white**2).sum(axis=1) - constant
     return density

@@ -67,7 +67,7 @@ class Surrounded:
 
     @property
     def proposes(self) -> bool:
-        """As the move does."""
+        """Tell as the move does."""
         return self.move.proposes
 
     def check(self, prior: Prior, n_particles: int) -> None:

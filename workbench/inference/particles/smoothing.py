@@ -69,8 +69,8 @@ class FixedLag(Wrapper):
             window.popleft()
 
     def _looking_back(self, window: Iterable[Step], before: int) -> tuple[Step, int]:
-        """The window's first step, its particles being ancestors of a later one's, and how much later that one is.
-        before: the same of the frame before, to whose particles the result's `ancestors` point."""
+        """Return the window's first step, its particles being ancestors of a later one's, and how much later that one
+        is. before: the same of the frame before, to whose particles the result's `ancestors` point."""
         first, *later = window
         # of a step's particles, their ancestors in the first step
         own = np.arange(len(first.ancestors))
@@ -151,7 +151,7 @@ class BackwardSimulation(Wrapper):
         yield from reversed(list(self._backwards(steps, looks, rng_streams["resampling"])))
 
     def _backwards(self, steps: list[Step], looks: list[Look], rng: np.random.Generator) -> Iterator[Step]:
-        """The steps with paths for particles, the last one first; looks: of all frames but the first."""
+        """Return the steps with paths for particles, the last one first; looks: of all frames but the first."""
         even = even_log_weights(self.n_paths)
         score, stretch, chosen = np.zeros(self.n_paths), list[tuple[Step, IntArray]](), np.zeros(0, dtype=np.int64)
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
@@ -168,7 +168,8 @@ class BackwardSimulation(Wrapper):
         yield from self._told(stretch, score)
 
     def _told(self, stretch: list[tuple[Step, IntArray]], score: FloatArray) -> Iterator[Step]:
-        """Of a stretch of frames, the last one first, with the particles (M,) that the paths go through: the steps."""
+        """Yield the steps of a stretch of frames, the last one first, with the particles (M,) that the paths go
+        through."""
         even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
             told = _replaced(step, picked, even, np.arange(self.n_paths), best)
@@ -177,8 +178,9 @@ class BackwardSimulation(Wrapper):
     def _one_back(
         self, step: Step, later: Step, chosen: IntArray, look: Look, rng: np.random.Generator
     ) -> tuple[IntArray, FloatArray, Step, Step]:
-        """The particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of this
-        part of the paths; both steps, the first with the share of moves accepted, the later with what they cost."""
+        """Return the particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of
+        this part of the paths; both steps, the first with the share of moves accepted, the later with what they
+        cost."""
         dt_s = later.frame.time_s - step.frame.time_s
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
@@ -199,7 +201,8 @@ class BackwardSimulation(Wrapper):
         return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
-        """Particles (moves, M) of `step`, drawn by their weights and the density of going on to states (M, D)."""
+        """Return particles (moves, M) of `step`, drawn by their weights and the density of going on to states (M,
+        D)."""
         uniforms = rng.random((self.moves, len(states)))
         proposed = np.empty(uniforms.shape, dtype=np.int64)
         rows = max(1, BLOCK // step.particles.size)
@@ -216,14 +219,15 @@ class BackwardSimulation(Wrapper):
 def _log_prob(
     look: Look, step: Step, later: Step, before: IntArray, poses: FloatArray
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Log likelihoods (M,) of poses (M, P) of the later step, after particles (M,) of `step`, and what to say."""
+    """Return log likelihoods (M,) of poses (M, P) of the later step, after particles (M,) of `step`, and what to
+    say."""
     evaluation = look.evaluate(step.poses[before], poses)
     log_prob, said = drop_undefined(evaluation.log_prob)
     return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in said), *evaluation.notes)
 
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
-    """The step with some of its particles, weighted anew."""
+    """Return the step with some of its particles, weighted anew."""
     poses = step.poses[picked]
     return replace(
         step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,

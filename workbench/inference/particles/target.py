@@ -103,17 +103,17 @@ class Target:
 
     @property
     def n(self) -> int:
-        """The number of particles N."""
+        """Return the number of particles N."""
         return len(self.parents.log_weights)
 
     @property
     def dt_s(self) -> float:
-        """Seconds since the previous frame."""
+        """Return seconds since the previous frame."""
         return self.frame.time_s - self.previous.time_s
 
     @property
     def density(self) -> Density:
-        """The prior's density; raises InputError where it has none, see `density_of`."""
+        """Return the prior's density; raises InputError where it has none, see `density_of`."""
         return density_of(self.prior)
 
     def propose(self, parents: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -132,7 +132,7 @@ class Target:
         return Candidates(state, poses, parents, log_prior, self.log_prob(poses, parents))
 
     def log_prob(self, poses: FloatArray, parents: IntArray) -> FloatArray:
-        """Log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
+        """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
         evaluation = self.look.evaluate(self.parents.poses.take(parents, axis=0), poses)
         log_prob, said = drop_undefined(evaluation.log_prob)
@@ -161,20 +161,20 @@ class Target:
         return log_weights, 0.0
 
     def free(self) -> BoolArray:
-        """(D,): the columns that the prior's density speaks of; the others follow from them, see `complete`."""
+        """Select (D,), the columns that the prior's density speaks of; the others follow from them, see `complete`."""
         free = np.zeros(len(self.prior.space), dtype=np.bool_)
         free[self.density.free] = True
         return free
 
     def noisy(self, candidates: Candidates) -> BoolArray:
-        """(D,): the free columns in which candidates are not where their parents lead without noise."""
+        """Select (D,), the free columns in which candidates are not where their parents lead without noise."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
         noisy: BoolArray = np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL
         return noisy & self.free()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """In the columns noisy (D,): how far the states are from where their parents lead without noise, (N, D'), and
-        where that is, relative to the first one, (N, D')."""
+        """Return, in the columns noisy (D,), how far the states are from where their parents lead without noise, (N,
+        D'), and where that is, relative to the first one, (N, D')."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
         difference = apart(self.prior.space, mean, candidates.state)
         return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
@@ -206,7 +206,7 @@ class Target:
 
 
 def density_of(prior: Prior) -> Density:
-    """The prior's density; raises InputError where its transitions have none that could be evaluated."""
+    """Return the prior's density; raises InputError where its transitions have none that could be evaluated."""
     if prior.powers.density is None:
         raise InputError(
             "inference: it needs a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "

@@ -79,7 +79,7 @@ class TemperedSMC(DensityMove):
         return target.settle(settled, even, log_gain, temperatures=float(count), acceptance=float(np.mean(rates)))
 
     def _following(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
-        """The temperature after φ, the count-th; the last one where there are too many."""
+        """Return the temperature after φ, the count-th; the last one where there are too many."""
         if count < MOST_TEMPERATURES:
             return next_temperature(log_prob, phi, self.ess_threshold)
         target.warnings.append(f"frame {target.frame.index}: {count} temperatures did not do; took the rest at once")

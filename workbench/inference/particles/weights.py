@@ -15,31 +15,31 @@ class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
 
 
 def logsumexp(log_weights: FloatArray) -> float:
-    """log Σ exp of (N,): −∞ where all are, nan where one is. scipy's, which also knows axes, signs, factors and complex
-    numbers, takes four times as long for 10⁴ weights."""
+    """Return log Σ exp of (N,): −∞ where all are, nan where one is. scipy's, which also knows axes, signs, factors and
+    complex numbers, takes four times as long for 10⁴ weights."""
     largest = float(log_weights.max())
     return largest + float(np.log(np.exp(log_weights - largest).sum())) if np.isfinite(largest) else largest
 
 
 def even_log_weights(n: int) -> FloatArray:
-    """Normalised log weights (n,) of particles that count alike."""
+    """Return normalised log weights (n,) of particles that count alike."""
     return np.full(n, -np.log(n))
 
 
 def effective_sample_size(log_weights: FloatArray) -> float:
-    """1 / Σ w² of normalised log weights (N,) (Kong, Liu & Wong 1994)."""
+    """Return 1 / Σ w² of normalised log weights (N,) (Kong, Liu & Wong 1994)."""
     return float(np.exp(-logsumexp(2.0 * log_weights)))
 
 
 def effective_number(picked: IntArray, log_weights: FloatArray) -> float:
-    """The effective sample size of particles with normalised log weights (N,) when those that are copies of one
+    """Return the effective sample size of particles with normalised log weights (N,) when those that are copies of one
     particle, picked (N,), count as one."""
     shares = np.bincount(picked, weights=np.exp(log_weights))
     return float(1.0 / (shares**2).sum())
 
 
 def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Log likelihoods (N,) with −∞ for those that are undefined, and a sentence that says so."""
+    """Return log likelihoods (N,) with −∞ for those that are undefined, and a sentence that says so."""
     undefined = np.isnan(log_prob) | (log_prob == np.inf)
     if not undefined.any():
         return log_prob, ()
@@ -49,8 +49,8 @@ def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
 
 
 def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
-    """Log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`. An
-    impossible state may lead to possible ones: it keeps the least of the finite values."""
+    """Return log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`.
+    An impossible state may lead to possible ones: it keeps the least of the finite values."""
     possible = np.isfinite(log_prob)
     floor = log_prob[possible].min() if possible.any() else 0.0
     log_weight: FloatArray = flatten * np.where(possible, log_prob, floor)
@@ -69,12 +69,13 @@ def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = No
 
 
 def multinomial(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Ancestors (N,) drawn independently by their weights (N,)."""
+    """Return ancestors (N,) drawn independently by their weights (N,)."""
     return _pick(weights, rng.random(len(weights)))
 
 
 def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Ancestors (N,): ⌊N w⌋ copies of each particle, the rest drawn independently by what is left of the weights."""
+    """Return ancestors (N,): ⌊N w⌋ copies of each particle, the rest drawn independently by what is left of the
+    weights."""
     expected = len(weights) * weights
     copies = np.floor(expected).astype(np.int64)
     left = expected - copies
@@ -97,7 +98,7 @@ def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
 
 @numba.njit(cache=True, nogil=True)
 def _walk(edges: Any, positions: Any) -> Any:
-    """`searchsorted` from the right for rising positions, in one walk."""
+    """Do `searchsorted` from the right for rising positions, in one walk."""
     found, j = np.empty(positions.shape[0], dtype=np.int64), 0
     for i in range(positions.shape[0]):
         while j < edges.shape[0] and edges[j] <= positions[i]:

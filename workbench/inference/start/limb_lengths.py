@@ -49,7 +49,8 @@ class Measured:
 
 
 def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
-    """The person whose limbs fit the keypoints of a clip's first frames: `n_frames` of them, a 14th of a second apart.
+    """Return the person whose limbs fit the keypoints of a clip's first frames: `n_frames` of them, a 14th of a second
+    apart.
 
     height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10
     cm. Raises InputError where fewer than LEAST_KEYPOINTS joints are seen in every one of these frames, and heights as
@@ -75,7 +76,7 @@ def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8
 def measure(
     seen: Sequence[Sequence[Keypoints]], height_m: float | None = None, keypoint_sigma: float = KEYPOINT_SIGMA
 ) -> Measured:
-    """Lengths and poses that fit the keypoints of T frames best, all views of a frame together.
+    """Return lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
     the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's
@@ -111,7 +112,8 @@ def measure(
 
 
 def shape_of(lengths: FloatArray) -> Shape:
-    """The person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average person's."""
+    """Return the person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average
+    person's."""
     height = AVERAGE_M * float(np.exp(lengths[0]))
     average = from_height(height, upper_arm=UPPER_ARM * height, forearm=FOREARM * height)
     factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
@@ -125,7 +127,8 @@ def shape_of(lengths: FloatArray) -> Shape:
 
 
 def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
-    """Derivative (T, J, 3, G) of the joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G)."""
+    """Return derivative (T, J, 3, G) of the joints in poses (T, P) by lengths that move the offsets by_length (J, 3,
+    G)."""
     frames = forward(skeleton, poses)
     own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
@@ -136,7 +139,8 @@ def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray
 def _project(
     lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and poses."""
+    """Return whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and
+    poses."""
     skeleton = person_skeleton(shape_of(lengths))
     steps = 1e-6 * np.eye(len(lengths))
     offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
@@ -157,7 +161,7 @@ def _project(
 
 
 def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
-    """Poses (T, P) of the average person: the first from nothing, the others each from the one before."""
+    """Return poses (T, P) of the average person: the first from nothing, the others each from the one before."""
     prior = usual_poses(skeleton)
     residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in seen]
     poses = [likely_poses(skeleton, seen[0], residuals[0], prior, 1)[0]]

@@ -38,7 +38,7 @@ class StartFit:
 
 
 def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> StartFit:
-    """The cyclic motion of the model that fits the joints marked in all F frames, in one style.
+    """Return the cyclic motion of the model that fits the joints marked in all F frames, in one style.
 
     Least squares over coefficients, phases and roots, from several headings and phases; the lowest cost wins. Marks
     have a deviation of MARK_SIGMA_PX, over the root of their weight; left and right come with them.
@@ -57,8 +57,8 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
 
 
 def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> list[Keypoints]:
-    """The joints marked in each of the F frames. Raises InputError when fewer than LEAST_KEYPOINTS joints are marked in
-    a frame."""
+    """Return the joints marked in each of the F frames. Raises InputError when fewer than LEAST_KEYPOINTS joints are
+    marked in a frame."""
     given = [usable_keypoints(skeleton, rows, camera) for rows in marks.keypoints]
     seen = [one for one in given if one is not None and len(one.joints) >= LEAST_KEYPOINTS]
     if len(seen) < len(given):
@@ -68,7 +68,7 @@ def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> lis
 
 
 def error_px(skeleton: Skeleton, seen: Sequence[Keypoints], poses: FloatArray) -> float:
-    """Root mean square distance of the joints of poses (F, P) to the marks, weighted."""
+    """Return the root mean square distance of the joints of poses (F, P) to the marks, weighted."""
     squares, weights = [], []
     for one, places in zip(seen, joints(skeleton, poses), strict=True):
         squares.append(((one.camera.project(places[one.joints]) - one.marks[:, :2]) ** 2).sum(axis=1))
@@ -88,7 +88,8 @@ _PLACE = np.arange(4)  # position and heading; how a person leans is part of the
 
 
 def start_from_examples(examples: FloatArray, skeleton: Skeleton, seen: Keypoints) -> FloatArray:
-    """The poses (m ≤ N_KEPT, P), the best first, of examples (n, P) that fit one frame's marks, placed where they do.
+    """Return the poses (m ≤ N_KEPT, P), the best first, of examples (n, P) that fit one frame's marks, placed where
+    they do.
 
     Every example is tried at N_HEADINGS headings, at the place that a linear fit gives it (`placed_costs`). The best
     that differ are fitted by least squares over position and heading. Raises InputError where none can be placed before
@@ -111,8 +112,8 @@ def start_from_examples(examples: FloatArray, skeleton: Skeleton, seen: Keypoint
 
 
 def placed_costs(seen: Keypoints, places: FloatArray, heading: float, sigma_px: float) -> tuple[FloatArray, FloatArray]:
-    """Costs (n,), nats, and positions (n, 3), m, of roots, for people whose M joints seen are at `places` (n, M, 3)
-    while the root is at the origin, and who are turned by a heading, rad.
+    """Return costs (n,), nats, and positions (n, 3), m, of roots, for people whose M joints seen are at `places` (n, M,
+    3) while the root is at the origin, and who are turned by a heading, rad.
 
     In the camera's axes a joint X that is moved by T is seen at (u, v) where X_x + T_x = u (X_z + T_z), and likewise
     for v: linear in T, whose least squares are one matrix for all poses. What is left of an equation, times the focal
@@ -137,7 +138,7 @@ def placed_costs(seen: Keypoints, places: FloatArray, heading: float, sigma_px: 
 
 
 def _best_guesses(upright: FloatArray, skeleton: Skeleton, seen: Keypoints, sigma_px: float) -> FloatArray:
-    """The N_TRIED poses (k, P) that cost least, of all examples at all headings, the best first."""
+    """Return the N_TRIED poses (k, P) that cost least, of all examples at all headings, the best first."""
     best, guesses = np.empty(0), np.empty((0, upright.shape[1]))
     for first in range(0, len(upright), _BLOCK):
         block = upright[first : first + _BLOCK]
@@ -152,7 +153,7 @@ def _best_guesses(upright: FloatArray, skeleton: Skeleton, seen: Keypoints, sigm
 
 
 def _distinct(skeleton: Skeleton, poses: FloatArray, most: int) -> FloatArray:
-    """The first, at most so many, of poses (k, P) whose joints are APART_M or more from those of all before."""
+    """Return the first, at most so many, of poses (k, P) whose joints are APART_M or more from those of all before."""
     places, kept = joints(skeleton, poses), np.empty(0, dtype=np.intp)
     for k in range(len(poses)):
         apart = np.linalg.norm(places[kept] - places[k], axis=2).mean(axis=1)
