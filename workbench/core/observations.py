@@ -58,8 +58,7 @@ def observe(
     frames: Sequence[Frame], skeleton: Skeleton, most_points: int, rng: np.random.Generator,
     observables: Observables = EVERYTHING,
 ) -> tuple[list[Observed], list[tuple[str, ...]]]:  # fmt: skip
-    """Pick what each frame shows of what matters, and say what there is to say about it: points left out or thinned,
-    and nothing to be seen.
+    """Pick what each frame shows of what matters, and warn of points left out or thinned, and of nothing seen.
 
     most_points: a frame's points beyond are thinned at random. observables: what matters. Raises InputError where they
     name a camera that no frame has.
@@ -85,7 +84,7 @@ def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
 
 
 def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
-    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and have a weight; None if there is
+    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and weighted; None if there is
     none."""
     rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
     joints = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)

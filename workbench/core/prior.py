@@ -65,8 +65,7 @@ class Density(Protocol):
 
     @property
     def free(self) -> IntArray:
-        """Return indices of the columns that `log_transition` speaks of, ascending: all, unless others follow from
-        them.
+        """Return indices of the columns that `log_transition` speaks of, ascending: all, unless some follow.
 
         Whoever sets a state sets these and then calls `complete`. Where some follow, the columns are not independent
         of each other given the previous state; where none do, they are.
@@ -122,7 +121,7 @@ class Prior(Protocol):
         """Return N states (N, D) spread around a starting pose (P,)."""
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """Return one draw (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
+        """Draw once (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
 
     def pose(self, state: FloatArray) -> FloatArray:
         """Return the poses (N, P) that states (N, D) stand for."""
@@ -133,13 +132,11 @@ class Proposing(Protocol):
     """A prior that draws from a proposal and says by which weights its draws stand for the prior."""
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Return states (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were
-        drawn."""
+        """Draw states (N, D) `dt_s` seconds later; returns the log weights (N,) that correct for it too."""
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Draw by the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of
-    zero."""
+    """Draw by the prior's own proposal, or where it has none by `step`, with log weights (N,) of zero."""
     if isinstance(prior, Proposing):
         return prior.propose(state, dt_s, rng)
     return prior.step(state, dt_s, rng), np.zeros(len(state))

@@ -78,10 +78,8 @@ SQUARED = Loss("squared", 1.0)
 
 @runtime_checkable
 class ResidualLikelihood(Protocol):
-    """A likelihood that also says which residuals, under which loss, least squares minimises in its place.
-
-    observables: what it looks at, and how exactly it takes that.
-    """
+    """A likelihood that also says which residuals, under which loss, least squares minimises in its place. observables:
+    what it looks at, and how exactly it takes that."""
 
     @property
     def observables(self) -> Observables: ...

@@ -62,5 +62,4 @@ class Inference(Protocol):
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """Return one step per frame, from the pose `start` (P,) in the first, which some can do without; draws come
-        from the named generators."""
+        """Yield one step per frame, from the pose `start` (P,), which some can do without, by the named generators."""

@@ -34,13 +34,12 @@ N_POSITION = 3
 def step_errors(
     step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
 ) -> dict[str, float]:
-    """Return the errors of one step that its truth allows, of the expected pose, and three (`_map`) of the heaviest
-    particle.
+    """Measure what a step's truth allows: errors of the expected pose, and three (`_map`) of the heaviest particle.
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
-    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with
-    the root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
+    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with the
+    root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
     where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
@@ -48,8 +47,7 @@ def step_errors(
     log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
     where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
     error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
-    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned
-    without truth.
+    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one.
     """
     truth = step.frame.truth
     if truth is None:
@@ -99,8 +97,7 @@ def held(error_px: Sequence[float], forearm_px: Sequence[float], last: int = 5) 
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
-    """Return the joints, but the root, that one of the parameters called `moving` moves: those below the one it
-    turns."""
+    """List the joints, but the root, that a parameter called in `moving` moves: those below the one it turns."""
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -112,7 +109,7 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
 
 
 def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
-    """Return mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
+    """Return the mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
     width_m = float(np.sum(body.shape.forearm_radii))  # the mean of the two ends' diameters
     depth_m = float(np.nanmean(camera.to_camera(true_joints)[list(measured), 2]))
     return float(camera.matrix[0, 0]) * width_m / depth_m
@@ -185,8 +182,7 @@ def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where the pose is
-    unknown."""
+    """Rank, in 0..1, the true pose's numbers that `pose_calibration` counts; none where the pose is unknown."""
     truth, spread = step.frame.truth, step.spread
     if truth is None or truth.pose is None:
         return np.zeros(0)

@@ -23,8 +23,7 @@ def mean_distance(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 
 def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
     """Return the mean distance, m, of joints (J, 3) after the similarity (turn, shift, scale) that brings them nearest
-    in the mean square (Umeyama 1991): PA-MPJPE. NaN for fewer than LEAST_FOR_PROCRUSTES known joints, or all in one
-    place."""
+    in the mean square (Umeyama 1991): PA-MPJPE. NaN for joints all in one place or fewer than LEAST_FOR_PROCRUSTES."""
     known = np.isfinite(truth).all(axis=1)
     if known.sum() < LEAST_FOR_PROCRUSTES:
         return float("nan")
@@ -39,8 +38,7 @@ def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
 
 
 def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:
-    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit given; NaN where none is
-    known."""
+    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit given, or NaN."""
     apart = np.linalg.norm(estimate - truth, axis=-1)
     return _mean(np.where(np.isnan(apart), np.nan, apart < threshold))
 
@@ -59,8 +57,7 @@ def accelerations(places: FloatArray, times_s: FloatArray) -> FloatArray:
 
 
 def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return angles (...), degrees, of the turns from rotations (..., 3, 3) to others: the geodesic distance on
-    SO(3)."""
+    """Return angles (...), degrees, of the turns between rotations (..., 3, 3): the geodesic distance on SO(3)."""
     between = np.swapaxes(estimate, -1, -2) @ truth
     # by sine and cosine, as the arccosine of the trace loses half its digits near zero; SciPy's Rotation.magnitude is
     # the same to 4e-14 degrees, not to the bit

@@ -230,8 +230,7 @@ def jump_deg(before: FloatArray, after: FloatArray) -> float:
 
 
 def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
-    """Return the state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead >
-    0."""
+    """Draw the state (1, D) a library frame later, and its entry; of CANDIDATES by what follows, if ahead > 0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
     states, squares = firsts, np.zeros(len(firsts))
@@ -246,8 +245,7 @@ def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generat
 def _one_frame(
     prior: Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return the states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances
-    (N,)."""
+    """Draw states (N, D) a library frame later, with their entries (N,) and squared whitened distances (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
     entries = prior.draw(probes, rng)
     squares = ((prior.windows.coefficients[entries] - probes) ** 2).sum(axis=1)

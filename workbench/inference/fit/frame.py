@@ -95,12 +95,10 @@ def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> 
 
 
 def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArray:
-    """Return states (T, D) of all frames, of which the first ones are `known` (F ≥ 2, D), and the next follow one by
-    one.
+    """Return states (T, D) of all frames, the first ones `known` (F ≥ 2, D), the next followed one by one.
 
-    Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held;
-    the phase goes on at its mean speed of late, and the root is first found with a wide loss: what goes wrong here is
-    hard to undo.
+    Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held; the
+    phase goes on at its mean speed of late, and the root is first found with a wide loss.
     """
     states, free = list(known), PoseDecoder(decoder.skeleton)
     gaps, n_style = PACE_HZ * np.diff(data.times_s), decoder.n_style

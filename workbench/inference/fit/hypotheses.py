@@ -36,8 +36,8 @@ def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
 
 
 def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
-    """Select those of the first frame that shows enough to start from; none where points are what it shows. Raises
-    InputError when no frame does."""
+    """Select those of the first frame that shows enough to start from, none if by points; raises InputError where none
+    does."""
     for one in seen:
         if len(one.points) or enough_keypoints(one):
             return enough_keypoints(one)

@@ -37,11 +37,10 @@ class LeastSquares:
     prior: its motion model and its smoothness are what holds the poses; None: `Smoothness()` alone. phase_ends: of a
     cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem: `MotionFit`,
     `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second. most_points: a
-    frame's points beyond are thinned at random. max_iterations: of the search over all frames. n_particles: drawn per
-    step.
+    frame's points beyond are thinned at random. max_iterations: of the search over all frames. n_particles: per step.
 
-    Raises InputError for numbers out of range, a likelihood without residuals, and a problem that needs a motion model
-    where there is none.
+    Raises InputError for numbers out of range, a likelihood without residuals, and a problem that lacks its motion
+    model.
 
     Deviation. D minimises the plain sum of squares of f − C, which is kind "field" and loss "squared" of the surface
     points; by default residuals are distances in metres under a loss that redescends, and the start's always are.

@@ -109,8 +109,7 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) ->
 def fit_motion(
     problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4
 ) -> tuple[FloatArray, FloatArray, Minimum]:
-    """Return states (T, D) near `states` that fit all frames best, their marginal covariances (T, D, D), and the
-    search.
+    """Fit all frames from `states` (T, D); returns states, their marginal covariances (T, D, D), and the search.
 
     The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation.
     Raises InputError when the observations leave some unknown undetermined.

@@ -121,8 +121,7 @@ def _activity_styles(model: MotionModel) -> Iterator[tuple[FloatArray, FloatArra
 
 
 def _fine_enough(rates_hz: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Return the range of frequencies in as many steps, or in so many that neighbours end less than a table's phase
-    apart."""
+    """Divide the range of frequencies so that neighbours end less than a table's phase apart."""
     low, high = rates_hz[[0, -1]]
     steps = int(np.ceil((high - low) * (times_s[-1] - times_s[0]) * N_PHASES))
     return rates_hz if steps < len(rates_hz) else np.linspace(low, high, steps + 1)

@@ -59,8 +59,7 @@ def views_residual(
 
 
 def joint_residual(skeleton: Skeleton, joints: IntArray, points: FloatArray, sigma_m: float) -> ResidualFunction:
-    """Measure how far joints (K,) of the skeleton are off the points (K, 3), m, that they are known to be; 3 K
-    residuals."""
+    """Measure how far joints (K,) of the skeleton are off points (K, 3), m; 3 K residuals."""
     if not len(points):
         return nothing
 
@@ -113,8 +112,8 @@ def usual_residual(skeleton: Skeleton) -> ResidualFunction:
 
 
 def balance_residual(skeleton: Skeleton) -> ResidualFunction:
-    """Measure how far the centre of mass is from where people on their feet have it, a little ahead of the line between
-    the ankles."""
+    """Measure how far the centre of mass is from a little ahead of the line between the ankles, where people have
+    it."""
     masses, left, right = centre_of_mass(skeleton), skeleton.joint("left_ankle"), skeleton.joint("right_ankle")
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,8 +34,7 @@ class Pattern:
         return self.width + 1 + self.n_border, self.n_band + self.n_border
 
     def place(self, rows: IntArray, columns: IntArray) -> IntArray:
-        """Return flat cells of entries (rows, columns), equal shapes; those above the diagonal get one past the last
-        cell."""
+        """Return flat cells of entries (rows, columns), equal shapes; above the diagonal, one past the last cell."""
         n_rows, n_columns = self.shape
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
         cells: IntArray = np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
@@ -125,8 +124,7 @@ class Factor:
 
 
 def selected_inverse(root: FloatArray) -> FloatArray:
-    """Return the band (w + 1, n) of A⁻¹ from the banded Cholesky factor `root` (w + 1, n) of A, both as lower
-    diagonals.
+    """Return the band (w + 1, n) of A⁻¹ from A's banded Cholesky factor `root` (w + 1, n), both as lower diagonals.
 
     Block of w + 1 columns by block from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973):
     with L the factor's block on the diagonal, M the one below, and Z the inverse's block beyond it, the inverse has
@@ -182,10 +180,9 @@ def minimise(
 ) -> Minimum:  # fmt: skip
     """Minimise a sum of squares from x (n,).
 
-    expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted.
-    The damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16).
-    It ends when the model promises to lower the cost by less than `tolerance` of it. progress: called with the cost
-    after every iteration.
+    expand: the cost and its quadratic model at a point; one call per iteration, as nearly all steps are accepted. The
+    damping is relative to `Quadratic.trust` and follows the gain (Madsen, Nielsen & Tingleff 2004, algorithm 3.16). It
+    ends when the model promises to lower the cost by less than `tolerance` of it. progress: called with every cost.
     """
     here = expand(x)
     costs, damping, growth, iterations = [here.cost], FIRST_DAMPING, 2.0, 0

@@ -22,8 +22,7 @@ class Task:
     """T frames to fit a person to. surface: of the body with this skeleton. likelihood: whose residuals are minimised.
 
     seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
-    phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a search over
-    all frames at once.
+    phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
     """
 
     skeleton: Skeleton

@@ -28,7 +28,7 @@ class ParticleFilter:
 
     move: how parents are chosen, states drawn and weighted. n_particles: N. on_degenerate: what to do when every weight
     of a frame is zero or undefined: "recover" keeps the prior's prediction with even weights, or those of the frame
-    before, and says so, "stop" raises DegenerateWeights. Raises InputError for other values and a prior that lacks what
+    before, and says so, "stop" raises DegenerateWeights. Raises InputError for other values and a prior without what
     the move needs.
     """
 

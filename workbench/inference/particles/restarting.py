@@ -49,8 +49,8 @@ class Restarting(Wrapper):
     evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it does not
     come from.
 
-    filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for numbers
-    out of range.
+    filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for other
+    numbers.
     """
 
     body: Body | None = None

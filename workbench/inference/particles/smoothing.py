@@ -52,10 +52,7 @@ class FixedLag(Wrapper):
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
-
-        rng_streams: as for the filter. ess counts ancestors, and so does the diagnostic `distinct`, whatever their
-        weights.
-        """
+        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors."""
         window, ahead = deque[Step](), 0
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
@@ -168,8 +165,7 @@ class BackwardSimulation(Wrapper):
         yield from self._told(stretch, score)
 
     def _told(self, stretch: list[tuple[Step, IntArray]], score: FloatArray) -> Iterator[Step]:
-        """Yield the steps of a stretch of frames, the last one first, with the particles (M,) that the paths go
-        through."""
+        """Yield a stretch's steps, the last one first, with the particles (M,) that the paths go through."""
         even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
             told = _replaced(step, picked, even, np.arange(self.n_paths), best)
@@ -201,8 +197,7 @@ class BackwardSimulation(Wrapper):
         return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
-        """Return particles (moves, M) of `step`, drawn by their weights and the density of going on to states (M,
-        D)."""
+        """Draw particles (moves, M) of `step` by their weights and the density of going on to states (M, D)."""
         uniforms = rng.random((self.moves, len(states)))
         proposed = np.empty(uniforms.shape, dtype=np.int64)
         rows = max(1, BLOCK // step.particles.size)
@@ -219,8 +214,7 @@ class BackwardSimulation(Wrapper):
 def _log_prob(
     look: Look, step: Step, later: Step, before: IntArray, poses: FloatArray
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return log likelihoods (M,) of poses (M, P) of the later step, after particles (M,) of `step`, and what to
-    say."""
+    """Return log likelihoods (M,) of the later step's poses (M, P) after particles (M,) of `step`, and warnings."""
     evaluation = look.evaluate(step.poses[before], poses)
     log_prob, said = drop_undefined(evaluation.log_prob)
     return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in said), *evaluation.notes)

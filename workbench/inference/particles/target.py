@@ -117,8 +117,8 @@ class Target:
         return density_of(self.prior)
 
     def propose(self, parents: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; with the log weights (N,) that
-        correct for it."""
+        """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; returns its log weights (N,)
+        too."""
         return propose(self.prior, self.parents.state.take(parents, axis=0), self.dt_s, rng)
 
     def predict(self, parents: IntArray, rng: np.random.Generator) -> Candidates:

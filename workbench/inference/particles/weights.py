@@ -61,21 +61,19 @@ Resample = Callable[[FloatArray, np.random.Generator], IntArray]
 
 
 def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = None) -> IntArray:
-    """Draw n ancestors (n,), N by default, of particles with normalised weights (N,), in rising order: one uniform, n
-    equidistant positions."""
+    """Draw rising ancestors (n,), N by default, by normalised weights (N,): one uniform, n equidistant positions."""
     n = len(weights) if n is None else n
     positions = (np.arange(n) + rng.random()) / n
     return _pick(weights, positions)
 
 
 def multinomial(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Return ancestors (N,) drawn independently by their weights (N,)."""
+    """Draw ancestors (N,) independently by their weights (N,)."""
     return _pick(weights, rng.random(len(weights)))
 
 
 def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Return ancestors (N,): ⌊N w⌋ copies of each particle, the rest drawn independently by what is left of the
-    weights."""
+    """Draw ancestors (N,): ⌊N w⌋ copies of each particle, the rest independently by what is left of the weights."""
     expected = len(weights) * weights
     copies = np.floor(expected).astype(np.int64)
     left = expected - copies

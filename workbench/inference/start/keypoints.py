@@ -39,12 +39,9 @@ NO_IMAGE = np.zeros((1, 1), dtype=np.uint8)
 
 
 def start_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatArray:
-    """Return poses (n ≥ 1, P) in the first frame, the likeliest first, from the keypoints of all views in the first
-    half second.
-
-    Each is a minimum of `smooth_fit` from another pose of the first frame. Raises InputError where that shows too few
-    keypoints.
-    """
+    """Find poses (n ≥ 1, P) in the first frame, the likeliest first, by all views' keypoints of the first half second.
+    Each is a minimum of `smooth_fit` from another pose of the first frame. Raises InputError where that shows too
+    few."""
     taken: list[Frame] = []
     for frame in frames:
         if taken and frame.time_s - taken[0].time_s > START_S:

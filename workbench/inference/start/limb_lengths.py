@@ -49,8 +49,7 @@ class Measured:
 
 
 def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
-    """Return the person whose limbs fit the keypoints of a clip's first frames: `n_frames` of them, a 14th of a second
-    apart.
+    """Measure a person by the keypoints of a clip's first `n_frames` that are a 14th of a second apart.
 
     height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10
     cm. Raises InputError where fewer than LEAST_KEYPOINTS joints are seen in every one of these frames, and heights as
@@ -79,8 +78,7 @@ def measure(
     """Return lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
-    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's
-    loss.
+    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight.
     """
     sigma_px = keypoint_sigma * person_px(seen[0])
     start = np.zeros(1 + len(LENGTHS))
@@ -112,8 +110,7 @@ def measure(
 
 
 def shape_of(lengths: FloatArray) -> Shape:
-    """Return the person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average
-    person's."""
+    """Make a person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average's."""
     height = AVERAGE_M * float(np.exp(lengths[0]))
     average = from_height(height, upper_arm=UPPER_ARM * height, forearm=FOREARM * height)
     factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
@@ -127,8 +124,7 @@ def shape_of(lengths: FloatArray) -> Shape:
 
 
 def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return derivative (T, J, 3, G) of the joints in poses (T, P) by lengths that move the offsets by_length (J, 3,
-    G)."""
+    """Differentiate joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G); (T, J, 3, G)."""
     frames = forward(skeleton, poses)
     own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
@@ -139,8 +135,7 @@ def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray
 def _project(
     lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and
-    poses."""
+    """Return whitened residuals (K,) of all keypoints, and their derivative (K, G + T P) by lengths and poses."""
     skeleton = person_skeleton(shape_of(lengths))
     steps = 1e-6 * np.eye(len(lengths))
     offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]

@@ -57,8 +57,7 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
 
 
 def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> list[Keypoints]:
-    """Return the joints marked in each of the F frames. Raises InputError when fewer than LEAST_KEYPOINTS joints are
-    marked in a frame."""
+    """Select the joints marked in each of F frames; raises InputError where they are fewer than LEAST_KEYPOINTS."""
     given = [usable_keypoints(skeleton, rows, camera) for rows in marks.keypoints]
     seen = [one for one in given if one is not None and len(one.joints) >= LEAST_KEYPOINTS]
     if len(seen) < len(given):
@@ -88,8 +87,7 @@ _PLACE = np.arange(4)  # position and heading; how a person leans is part of the
 
 
 def start_from_examples(examples: FloatArray, skeleton: Skeleton, seen: Keypoints) -> FloatArray:
-    """Return the poses (m ≤ N_KEPT, P), the best first, of examples (n, P) that fit one frame's marks, placed where
-    they do.
+    """Find those (m ≤ N_KEPT, P) of examples (n, P) that fit one frame's marks, placed where they do, the best first.
 
     Every example is tried at N_HEADINGS headings, at the place that a linear fit gives it (`placed_costs`). The best
     that differ are fitted by least squares over position and heading. Raises InputError where none can be placed before
