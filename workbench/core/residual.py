@@ -179,5 +179,4 @@ def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
     zero = np.zeros_like(z)
     focal_x, focal_y = camera.matrix[0, 0], camera.matrix[1, 1]
     seen = np.array([[focal_x / z, zero, -focal_x * x / z**2], [zero, focal_y / z, -focal_y * y / z**2]])
-    jacobian: FloatArray = seen.transpose(2, 0, 1) @ camera.rotation
-    return jacobian
+    return seen.transpose(2, 0, 1) @ camera.rotation

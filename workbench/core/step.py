@@ -46,8 +46,7 @@ class Step:
     @cached_property
     def spread(self) -> BoolArray:
         """Select (P,), the pose's numbers in which the particles differ; the others are held fixed by the prior."""
-        differ: BoolArray = (self.poses != self.poses[0]).any(axis=0)
-        return differ
+        return (self.poses != self.poses[0]).any(axis=0)
 
 
 class Inference(Protocol):

@@ -41,11 +41,8 @@ class MarkerOffsets:
     @property
     def lengths_mm(self) -> dict[str, float]:
         """Return offset_<joint>_mm: how far each marker lies from its joint, of those known."""
-        known = [joint for joint in self._measured if np.isfinite(self.offsets[joint]).all()]
-        return {
-            f"offset_{self._skeleton.names[joint]}_mm": 1e3 * float(np.linalg.norm(self.offsets[joint]))
-            for joint in known
-        }
+        offsets = {f"offset_{self._skeleton.names[joint]}_mm": self.offsets[joint] for joint in self._measured}
+        return {name: 1e3 * float(np.linalg.norm(xyz)) for name, xyz in offsets.items() if np.isfinite(xyz).all()}
 
     def add(self, step: Step) -> dict[str, float]:
         """Return the error in this frame, over the joints that it knows and whose offset frames before it gave."""

@@ -220,8 +220,7 @@ class FootContact:
 
 def ankle_positions(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     """Return both ankles (N, 2, 3), m, of poses (N, P)."""
-    both: FloatArray = joints(skeleton, poses)[:, [skeleton.joint(name) for name in ANKLES]]
-    return both
+    return joints(skeleton, poses)[:, [skeleton.joint(name) for name in ANKLES]]
 
 
 def jump_deg(before: FloatArray, after: FloatArray) -> float:
@@ -273,5 +272,4 @@ def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
 
 def _turn(angles: FloatArray) -> FloatArray:
     """Return angles without whole turns, in [−π, π)."""
-    turned: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return turned
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi

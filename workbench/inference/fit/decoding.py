@@ -37,11 +37,10 @@ class FitData:
 
 
 class Decoder(Protocol):
-    """Takes states (T, D), one per frame, to poses (T, P)."""
+    """Takes states (T, D), one per frame, whose columns `space` names, to poses (T, P)."""
 
     @property
-    def space(self) -> StateSpace:
-        """Return names of the D columns."""
+    def space(self) -> StateSpace: ...
 
     def poses(self, states: FloatArray) -> FloatArray:
         """Return the poses (T, P) of states (T, D)."""

@@ -32,15 +32,15 @@ START_LOSS = Loss("geman_mcclure", 1.5)
 
 def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
     """Return the frame's keypoints, where some view shows enough to start from."""
-    return seen.keypoints if any(len(one.joints) >= LEAST_KEYPOINTS for one in seen.keypoints) else ()
+    return seen.keypoints if any(len(view.joints) >= LEAST_KEYPOINTS for view in seen.keypoints) else ()
 
 
 def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
-    """Select those of the first frame that shows enough to start from, none if by points; raises InputError where none
+    """Select those of the first frame that shows enough to start from, points or keypoints; raises InputError if none
     does."""
-    for one in seen:
-        if len(one.points) or enough_keypoints(one):
-            return enough_keypoints(one)
+    for frame in seen:
+        if len(frame.points) or enough_keypoints(frame):
+            return enough_keypoints(frame)
     raise InputError(f"least squares: expected {LEAST_KEYPOINTS} keypoints in some frame to start from, found fewer")
 
 
@@ -74,18 +74,24 @@ def likely_poses(
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
         for root in upright_roots(skeleton, seen, upright)
     ]
-    kept: list[FloatArray] = []
-    for fit in sorted(fits, key=lambda fit: fit.costs[-1]):
-        places = joints(skeleton, np.stack([fit.x, *kept]))
-        if len(kept) < most and (np.linalg.norm(places[1:] - places[0], axis=2).mean(axis=1) > APART_M).all():
-            kept.append(fit.x)
-    return np.array(kept)
+    fits.sort(key=lambda fit: fit.costs[-1])
+    return distinct_poses(skeleton, np.array([fit.x for fit in fits]), most, APART_M)
+
+
+def distinct_poses(skeleton: Skeleton, poses: FloatArray, most: int, apart_m: float) -> FloatArray:
+    """Select the first, at most so many, of poses (k, P) whose joints are that far or more from those of all before."""
+    places, kept = joints(skeleton, poses), np.empty(0, dtype=np.intp)
+    for k in range(len(poses)):
+        distances = np.linalg.norm(places[kept] - places[k], axis=2).mean(axis=1)
+        if len(kept) < most and (distances > apart_m).all():
+            kept = np.append(kept, k)
+    return poses[kept]
 
 
 def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
     """Return roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the
     image of the view that shows most of them."""
-    fullest = max(seen, key=lambda one: len(one.joints))
+    fullest = max(seen, key=lambda keypoints: len(keypoints.joints))
     roots = np.zeros((N_HEADINGS, N_ROOT))
     roots[:, 3] = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS
     for root in roots:
@@ -100,8 +106,7 @@ def _place(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
     spread = np.linalg.norm((body - middle) @ camera.rotation[:2].T)
     depth = focal * spread / max(float(np.linalg.norm(pixels - pixels.mean(axis=0))), 1.0)
     ray = np.append((pixels.mean(axis=0) - camera.matrix[:2, 2]) / camera.matrix[[0, 1], [0, 1]], 1.0)
-    place: FloatArray = camera.rotation.T @ (depth * ray - camera.translation) - middle
-    return place
+    return camera.rotation.T @ (depth * ray - camera.translation) - middle
 
 
 def coarse_data(task: Task) -> FitData:
@@ -128,8 +133,7 @@ def first_pose(task: Task, prior: Gaussian | None) -> FloatArray:
             raise InputError("least squares: the person moves too little to tell where they face; give a start")
         return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])
     residual = views_residual(task.skeleton, keypoints, task.sigma_px)
-    pose: FloatArray = likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
-    return pose
+    return likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
 
 
 def _coarse(task: Task, seen: Observed) -> ResidualFunction:

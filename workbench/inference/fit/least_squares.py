@@ -158,7 +158,8 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
     even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
     for t, frame in enumerate(frames):
-        draws = rng.standard_normal((n_particles, len(fit.space))) @ _root(fit.state_covariance[t]).T
+        values, vectors = np.linalg.eigh(fit.state_covariance[t])  # not Cholesky: it may be singular to rounding
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
         state = fit.states[t].copy()
         state[phase] %= 1.0
         diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
@@ -169,10 +170,3 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
         )  # fmt: skip
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return A with A Aᵀ the covariance (D, D), by eigenvalues, as it may be singular to rounding."""
-    values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(values.clip(min=0.0))
-    return root

@@ -61,8 +61,7 @@ class FitProblem:
 
     def unknowns(self, states: FloatArray) -> FloatArray:
         """Return x (n,) of states (T, D); a style that frames share is the mean of theirs."""
-        x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / np.bincount(self.columns.ravel())
-        return x
+        return np.bincount(self.columns.ravel(), states.ravel()) / np.bincount(self.columns.ravel())
 
     def expand(self, x: FloatArray) -> Quadratic:
         """Return the cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""

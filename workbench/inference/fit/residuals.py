@@ -74,11 +74,7 @@ def joint_residual(skeleton: Skeleton, joints: IntArray, points: FloatArray, sig
 def upright_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
     """Measure pitch and roll of the root, small in people who stand, walk or run, and badly seen by one camera."""
     leaning = np.eye(len(skeleton.dof_names))[UPRIGHT] / sigma_rad
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return leaning @ pose, leaning
-
-    return residual
+    return lambda pose: (leaning @ pose, leaning)
 
 
 def limit_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
@@ -104,11 +100,7 @@ def usual_residual(skeleton: Skeleton) -> ResidualFunction:
     """Measure how far joint angles, pitch and roll are off the usual ones."""
     usual = usual_poses(skeleton)
     own = usual.whitening[UPRIGHT.start :]
-
-    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return own @ (pose - usual.mean), own
-
-    return residual
+    return lambda pose: (own @ (pose - usual.mean), own)
 
 
 def balance_residual(skeleton: Skeleton) -> ResidualFunction:

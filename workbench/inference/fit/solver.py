@@ -37,8 +37,7 @@ class Pattern:
         """Return flat cells of entries (rows, columns), equal shapes; above the diagonal, one past the last cell."""
         n_rows, n_columns = self.shape
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
-        cells: IntArray = np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
-        return cells
+        return np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
 
     def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
         """Return the matrix whose entries are the sums of the values (...) at their `places` (...)."""
@@ -53,11 +52,6 @@ class Arrowhead:
 
     pattern: Pattern
     cells: FloatArray
-
-    @property
-    def _corner(self) -> FloatArray:
-        corner: FloatArray = self.cells[self.pattern.width + 1 :, self.pattern.n_band :]
-        return corner
 
     def dense(self) -> FloatArray:
         """Return the whole matrix (n, n)."""
@@ -80,7 +74,7 @@ class Arrowhead:
         if not self.pattern.n_border:
             return Factor(self.pattern, root, border.T, border)
         reduced = cho_solve_banded((root, True), border.T, check_finite=False)
-        schur = self._corner + np.diag(added[n_band:]) - border @ reduced
+        schur = self.cells[width + 1 :, n_band:] + np.diag(added[n_band:]) - border @ reduced
         corner = np.tril(cho_factor(schur, lower=True, check_finite=False)[0])
         return Factor(self.pattern, root, reduced, corner)
 

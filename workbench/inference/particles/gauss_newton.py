@@ -193,5 +193,4 @@ class Guide:
         off = self._prediction.difference(self._x, states) - self._means[parents]
         white = solve_triangular(self._root, off.T, lower=True)
         constant = float(np.log(np.sqrt(2.0 * np.pi) * np.diag(self._root)).sum())
-        density: FloatArray = self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant
-        return density
+        return self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant

@@ -177,5 +177,4 @@ def guides_of(
 def _log_gaussian(white: FloatArray, scales: FloatArray) -> FloatArray:
     """Return log N (N,) of whitened deviations (N, D'), with the diagonal (D',) of the factor that whitens."""
     constant = float(np.log(np.sqrt(2.0 * np.pi) * scales).sum())
-    density: FloatArray = -0.5 * (white**2).sum(axis=1) - constant
-    return density
+    return -0.5 * (white**2).sum(axis=1) - constant

@@ -125,5 +125,4 @@ def mirrored(pose: FloatArray) -> FloatArray:
         POSE_NAMES.index(f"{swapped[side]}_{angle}") if side in swapped else i
         for i, (side, _, angle) in enumerate(name.partition("_") for name in POSE_NAMES)
     ]
-    other: FloatArray = pose[sources]
-    return other
+    return pose[sources]

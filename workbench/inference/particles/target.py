@@ -169,8 +169,7 @@ class Target:
     def noisy(self, candidates: Candidates) -> BoolArray:
         """Select (D,), the free columns in which candidates are not where their parents lead without noise."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        noisy: BoolArray = np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL
-        return noisy & self.free()
+        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL) & self.free()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return, in the columns noisy (D,), how far the states are from where their parents lead without noise, (N,

@@ -116,8 +116,7 @@ def walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights:
     means, innovations = (root_weights * (x - (weights[:, None] * x).sum(axis=0)) for x in (means, innovations))
     left = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
     values, vectors = np.linalg.eigh(left.T @ left)
-    root: FloatArray = vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
-    return root
+    return vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
 
 
 def random_walk(

@@ -53,8 +53,7 @@ def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
     An impossible state may lead to possible ones: it keeps the least of the finite values."""
     possible = np.isfinite(log_prob)
     floor = log_prob[possible].min() if possible.any() else 0.0
-    log_weight: FloatArray = flatten * np.where(possible, log_prob, floor)
-    return log_weight
+    return flatten * np.where(possible, log_prob, floor)
 
 
 Resample = Callable[[FloatArray, np.random.Generator], IntArray]
@@ -90,8 +89,7 @@ def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     positions = positions * edges[-1]
     rising = bool((positions[1:] >= positions[:-1]).all())  # as systematic ones are
     found = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
-    ancestors: IntArray = np.minimum(found, last)
-    return ancestors
+    return np.minimum(found, last)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -40,8 +40,7 @@ class Wrapper:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs."""
-        filtered: Traits = keys["filter"]
-        return filtered
+        return keys["filter"]
 
     filter: Filter
     n_particles: int | None = field(default=None, kw_only=True)

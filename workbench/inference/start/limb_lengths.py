@@ -128,8 +128,7 @@ def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray
     frames = forward(skeleton, poses)
     own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
-    jacobian: FloatArray = np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
-    return jacobian
+    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
 
 
 def _project(

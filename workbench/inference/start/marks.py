@@ -1,4 +1,4 @@
-"""The automatic start from marked joints: where a person is, which way they face, where in their cycle they are."""
+"""The start in marked joints: by a cyclic motion that fits them, or by those of a prior's examples that do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +16,22 @@ from workbench.core.prior import MotionModel
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.fit.frame import fit_frame
-from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, LEAST_KEYPOINTS, likely_roots
+from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, LEAST_KEYPOINTS, distinct_poses, likely_roots
 from workbench.inference.fit.motion import fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import views_residual
 from workbench.inference.start.keypoints import LIKELY
 
 MARK_SIGMA_PX = 4.0
+EXAMPLE_SIGMA = 0.03
+"""Of a joint, in heights of the person in the image: 5 cm, by which people differ from the nearest example."""
+N_HEADINGS = 24
+N_TRIED, N_REFINED, N_KEPT = 2000, 32, 8
+"""How many of the examples, each with a heading, are compared with each other, fitted exactly, and started from."""
+APART_M = 0.03
+"""In the mean over the joints; of poses that are nearer than this to each other one is enough."""
+_BLOCK = 2_000
+_PLACE = np.arange(4)  # position and heading; how a person leans is part of the example
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,21 +78,10 @@ def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> lis
 def error_px(skeleton: Skeleton, seen: Sequence[Keypoints], poses: FloatArray) -> float:
     """Return the root mean square distance of the joints of poses (F, P) to the marks, weighted."""
     squares, weights = [], []
-    for one, places in zip(seen, joints(skeleton, poses), strict=True):
-        squares.append(((one.camera.project(places[one.joints]) - one.marks[:, :2]) ** 2).sum(axis=1))
-        weights.append(one.marks[:, 2])
+    for view, places in zip(seen, joints(skeleton, poses), strict=True):
+        squares.append(((view.camera.project(places[view.joints]) - view.marks[:, :2]) ** 2).sum(axis=1))
+        weights.append(view.marks[:, 2])
     return float(np.sqrt(np.average(np.concatenate(squares), weights=np.concatenate(weights))))
-
-
-EXAMPLE_SIGMA = 0.03
-"""Of a joint, in heights of the person in the image: 5 cm, by which people differ from the nearest example."""
-N_HEADINGS = 24
-N_TRIED, N_REFINED, N_KEPT = 2000, 32, 8
-"""How many of the examples, each with a heading, are compared with each other, fitted exactly, and started from."""
-APART_M = 0.03
-"""In the mean over the joints; of poses that are nearer than this to each other one is enough."""
-_BLOCK = 2_000
-_PLACE = np.arange(4)  # position and heading; how a person leans is part of the example
 
 
 def start_from_examples(examples: FloatArray, skeleton: Skeleton, seen: Keypoints) -> FloatArray:
@@ -102,11 +100,11 @@ def start_from_examples(examples: FloatArray, skeleton: Skeleton, seen: Keypoint
             "start marks: expected marks of a person before the camera, found none of the prior's examples"
         )
     residual, decoder = views_residual(skeleton, [seen], sigma_px, np.inf), PoseDecoder(skeleton)
-    tried = _distinct(skeleton, guesses, N_REFINED)
+    tried = distinct_poses(skeleton, guesses, N_REFINED, APART_M)
     fits = [fit_frame(decoder, residual, KEYPOINT_LOSS, pose, free=_PLACE) for pose in tried]
     fits.sort(key=lambda fit: fit.costs[-1])
     likely = np.array([fit.x for fit in fits if fit.costs[-1] < fits[0].costs[-1] + LIKELY])
-    return _distinct(skeleton, likely, N_KEPT)
+    return distinct_poses(skeleton, likely, N_KEPT, APART_M)
 
 
 def placed_costs(seen: Keypoints, places: FloatArray, heading: float, sigma_px: float) -> tuple[FloatArray, FloatArray]:
@@ -125,10 +123,10 @@ def placed_costs(seen: Keypoints, places: FloatArray, heading: float, sigma_px: 
     by_move = np.concatenate([np.broadcast_to(np.eye(2), (len(rays), 2, 2)), -rays[:, :, None]], axis=2)  # (M, 2, 3)
     solve = np.linalg.pinv((weights[:, None, None] * by_move).reshape(-1, 3))
     moves = -(weights[:, None] * off).reshape(len(places), -1) @ solve.T  # (n, 3), T
-    left = off + np.einsum("mki,ni->nmk", by_move, moves)
+    rest = off + np.einsum("mki,ni->nmk", by_move, moves)
     depth = places[..., 2] + moves[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        misses = left * (camera.matrix[[0, 1], [0, 1]] * weights[:, None] / sigma_px) / depth[..., None]
+        misses = rest * (camera.matrix[[0, 1], [0, 1]] * weights[:, None] / sigma_px) / depth[..., None]
     ahead = (depth > 0.0).all(axis=1)
     costs = np.full(len(places), np.inf)
     costs[ahead] = KEYPOINT_LOSS(misses[ahead])[0].sum(axis=(1, 2))
@@ -148,13 +146,3 @@ def _best_guesses(upright: FloatArray, skeleton: Skeleton, seen: Keypoints, sigm
             order = np.argsort(costs, kind="stable")[:N_TRIED]
             best, guesses = costs[order], poses[order]
     return guesses[np.isfinite(best)]
-
-
-def _distinct(skeleton: Skeleton, poses: FloatArray, most: int) -> FloatArray:
-    """Return the first, at most so many, of poses (k, P) whose joints are APART_M or more from those of all before."""
-    places, kept = joints(skeleton, poses), np.empty(0, dtype=np.intp)
-    for k in range(len(poses)):
-        apart = np.linalg.norm(places[kept] - places[k], axis=2).mean(axis=1)
-        if len(kept) < most and (apart > APART_M).all():
-            kept = np.append(kept, k)
-    return poses[kept]

@@ -51,8 +51,7 @@ def start_from_points(prior: Prior | None, body: Body, frames: Iterable[Frame]) 
     seen = [first, *takewhile(lambda frame: frame.time_s - first.time_s <= POINTS_S, frames)]
     distances = Distances(body.skeleton, person_surface(body))
     fit, _, _ = LeastSquares(body, distances, prior).fit_frames(seen, None, np.random.default_rng(0))
-    pose: FloatArray = fit.poses[0]
-    return pose
+    return fit.poses[0]
 
 
 def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray, str]:
