@@ -79,7 +79,7 @@ def observe(
 
 def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
     """Name those of "points" and "keypoints" that some frame shows."""
-    points, keypoints = any(len(one.points) for one in seen), any(one.keypoints for one in seen)
+    points, keypoints = any(len(frame.points) for frame in seen), any(frame.keypoints for frame in seen)
     return ("points",) * points + ("keypoints",) * keypoints
 
 

@@ -119,7 +119,7 @@ def stacked(residuals: Sequence[ResidualFunction]) -> ResidualFunction:
         return residuals[0] if residuals else nothing
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = zip(*(one(pose) for one in residuals), strict=True)
+        misses, slopes = zip(*(part(pose) for part in residuals), strict=True)
         return np.concatenate(misses), np.concatenate(slopes)
 
     return residual

@@ -83,9 +83,9 @@ def step_errors(
 def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
     """Return knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has
     it. Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
-    found, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
+    estimate, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
-        apart = [wrapped_deg(found[name] - true[name]) for name in found if name.endswith(joint)]
+        apart = [wrapped_deg(estimate[name] - true[name]) for name in estimate if name.endswith(joint)]
         if apart:
             errors[f"{joint}_deg"] = float(np.sqrt(np.mean(np.square(apart))))
     return errors
@@ -149,8 +149,8 @@ class AccelerationError:
         self._last.append((step.frame.time_s, places[self._measured], truth.joints[self._measured]))
         if len(self._last) < 3:
             return {}
-        times_s, found, true = (np.array(part) for part in zip(*self._last, strict=True))
-        (error,) = acceleration_error(found, true, times_s)
+        times_s, estimate, true = (np.array(part) for part in zip(*self._last, strict=True))
+        (error,) = acceleration_error(estimate, true, times_s)
         return {"acceleration_error_m_s2": float(error)} if np.isfinite(error) else {}
 
 

@@ -27,14 +27,14 @@ def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
     known = np.isfinite(truth).all(axis=1)
     if known.sum() < LEAST_FOR_PROCRUSTES:
         return float("nan")
-    found, true = estimate[known] - estimate[known].mean(axis=0), truth[known] - truth[known].mean(axis=0)
-    size = float((found**2).sum())
+    centred, true = estimate[known] - estimate[known].mean(axis=0), truth[known] - truth[known].mean(axis=0)
+    size = float((centred**2).sum())
     if size == 0.0:
         return float("nan")
-    left, singular, right = np.linalg.svd(true.T @ found)
+    left, singular, right = np.linalg.svd(true.T @ centred)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a turn, not a mirror
     rotation, scale = (left * proper) @ right, float((singular * proper).sum()) / size
-    return float(mean_distance(scale * found @ rotation.T, true))
+    return float(mean_distance(scale * centred @ rotation.T, true))
 
 
 def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:

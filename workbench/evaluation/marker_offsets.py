@@ -67,5 +67,7 @@ class MarkerOffsets:
             elif time_s - self._since[joint] <= ESTIMATED_S and np.isfinite(apart[joint]).all():
                 seen.append(apart[joint])
         if len(self.lengths_mm) > known:
-            told = ", ".join(f"{name[len('offset_') : -len('_mm')]} {mm:.0f}" for name, mm in self.lengths_mm.items())
-            log.info("markers lie beside the joints, mm: %s", told)
+            lengths = ", ".join(
+                f"{name[len('offset_') : -len('_mm')]} {mm:.0f}" for name, mm in self.lengths_mm.items()
+            )
+            log.info("markers lie beside the joints, mm: %s", lengths)

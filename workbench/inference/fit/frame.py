@@ -61,22 +61,21 @@ def fit_frame(
             normal += rows.T @ rows
         return Quadratic(cost, gradient, _full(len(free)).fill(places, normal), trust)
 
-    found = minimise(expand, state[free], max_iterations=max_iterations, tolerance=tolerance)
-    return Minimum(_with(state, free, found.x), found.quadratic, found.costs, found.iterations)
+    search = minimise(expand, state[free], max_iterations=max_iterations, tolerance=tolerance)
+    return Minimum(_with(state, free, search.x), search.quadratic, search.costs, search.iterations)
 
 
 def fit_root(
     decoder: PoseDecoder, residual: ResidualFunction, loss: Loss, guesses: Sequence[FloatArray],
     widened: tuple[float, ...],
-) -> Minimum:  # fmt: skip
-    """Return the root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at
+) -> FloatArray:  # fmt: skip
+    """Fit the root (6,) of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at
     first. widened: factors of the loss's scale, one after the other."""
     wide = loss.wider(widened[0])
     pose = min(guesses, key=lambda guess: float(wide(residual(guess)[0])[0].sum())) if len(guesses) > 1 else guesses[0]
     for factor in widened:
-        found = fit_frame(decoder, residual, loss.wider(factor), pose, free=np.arange(N_ROOT))
-        pose = found.x
-    return found
+        pose = fit_frame(decoder, residual, loss.wider(factor), pose, free=np.arange(N_ROOT)).x
+    return pose[:N_ROOT]
 
 
 def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> FloatArray:
@@ -90,7 +89,7 @@ def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> 
     for t in tqdm(range(len(states)), desc="global motion", unit="frame", disable=None, leave=False):
         guesses = [roots[max(t - 1, 0)]] + [2.0 * roots[t - 1] - roots[t - 2]] * (t > 1)
         poses = [np.concatenate([guess, angles[t]]) for guess in guesses]
-        roots[t] = fit_root(free, data.residuals[t], data.loss, poses, WIDENED).x[:N_ROOT]
+        roots[t] = fit_root(free, data.residuals[t], data.loss, poses, WIDENED)
     return np.hstack([states[:, :-N_ROOT], roots])
 
 
@@ -112,8 +111,8 @@ def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArr
         bend = after * np.sqrt(0.5 * (before + after)) * data.smoothness.second_differences
         new = min(1.0, STYLE_HELD * data.smoothness.style * np.sqrt(after))
         prior = Gaussian.independent(ahead, np.concatenate([np.full(n_style, new), bend]))
-        near = fit_root(free, data.residuals[t], data.loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
-        state = np.concatenate([ahead[:-N_ROOT], near.x[:N_ROOT]])
+        root = fit_root(free, data.residuals[t], data.loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
+        state = np.concatenate([ahead[:-N_ROOT], root])
         states.append(fit_frame(decoder, data.residuals[t], data.loss, state, prior=prior).x)
     return np.array(states)
 

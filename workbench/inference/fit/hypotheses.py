@@ -112,14 +112,14 @@ def _place(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
 def coarse_data(task: Task) -> FitData:
     """Make what the start looks at: some of the points, and keypoints where there are enough."""
     loss = START_LOSS if "points" in kinds_seen(task.seen) else KEYPOINT_LOSS
-    return FitData([_coarse(task, one) for one in task.seen], task.times_s, loss, task.smoothness)
+    return FitData([_coarse(task, frame) for frame in task.seen], task.times_s, loss, task.smoothness)
 
 
 def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
     """Find where the person may be, (n, 6), in the first frame that shows enough: by its keypoints, else by points."""
     keypoints = first_keypoints(task.seen)
     if not keypoints:
-        return roots_from_points(task.skeleton, [one.points for one in task.seen], task.times_s)
+        return roots_from_points(task.skeleton, [frame.points for frame in task.seen], task.times_s)
     return likely_roots(decoder, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px))
 
 
@@ -128,7 +128,7 @@ def first_pose(task: Task, prior: Gaussian | None) -> FloatArray:
     InputError where points alone are seen and do not tell where the person faces."""
     keypoints = first_keypoints(task.seen)
     if not keypoints:
-        roots = roots_from_points(task.skeleton, [one.points for one in task.seen], task.times_s)
+        roots = roots_from_points(task.skeleton, [frame.points for frame in task.seen], task.times_s)
         if len(roots) > 1:
             raise InputError("least squares: the person moves too little to tell where they face; give a start")
         return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])

@@ -84,13 +84,13 @@ class LeastSquares:
         frames = list(frames)
         fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
-        for step, seen, said in zip(drawn, observed, warnings, strict=True):
+        for step, seen, sentences in zip(drawn, observed, warnings, strict=True):
             near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
             if kinds and near < FEW_INLIERS:
-                said = (*said, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
+                sentences = (*sentences, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
             activity, probabilities = self._activity(step)
             yield replace(
-                step, warnings=said, activity=activity, attachment=self._attachment(step),
+                step, warnings=sentences, activity=activity, attachment=self._attachment(step),
                 timing_s={**step.timing_s, **self._one_evaluation(step.expected_pose, seen.points)},
                 diagnostics={**step.diagnostics, **probabilities},
             )  # fmt: skip
@@ -131,9 +131,9 @@ class LeastSquares:
         coefficients = step.space.slices.get("coefficients")
         if coefficients is None or self.motion is None or len(set(self.motion.activities)) < 2:
             return None, {}
-        told = classify(self.motion, step.particles[:, coefficients].mean(axis=0))
-        named = zip(told.activities, told.probabilities, strict=True)
-        return str(told.labels), {f"probability_{name}": float(probability) for name, probability in named}
+        classes = classify(self.motion, step.particles[:, coefficients].mean(axis=0))
+        named = zip(classes.activities, classes.probabilities, strict=True)
+        return str(classes.labels), {f"probability_{name}": float(probability) for name, probability in named}
 
     def _attachment(self, step: Step) -> IntArray | None:
         """Find the part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""

@@ -120,14 +120,14 @@ def fit_motion(
             bar.update()
 
         start = problem.unknowns(states)
-        found = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
+        search = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
     try:
-        covariances = found.quadratic.normal.factor().covariances(problem.columns)
+        covariances = search.quadratic.normal.factor().covariances(problem.columns)
     except np.linalg.LinAlgError:
         raise InputError(
             f"least squares: what {len(states)} frames show does not determine the motion; expected more points"
         ) from None
-    return found.x[problem.columns], covariances, found
+    return search.x[problem.columns], covariances, search
 
 
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:

@@ -65,10 +65,10 @@ def phase_table(
     poses = decoder.poses(decoder.states(alpha, np.arange(N_PHASES) / N_PHASES, root))
     free, wide, near = PoseDecoder(decoder.skeleton), data.loss.wider(TABLE_WIDENED), list(poses)
     for t, residual in enumerate(data.residuals):
-        poses[:, :N_ROOT] = fit_root(free, residual, data.loss, near, WIDENED[:1]).x[:N_ROOT]
+        poses[:, :N_ROOT] = fit_root(free, residual, data.loss, near, WIDENED[:1])
         for k, pose in enumerate(poses):
-            found = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
-            costs[t, k], roots[t, k] = found.costs[-1], found.x[:N_ROOT]
+            fit = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
+            costs[t, k], roots[t, k] = fit.costs[-1], fit.x[:N_ROOT]
         best = int(costs[t].argmin())
         poses[:, :N_ROOT] = roots[t, best]
         near = [poses[best]]
@@ -77,12 +77,11 @@ def phase_table(
 
 def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> list[tuple[float, FloatArray]]:
     """Return the N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
-    n_frames, n_phases = costs.shape
+    frames, n_phases = np.arange(len(costs)), costs.shape[1]
     starts = np.arange(_FINE * n_phases) / (_FINE * n_phases)
     phases = starts[:, None, None] + rates_hz[:, None] * (times_s - times_s[0])  # (start, rate, frame)
     place = phases * n_phases
     low, part = np.floor(place).astype(int), place - np.floor(place)
-    frames = np.arange(n_frames)
     sums = ((1.0 - part) * costs[frames, low % n_phases] + part * costs[frames, (low + 1) % n_phases]).sum(axis=-1)
     chosen: list[tuple[float, FloatArray]] = []
     for k in np.argsort(sums, axis=None, kind="stable"):

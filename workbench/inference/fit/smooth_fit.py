@@ -103,8 +103,8 @@ def fit_smooth(
     all that follow. That search looks at frames 1 / PACE_HZ apart. Where all is seen by one camera, which cannot tell
     which way limbs point, they are turned over, see `flips`. ground_m: see `bounded`.
     """
-    decoder, far = PoseDecoder(skeleton), replace(data, loss=FAR_LOSS).spaced(bool(kinds_seen([one])) for one in seen)
-    near = bounded(skeleton, far, ground_m)
+    far = replace(data, loss=FAR_LOSS).spaced(bool(kinds_seen([frame])) for frame in seen)
+    decoder, near = PoseDecoder(skeleton), bounded(skeleton, far, ground_m)
     poses, cost = candidates(decoder, near, starts, max_iterations)[0]
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
     if len(cameras) == 1 and "points" not in kinds_seen(seen):

@@ -46,7 +46,8 @@ class Task:
         upright = upright_residual(self.skeleton, upright_rad)
         alone = kinds_seen(self.seen) == ("keypoints",)
         residuals = [
-            stacked([self.likelihood.residual(one), *[upright] * (alone or bool(one.keypoints))]) for one in self.seen
+            stacked([self.likelihood.residual(frame), *[upright] * (alone or bool(frame.keypoints))])
+            for frame in self.seen
         ]
         return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)
 

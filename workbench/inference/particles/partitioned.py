@@ -81,8 +81,7 @@ class Partitioned(DensityMove):
             target.clock.lap("resampling")
         state[:, last_part] = prior.step(parents.state[chosen], target.dt_s, rng)[:, last_part]
         drawn = target.evaluate(state, chosen)
-        log_weights, gained = target.weigh(even, drawn.log_prob, log_gain - previous_judged)
-        return target.settle(drawn, log_weights, gained)
+        return target.settle(drawn, *target.weigh(even, drawn.log_prob, log_gain - previous_judged))
 
 
 def columns_of_parts(space: StateSpace, parts: Sequence[str]) -> list[IntArray]:

@@ -57,12 +57,12 @@ class FixedLag(Wrapper):
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
             if len(window) > self.lag:
-                told, ahead = self._looking_back(window, ahead)
-                yield told
+                looked_back, ahead = self._looking_back(window, ahead)
+                yield looked_back
                 window.popleft()
         while window:  # the last frames know of fewer that follow
-            told, ahead = self._looking_back(window, ahead)
-            yield told
+            looked_back, ahead = self._looking_back(window, ahead)
+            yield looked_back
             window.popleft()
 
     def _looking_back(self, window: Iterable[Step], before: int) -> tuple[Step, int]:
@@ -76,14 +76,14 @@ class FixedLag(Wrapper):
             effective_number(lineage, step.log_weights) >= self.least_ancestors
             for lineage, step in zip(lineages, (first, *later), strict=True)
         ]
-        # never before the frame that told the last one: ancestors there are ancestors of those here, and not more
+        # never before the frame that told of the last one: ancestors there are ancestors of those here, and not more
         ahead = max([before - 1, 0, *np.flatnonzero(enough)])
         parents = own
         for step in (first, *later)[before : ahead + 1]:
             parents = parents[step.ancestors]
         weights = (first, *later)[ahead].log_weights
-        told = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
-        return replace(told, diagnostics={**told.diagnostics, "lag": float(ahead)}), ahead
+        looked_back = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
+        return replace(looked_back, diagnostics={**looked_back.diagnostics, "lag": float(ahead)}), ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +168,8 @@ class BackwardSimulation(Wrapper):
         """Yield a stretch's steps, the last one first, with the particles (M,) that the paths go through."""
         even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
-            told = _replaced(step, picked, even, np.arange(self.n_paths), best)
-            yield replace(told, diagnostics={"acceptance": 1.0, **told.diagnostics, "lag": float(lag)})
+            smoothed = _replaced(step, picked, even, np.arange(self.n_paths), best)
+            yield replace(smoothed, diagnostics={"acceptance": 1.0, **smoothed.diagnostics, "lag": float(lag)})
 
     def _one_back(
         self, step: Step, later: Step, chosen: IntArray, look: Look, rng: np.random.Generator
@@ -181,11 +181,11 @@ class BackwardSimulation(Wrapper):
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
         log_prob, more = _log_prob(look, step, later, current, poses)
-        said = [*later.warnings, *more]
+        warnings = [*later.warnings, *more]
         accepted = 0.0
         for proposed in self._proposed(step, states, dt_s, rng):
             proposed_log_prob, more = _log_prob(look, step, later, proposed, poses)
-            said += more
+            warnings += more
             with np.errstate(invalid="ignore"):  # −∞ − (−∞), where neither is possible
                 accept = np.log1p(-rng.random(self.n_paths)) < proposed_log_prob - log_prob
             current = np.where(accept, proposed, current)
@@ -194,7 +194,7 @@ class BackwardSimulation(Wrapper):
         gained = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
         cost = later.evaluations + float(self.n_paths * (1 + self.moves))
         step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
-        return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
+        return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(warnings)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
         """Draw particles (moves, M) of `step` by their weights and the density of going on to states (M, D)."""
@@ -216,8 +216,8 @@ def _log_prob(
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Return log likelihoods (M,) of the later step's poses (M, P) after particles (M,) of `step`, and warnings."""
     evaluation = look.evaluate(step.poses[before], poses)
-    log_prob, said = drop_undefined(evaluation.log_prob)
-    return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in said), *evaluation.notes)
+    log_prob, undefined = drop_undefined(evaluation.log_prob)
+    return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes)
 
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:

@@ -135,10 +135,10 @@ class Target:
         """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
         evaluation = self.look.evaluate(self.parents.poses.take(parents, axis=0), poses)
-        log_prob, said = drop_undefined(evaluation.log_prob)
+        log_prob, undefined = drop_undefined(evaluation.log_prob)
         self.clock.lap("likelihood")
         self.evaluations += float(len(poses))
-        self.warnings += [*(f"frame {self.frame.index}: {sentence}" for sentence in said), *evaluation.notes]
+        self.warnings += [*(f"frame {self.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes]
         self.diagnostics = evaluation.diagnostics
         return log_prob
 

@@ -114,8 +114,8 @@ def walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights:
     innovations, means = target.innovations(candidates, noisy)
     root_weights = np.sqrt(weights)[:, None]
     means, innovations = (root_weights * (x - (weights[:, None] * x).sum(axis=0)) for x in (means, innovations))
-    left = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
-    values, vectors = np.linalg.eigh(left.T @ left)
+    residuals = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
+    values, vectors = np.linalg.eigh(residuals.T @ residuals)
     return vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
 
 

@@ -75,12 +75,12 @@ def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
     """Draw ancestors (N,): ⌊N w⌋ copies of each particle, the rest independently by what is left of the weights."""
     expected = len(weights) * weights
     copies = np.floor(expected).astype(np.int64)
-    left = expected - copies
+    rest = expected - copies
     missing = len(weights) - int(copies.sum())
     certain = np.repeat(np.arange(len(weights)), copies)
     if missing == 0:
         return certain
-    return np.sort(np.concatenate([certain, _pick(left / left.sum(), rng.random(missing))]))
+    return np.sort(np.concatenate([certain, _pick(rest / rest.sum(), rng.random(missing))]))
 
 
 def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
@@ -88,8 +88,8 @@ def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     last = int(np.flatnonzero(weights)[-1])  # rounding may leave the last edge short of one
     positions = positions * edges[-1]
     rising = bool((positions[1:] >= positions[:-1]).all())  # as systematic ones are
-    found = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
-    return np.minimum(found, last)
+    edge = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
+    return np.minimum(edge, last)
 
 
 @numba.njit(cache=True, nogil=True)

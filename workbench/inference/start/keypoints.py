@@ -52,7 +52,7 @@ def start_from_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> FloatAr
     if not seen or not enough_keypoints(seen[0]):
         raise InputError("dataset: expected keypoints in the first frame to start from, found too few")
     times_s = np.array([frame.time_s for frame in taken])
-    return allowed_poses(skeleton, [one.keypoints for one in seen], times_s)
+    return allowed_poses(skeleton, [frame.keypoints for frame in seen], times_s)
 
 
 def allowed_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], times_s: FloatArray) -> FloatArray:
@@ -72,7 +72,7 @@ def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Traj
     seen, _ = observe(blind, skeleton, 1, np.random.default_rng(0))  # which draws nothing, as there are no points
     first, times_s = first_keypoints(seen), np.array([frame.time_s for frame in blind])
     sigma_px = START_SIGMA * person_px(first)
-    residuals = [views_residual(skeleton, one.keypoints, sigma_px, LEANING_SIGMA_RAD) for one in seen]
+    residuals = [views_residual(skeleton, frame.keypoints, sigma_px, LEANING_SIGMA_RAD) for frame in seen]
     data, starts = FitData(residuals, times_s, LOSS, RECORDED), first_poses(skeleton, first, sigma_px)
     poses, _, _ = fit_smooth(skeleton, seen, data, starts, MAX_ITERATIONS)
     log.info("the whole body's motion fitted to the keypoints of all cameras")

@@ -54,7 +54,7 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
     Raises InputError as `usable_marks` does.
     """
     seen = usable_marks(skeleton, camera, marks)
-    residuals = [views_residual(skeleton, [one], MARK_SIGMA_PX) for one in seen]
+    residuals = [views_residual(skeleton, [keypoints], MARK_SIGMA_PX) for keypoints in seen]
     decoder = MotionDecoder(skeleton, model, np.zeros(len(skeleton.dof_names)))
     roots = likely_roots(decoder, seen[:1], residuals[0])
     data = FitData(residuals, marks.times_s, KEYPOINT_LOSS)
@@ -68,9 +68,9 @@ def start_from_marks(model: MotionModel, skeleton: Skeleton, camera: Camera, mar
 def usable_marks(skeleton: Skeleton, camera: Camera, marks: MarkedFrames) -> list[Keypoints]:
     """Select the joints marked in each of F frames; raises InputError where they are fewer than LEAST_KEYPOINTS."""
     given = [usable_keypoints(skeleton, rows, camera) for rows in marks.keypoints]
-    seen = [one for one in given if one is not None and len(one.joints) >= LEAST_KEYPOINTS]
+    seen = [keypoints for keypoints in given if keypoints is not None and len(keypoints.joints) >= LEAST_KEYPOINTS]
     if len(seen) < len(given):
-        fewest = min(0 if one is None else len(one.joints) for one in given)
+        fewest = min(0 if keypoints is None else len(keypoints.joints) for keypoints in given)
         raise InputError(f"start marks: expected at least {LEAST_KEYPOINTS} marked joints in a frame, found {fewest}")
     return seen
 

@@ -67,8 +67,8 @@ def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray
     if known.start_pose is not None:
         return known.start_pose, ""
     if known.start_marks is not None:
-        poses, said = _from_marks(powers, body.skeleton, known.cameras[0], known.start_marks, known.scale)
-        return poses, f"start fitted to the marks: {said}"
+        poses, how = _from_marks(powers, body.skeleton, known.cameras[0], known.start_marks, known.scale)
+        return poses, f"start fitted to the marks: {how}"
     if known.has_keypoints:
         poses = start_from_keypoints(body.skeleton, clip)
         return poses, f"start fitted to keypoints: {len(poses)} poses that they allow"
