@@ -19,7 +19,7 @@ _ROUNDING = 1e-12
 
 def covered(values: FloatArray, weights: FloatArray, truth: FloatArray, levels: tuple[float, ...]) -> BoolArray:
     """Tell (L, D) whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile, see `posterior.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
+    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
     below, equal = share_below(values, weights, truth)
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
     return (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
