@@ -30,13 +30,11 @@ class Camera:
     @property
     def position(self) -> FloatArray:
         """The camera's centre in the world, (3,) m."""
-        centre: FloatArray = -self.rotation.T @ self.translation
-        return centre
+        return -self.rotation.T @ self.translation
 
     def to_camera(self, points: FloatArray) -> FloatArray:
         """World points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
-        seen: FloatArray = points @ self.rotation.T + self.translation
-        return seen
+        return points @ self.rotation.T + self.translation
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels (..., 2) of world points (..., 3); the centre of the top left pixel is (0, 0).

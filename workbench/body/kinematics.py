@@ -54,8 +54,7 @@ def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    rotations: FloatArray = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
-    return rotations
+    return np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
 
 
 def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:

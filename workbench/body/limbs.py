@@ -35,8 +35,7 @@ class Limbs:
     @cached_property
     def lengths(self) -> FloatArray:
         """(L,), m; 0 for a sphere."""
-        lengths: FloatArray = np.linalg.norm(self.ends - self.starts, axis=1)
-        return lengths
+        return np.linalg.norm(self.ends - self.starts, axis=1)
 
     @cached_property
     def axes(self) -> FloatArray:

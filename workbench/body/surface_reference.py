@@ -22,8 +22,7 @@ def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> Flo
 def log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
     """log(f / C) of one part at points (K, 3) in one pose, (K,)."""
     members = range(surface.bounds[part], surface.bounds[part + 1])
-    field: FloatArray = np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in members])
-    return field
+    return np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in members])
 
 
 def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
@@ -41,8 +40,7 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
     """As `surface.attach`."""
     away = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
-    nearest: IntArray = np.abs(away).argmin(axis=1)
-    return nearest
+    return np.abs(away).argmin(axis=1)
 
 
 def residuals(
@@ -54,8 +52,7 @@ def residuals(
         every = distances(surface, frames, points)
     else:
         every = surface.level * np.expm1(log_fields(surface, frames, points))
-    found: FloatArray = every[np.arange(len(points)), attachment]
-    return found
+    return every[np.arange(len(points)), attachment]
 
 
 def residual_jacobian(
@@ -104,8 +101,7 @@ def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatAr
 def _local(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:
     """Points (K, 3) in the axes of ellipsoid i, m from its centre."""
     rotation, position = frames.rotations[0, surface.joints[i]], frames.positions[0, surface.joints[i]]
-    local: FloatArray = ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
-    return local
+    return ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
 
 
 def _exponent(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:

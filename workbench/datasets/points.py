@@ -133,5 +133,4 @@ def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np
     seen = camera.to_camera(points)
     depth = seen[:, 2]
     factor = 1.0 + sigma_m * depth / AT_M**2 * rng.standard_normal(len(points))
-    moved: FloatArray = (seen * factor[:, None] - camera.translation) @ camera.rotation
-    return moved
+    return (seen * factor[:, None] - camera.translation) @ camera.rotation

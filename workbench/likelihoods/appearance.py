@@ -118,8 +118,7 @@ class Appearance:
     def _log_prob(self, camera: Camera, image: Float32Array, template: Template, frames: JointFrames) -> FloatArray:
         points = limb_points(self.body, self.samples, camera, frames)
         ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
-        log_prob: FloatArray = self.k * ratios.sum(axis=1)
-        return log_prob
+        return self.k * ratios.sum(axis=1)
 
     def _learn(
         self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray

@@ -92,8 +92,7 @@ class Background:
         inside, beside = self.samples
         within = mean_at(ratio, limb_points(self.body, inside, camera, frames))
         around = mean_at(ratio, limb_points(self.body, beside, camera, frames, beside=True))
-        log_prob: FloatArray = self.k * (within - around).sum(axis=1)
-        return log_prob
+        return self.k * (within - around).sum(axis=1)
 
 
 def points_about(inside: FloatArray) -> FloatArray:

@@ -44,8 +44,7 @@ def mean_at(image: Float32Array, points: LimbPoints) -> FloatArray:
     """The image's values at the points that count, summed for each limb (N, L) and divided by n: hidden ones add 0."""
     sums = np.empty(points.counts.shape[:2])
     _sum_at(image, points.pixels, points.counts, sums)
-    means: FloatArray = sums / points.counts.shape[2]
-    return means
+    return sums / points.counts.shape[2]
 
 
 def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:

@@ -82,8 +82,7 @@ class Silhouette:
         return log_ratio(view, self.scenes[view.camera.name], 0.0, self.epsilon)
 
     def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
-        log_prob: FloatArray = self.k / area * self._sums(camera, reached, frames)
-        return log_prob
+        return self.k / area * self._sums(camera, reached, frames)
 
     def _measure(self, areas: Mapping[str, float], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, float]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""

@@ -53,5 +53,4 @@ def log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> 
     """Log ratio of foreground to background, r of `Background`, of every pixel (height, width)."""
     apart = (colour_levels(view, blur_px) - scene.median) / scene.sigma
     normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * apart**2
-    ratio: Float32Array = -np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))).astype(np.float32)
-    return ratio
+    return -np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))).astype(np.float32)

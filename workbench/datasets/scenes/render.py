@@ -147,8 +147,7 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
         mask = cv2.fillPoly(np.zeros((height, width), np.uint8), [corners], 1).astype(bool)
         wall[mask] = 0.3 * wall[mask] + rng.normal(0.0, 2.0)
     wall = (wall - wall.mean()) / wall.std()
-    levels: FloatArray = np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
-    return levels
+    return np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
 
 
 def prepare(body: Body, camera: Camera, texture: Texture, background: FloatArray) -> Scene:
@@ -280,8 +279,7 @@ def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
     slope = -(x**2 * (bx - ax) / rx**3 + y**2 * (by - ay) / ry**3) / (length if length > 0.0 else 1.0)
     z = np.where(on_side, slope, beyond / np.minimum(rx, ry) ** 2)
     normals = np.stack([x / rx**2, y / ry**2, z], axis=1)
-    unit: FloatArray = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return unit
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _entry_reference(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:

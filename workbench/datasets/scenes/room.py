@@ -59,8 +59,7 @@ def empty_view(room: Room, camera: Camera) -> FloatArray:
     at = eye + np.minimum(to_floor, to_wall)[..., None] * rays
     along, up, out = at @ room.right, at[..., 2], -(at @ room.forward)
     seen = np.where(on_floor, _texels(room.floor, along, out), _texels(room.wall, along, up))
-    grey: FloatArray = seen.reshape(camera.height, _SAMPLES, camera.width, _SAMPLES).mean(axis=(1, 3))
-    return grey
+    return seen.reshape(camera.height, _SAMPLES, camera.width, _SAMPLES).mean(axis=(1, 3))
 
 
 def _texels(picture: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:

@@ -53,5 +53,4 @@ def nearer_points(seen: FloatArray, empty: FloatArray, camera: Camera, baseline_
     x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0]
     y = (rows - camera.matrix[1, 2]) / camera.matrix[1, 1]
     in_camera = np.stack([x, y, np.ones(len(x))], axis=1) * depth[:, None]
-    points: FloatArray = (in_camera - camera.translation) @ camera.rotation
-    return points
+    return (in_camera - camera.translation) @ camera.rotation

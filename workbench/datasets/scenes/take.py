@@ -57,8 +57,7 @@ class Take:
         sigma = np.full(len(pose), START_SIGMA_RAD)
         sigma[:3] = START_SIGMA_M
         error = sigma * np.random.default_rng([seed, 0x57A27]).standard_normal(len(pose))
-        rough: FloatArray = np.clip(pose + error, *skeleton.limits.T)
-        return rough
+        return np.clip(pose + error, *skeleton.limits.T)
 
 
 def find_take(

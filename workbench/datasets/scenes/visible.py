@@ -113,5 +113,4 @@ def _placed(body: Body, pose: FloatArray, limb: IntArray, own: FloatArray) -> Fl
     limbs, frames = body.limbs, forward(body.skeleton, pose[None])
     in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own)
     joint = limbs.joints[limb]
-    points: FloatArray = np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]
-    return points
+    return np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]

@@ -73,8 +73,7 @@ class Edges:
 
     def _log_prob(self, camera: Camera, images: Filtered, frames: JointFrames) -> FloatArray:
         points = limb_points(self.body, POINTS, camera, frames)
-        log_prob: FloatArray = self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
-        return log_prob
+        return self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
 
 
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
@@ -93,8 +92,7 @@ def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Fl
     at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0).sum(
         axis=(-1, -2)
     )
-    log_ratio: FloatArray = (on_axis + at_sides) / len(POINTS)
-    return log_ratio
+    return (on_axis + at_sides) / len(POINTS)
 
 
 def _bins(values: FloatArray, low: float, high: float) -> Any:

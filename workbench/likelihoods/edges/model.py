@@ -61,8 +61,7 @@ class EdgeModel:
             counts / counts.sum(axis=-1, keepdims=True) for counts in (self.on, self.off, self.on + self.off + 1.0)
         )
         ratio = np.log((1.0 - OUTLIERS) * on + OUTLIERS * common) - np.log((1.0 - OUTLIERS) * off + OUTLIERS * common)
-        table: Float32Array = ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
-        return table
+        return ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
 
 
 def edge_model(cache: str) -> EdgeModel:

@@ -33,13 +33,11 @@ class Patches:
         """Pixels (N, L, n, 2) of points (n, 2) of the patch, u = 0..1 along the limb and v = −1..1 across it."""
         u, v = samples[:, 0], samples[:, 1]
         weights = np.stack([1.0 - u, u])[:, None] * np.stack([1.0 - v, 1.0 + v])[None] / 2.0  # (2, 2, n)
-        points: FloatArray = np.einsum("nlabx,abi->nlix", self.corners, weights)
-        return points
+        return np.einsum("nlabx,abi->nlix", self.corners, weights)
 
     def sample_depths(self, samples: FloatArray) -> FloatArray:
         """Depths (N, L, n), m, of the same points. Across a limb they are taken as equal: it faces the camera."""
-        depths: FloatArray = self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
-        return depths
+        return self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
 
 
 def view_log_prob(
@@ -79,8 +77,7 @@ def still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
     peak = np.log((1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma))
     with np.errstate(divide="ignore"):
         flat = np.log(model.epsilon / 256.0)
-    ratio: FloatArray = np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
-    return ratio
+    return np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
 
 
 def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
@@ -90,8 +87,7 @@ def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArr
         sigma = model.sigma / np.where(q > 0.0, cos_alpha, 1.0)
         gaussian = np.log(q * (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * sigma)) - exponent / (2.0 * sigma**2)
         flat = np.log(q * model.epsilon / 256.0 + (1.0 - q) * model.p_occluded)
-    log_p: FloatArray = np.logaddexp(gaussian, flat)
-    return log_p
+    return np.logaddexp(gaussian, flat)
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
@@ -179,15 +175,13 @@ def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
     """Tell whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
     height, width = image.shape
     x, y = points[..., 0], points[..., 1]
-    inside: BoolArray = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
-    return inside
+    return (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
 
 
 def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
     """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
     places = np.where(inside_image(image, points)[..., None], points, -1.0)
-    levels: FloatArray = map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
-    return levels
+    return map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
 
 
 def _pixels(camera: Camera, points: FloatArray) -> FloatArray:
@@ -196,10 +190,8 @@ def _pixels(camera: Camera, points: FloatArray) -> FloatArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    unit: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
