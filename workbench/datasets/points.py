@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
@@ -18,7 +19,6 @@ from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
 from workbench.datasets.scenes.take import Take, given_start, take_of
 from workbench.datasets.scenes.visible import visible_points
-from workbench.errors import InputError
 
 AT_M = 4.0
 """The depth at which σ is sigma_m."""
@@ -64,9 +64,8 @@ class Points(Scene):
     skeleton: str = "person"
 
     def __post_init__(self) -> None:
-        self.check(n_points=1, sigma_m=0.0, clutter=0, bar_m=0.0, distance_m=1.0)
-        if not 0.0 <= self.outliers < 1.0:
-            raise InputError(f"points: outliers must be a share from 0 to below 1, found {self.outliers}")
+        self.check(n_points=at_least(1), sigma_m=at_least(0), clutter=at_least(0), bar_m=at_least(0))
+        self.check(distance_m=at_least(1), outliers=BELOW_1)
 
     @cached_property
     def known(self) -> Known:
@@ -122,7 +121,7 @@ class Points(Scene):
     def _scene(self) -> render.Scene:
         rng, body, camera = np.random.default_rng([self.seed, 3]), self.take.body, self.view_camera
         wall = render.background(camera.height, camera.width, rng)
-        return render.prepare(body, camera, render.clothes(body, rng), wall)
+        return render.Scene(body, camera, render.clothes(body, rng), wall)
 
 
 def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator) -> FloatArray:

@@ -1,11 +1,8 @@
 """Points from a rendered stereo pair by block matching: as poor as paper D's data, and with exact truth."""
 
-import hashlib
-import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -13,13 +10,14 @@ from tqdm import tqdm
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import camera as placing
 from workbench.datasets.scenes import render, stereo_matching
 from workbench.datasets.scenes import room as stereo_room
-from workbench.datasets.scenes.cache import read_images, write_images
+from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.stereo_matching import empty_disparity, nearer_points
 from workbench.datasets.scenes.take import Take, given_start, take_of
@@ -61,19 +59,16 @@ class Stereo(Scene):
     start: str = "auto"
 
     def __post_init__(self) -> None:
-        self.check(width=64, height=64, n_points=1, distance_m=1.0, noise=0.0, contrast=0.0, clutter=0.0)
-        if not 0.0 < self.baseline_m < np.inf:
-            raise InputError(f"stereo: baseline_m must be positive, found {self.baseline_m}")
+        self.check(width=at_least(64), height=at_least(64), n_points=at_least(1), distance_m=at_least(1))
+        self.check(noise=at_least(0), contrast=at_least(0), clutter=at_least(0), baseline_m=POSITIVE)
 
     @cached_property
     def known(self) -> Known:
         """The person's measurements, both cameras, and what is offered of the start."""
         start_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
         if self.n_disparities >= self.width // 2:
-            raise InputError(
-                f"stereo: disparities up to {self.n_disparities} px in images {self.width} px wide; expected a smaller "
-                "baseline_m or focal_px, or a larger distance_m"
-            )
+            found = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
+            raise InputError(f"stereo: {found}; expected a smaller baseline_m or focal_px, or a larger distance_m")
         return Known(
             name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=self.cameras,
             shape=self.take.motion.shape, start_pose=start_pose, has_points=True, phase_ends=phase_ends,
@@ -121,23 +116,15 @@ class Stereo(Scene):
     def _images(self) -> ByteArray:
         """The images, (n_frames + N_EMPTY, 2, height, width), from the cache or rendered; N_EMPTY of the empty room."""
         shape = (2 * (self.n_frames + N_EMPTY), self.height, self.width)
-        if self.cache is None:
-            return self._render().reshape(-1, 2, *shape[1:])
-        file = Path(self.cache).expanduser() / "scenes" / f"{self._key()[:32]}.npz"
-        images = read_images(file, shape)
-        if images is None:
-            images = self._render()
-            write_images(file, images)
-        return images.reshape(-1, 2, *shape[1:])
+        return cached_images(self.cache, self._key, shape, self._render).reshape(-1, 2, *shape[1:])
 
     def _render(self) -> ByteArray:
         """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
         outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
         body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
         room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
-        scenes = [
-            render.prepare(body, camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras
-        ]
+        views = ((camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras)
+        scenes = [render.Scene(body, *view) for view in views]
         images = []
         for pose in tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None):
             images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in scenes]
@@ -145,11 +132,5 @@ class Stereo(Scene):
         return np.stack(images)
 
     def _key(self) -> str:
-        """Names the images: a digest of the poses and of every parameter that shows in them."""
-        apart = ("data", "cache", "start", "n_points")
-        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
-        parameters["motion"] = self.take.motion.name
-        code = code_digest(render, stereo_room, placing)
-        digest = hashlib.sha256(json.dumps([code, parameters, self.take.motion.shape.as_dict()]).encode())
-        digest.update(np.ascontiguousarray(self.take.motion.poses).tobytes())
-        return digest.hexdigest()
+        unseen = ("data", "cache", "start", "n_points")
+        return image_key(self, unseen, code_digest(render, stereo_room, placing), self.take.motion)

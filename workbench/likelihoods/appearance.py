@@ -16,9 +16,9 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, Range, at_least, check
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
@@ -80,11 +80,8 @@ class Appearance:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("appearance", POSITIVE, k=self.k, sigma=self.sigma)
-        check("appearance", INSIDE_UNIT, epsilon=self.epsilon)
-        check("appearance", Range("between 0 and 1", lambda rate: 0.0 <= rate <= 1.0), rate=self.rate)
-        check("appearance", at_least(1), n_samples=self.n_samples)
-        check("appearance", NOT_NEGATIVE, blur_px=self.blur_px)
+        check("appearance", self, k=POSITIVE, sigma=POSITIVE, epsilon=INSIDE_UNIT, rate=UNIT)
+        check("appearance", self, n_samples=at_least(1), blur_px=at_least(0))
 
     @cached_property
     def samples(self) -> FloatArray:

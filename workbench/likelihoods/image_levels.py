@@ -1,11 +1,19 @@
-"""The grey or colour levels of a view, as likelihoods look at them: as float32, smoothed."""
+"""Images as likelihoods look at them: smoothed grey or colour levels, and how these differ from a still background."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from workbench.arrays import AnyArray, Float32Array
+from workbench.core.clip import Clip
 from workbench.core.frame import View
 from workbench.errors import InputError
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 def grey_levels(view: View, blur_px: float) -> Float32Array:
@@ -36,3 +44,50 @@ def _float_levels(view: View) -> Float32Array:
             f"found an array of shape {image.shape}"
         )
     return image.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class StillScene:
+    """What one camera sees without the person: median and standard deviation, (height, width, C), of every pixel's one
+    or three levels, 0..255."""
+
+    median: Float32Array
+    sigma: Float32Array
+
+
+def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
+    """Median and 1.4826 times the median absolute deviation of every camera's smoothed levels over the clip.
+
+    `n_frames` of its frames are used, evenly spread.
+    """
+    n = clip.known.n_frames
+    used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
+    seen: dict[str, list[Float32Array]] = {}
+    for i, frame in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)):
+        if i in used:
+            for view in frame.views:
+                seen.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
+    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
+
+
+def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
+    """The scene that F images (height, width, C) have in common."""
+    median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
+    for rows in np.array_split(np.arange(len(median)), 16):  # in strips, which take less memory
+        strip = np.stack([image[rows] for image in images])
+        median[rows] = np.median(strip, axis=0)
+        sigma[rows] = MAD_TO_SIGMA * np.median(np.abs(strip - median[rows]), axis=0)
+    return StillScene(median, np.maximum(sigma, np.float32(least_sigma)))
+
+
+def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsilon: float) -> Float32Array:
+    """Log ratio of foreground to background, r of `Background`, of every pixel (height, width).
+
+    scenes: by camera. Raises InputError where the view's camera is none of them.
+    """
+    if view.camera.name not in scenes:
+        raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
+    scene = scenes[view.camera.name]
+    z = (colour_levels(view, blur_px) - scene.median) / scene.sigma
+    normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * z**2
+    return np.asarray(-np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))), dtype=np.float32)

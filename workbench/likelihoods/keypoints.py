@@ -12,13 +12,13 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.observation_residuals import keypoint_residual
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, stacked
 from workbench.core.traits import KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.constants import POSITIVE, TEMPER, check, check_choice
 from workbench.likelihoods.looks import PoseLook
 
 
@@ -60,9 +60,7 @@ class KeypointLikelihood:
     scale: float = 1.5
 
     def __post_init__(self) -> None:
-        check("keypoints", POSITIVE, sigma_px=self.sigma_px, nu=self.nu, scale=self.scale)
-        check("keypoints", TEMPER, temper=self.temper)
-        check_choice("keypoints", tuple(LOSSES), loss=self.loss)
+        check("keypoints", self, sigma_px=POSITIVE, nu=POSITIVE, temper=UP_TO_1, loss=one_of(*LOSSES), scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:

@@ -11,10 +11,10 @@ from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
 from workbench.likelihoods.background import Background, points_about
+from workbench.likelihoods.image_levels import log_ratio, still_scene
 from workbench.likelihoods.image_motion import ImageMotion, patch_samples
 from workbench.likelihoods.image_motion.kernel import PosedView
 from workbench.likelihoods.image_motion.reference import limb_patches
-from workbench.likelihoods.still_scene import log_ratio, still_scene
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -32,7 +32,7 @@ def test_median_and_deviation_of_a_pixel_are_robust():
 def test_ratio_of_a_pixel(difference):
     still, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
     likelihood = Background(ROD, still, blur_px=0.0)
-    found = log_ratio(frames[-1].views[0], likelihood.scenes["front"], 0.0, EPSILON)
+    found = log_ratio(frames[-1].views[0], likelihood.scenes, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
 
 
@@ -43,7 +43,7 @@ def test_channels_count_as_one(channels):
     still, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
     scene = Background(ROD, still, blur_px=0.0).scenes["front"]
     assert scene.median.shape == empty.shape
-    found = log_ratio(frames[-1].views[0], scene, 0.0, EPSILON)
+    found = log_ratio(frames[-1].views[0], {"front": scene}, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
 
 

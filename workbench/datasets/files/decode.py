@@ -1,6 +1,5 @@
 """Images out of a video file or a folder, one after the other."""
 
-import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import ByteArray
+from workbench.datasets.files import natural_order
 from workbench.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
@@ -71,15 +71,10 @@ def frame_rate(source: Path) -> float | None:
 
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder in natural order: frame_9 before frame_10. Raises InputError where there are none."""
-
-    def natural(file: Path) -> list[tuple[int, str]]:
-        # digits compare by value, and before letters
-        return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", file.name)]
-
-    files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
+    files = [file.name for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
-    return sorted(files, key=natural)
+    return [folder / name for name in natural_order(files)]
 
 
 @contextmanager

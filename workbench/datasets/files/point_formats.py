@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from workbench.arrays import AnyArray, FloatArray
+from workbench.datasets.files import natural_order
 from workbench.errors import InputError
 from workbench.mocap.text import fail
 
@@ -114,13 +115,6 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
 
 READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}
 """By the file's extension: one frame a file."""
-
-
-def natural_order(names: Sequence[str]) -> list[str]:
-    """Names in the order people count: frame_9 before frame_10."""
-    return sorted(
-        names, key=lambda name: [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", name)]
-    )
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:

@@ -6,6 +6,7 @@ ellipsoid, so that joints have no holes.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -77,9 +78,13 @@ class Scene:
 
     body: Body
     camera: Camera
-    rays: Rays
     texture: Texture
     background: FloatArray
+
+    @cached_property
+    def rays(self) -> Rays:
+        """The camera's rays, which take longer to compute than a picture."""
+        return camera_rays(self.camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +114,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
         directions = np.stack(np.meshgrid(x, y), axis=-1)
     single: Float32Array = np.ascontiguousarray(directions, dtype=np.float32)
     x, y = single[..., 0], single[..., 1]
-    return Rays(
-        samples=samples,
-        directions=single,
-        across=np.stack([x.min(axis=0), x.max(axis=0)]),
-        down=np.stack([y.min(axis=1), y.max(axis=1)]),
-    )
+    return Rays(samples, single, np.stack([x.min(axis=0), x.max(axis=0)]), np.stack([y.min(axis=1), y.max(axis=1)]))
 
 
 def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Texture:
@@ -148,11 +148,6 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
         wall[mask] = 0.3 * wall[mask] + rng.normal(0.0, 2.0)
     wall = (wall - wall.mean()) / wall.std()
     return np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
-
-
-def prepare(body: Body, camera: Camera, texture: Texture, background: FloatArray) -> Scene:
-    """The scene with its camera's rays, which take longer to compute than a picture."""
-    return Scene(body, camera, camera_rays(camera), texture, background)
 
 
 def render(scene: Scene, pose: FloatArray) -> FloatArray:
@@ -250,23 +245,15 @@ def _shade(scene: Scene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatAr
     limb, depth = hits.limb[rows, columns], hits.depth[rows, columns]
     direction = scene.rays.directions[rows + hits.top, columns + hits.left]
     towards = np.column_stack([direction, np.ones(len(direction))]) * depth[:, None]
-    order = np.argsort(limb, kind="stable")
-    grey = np.empty(len(limb))
-    light = scene.camera.rotation @ _LIGHT
-    texture = scene.texture
-    for k, those in zip(*_groups(limb, order), strict=True):
+    grey, light, texture = np.empty(len(limb)), scene.camera.rotation @ _LIGHT, scene.texture
+    for k in np.unique(limb):
+        those = np.flatnonzero(limb == k)
         points = placed.eyes[k] + towards[those] @ placed.rotations[k].T
         cells = (points / _VOXEL_M + texture.offsets[k]).T
         pattern = map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
         lit = np.maximum(_normals(points, placed.sizes[k]) @ (placed.rotations[k] @ light), 0.0)
         grey[those] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
     return np.clip(grey, 0.0, 255.0)
-
-
-def _groups(labels: IntArray, order: IntArray) -> tuple[IntArray, list[IntArray]]:
-    """The labels that occur, and the members of each, from the order that sorts them."""
-    values, first = np.unique(labels[order], return_index=True)
-    return values, np.split(order, first[1:])
 
 
 def _normals(points: FloatArray, size: FloatArray) -> FloatArray:

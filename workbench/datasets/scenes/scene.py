@@ -1,14 +1,14 @@
 """What every scene is made of in which one person moves before a still camera."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+from workbench.core.checks import FINITE, POSITIVE, Range, at_least, check
 
-from workbench.errors import InputError
-
-AT_LEAST: Mapping[str, float] = {"n_frames": 2, "first_frame": 0, "width": 32, "height": 32, "focal_px": 1.0, "seed": 0}
+_RANGES = {
+    "n_frames": at_least(2), "first_frame": at_least(0), "rate_hz": POSITIVE, "width": at_least(32),
+    "height": at_least(32), "focal_px": at_least(1), "view_deg": FINITE, "seed": at_least(0),
+}  # fmt: skip
 
 
 @dataclass(kw_only=True, eq=False)
@@ -39,12 +39,6 @@ class Scene:
         """Tell what messages call the dataset, which is its class in lower case."""
         return type(self).__name__.lower()
 
-    def check(self, **at_least: float) -> None:
-        """Raise InputError for a number below what is the least, of those given and those that all scenes share."""
-        for name, least in {**AT_LEAST, **at_least}.items():
-            if not least <= getattr(self, name) < np.inf:
-                raise InputError(f"{self.kind}: {name} must be at least {least}, found {getattr(self, name)}")
-        if not 0.0 < self.rate_hz < np.inf:
-            raise InputError(f"{self.kind}: rate_hz must be positive, found {self.rate_hz}")
-        if not np.isfinite(self.view_deg):
-            raise InputError(f"{self.kind}: view_deg must be an angle in degrees, found {self.view_deg}")
+    def check(self, **expected: Range) -> None:
+        """Raise InputError for the first number that is not in its range, of those that all scenes share and others."""
+        check(self.kind, self, **(_RANGES | expected))

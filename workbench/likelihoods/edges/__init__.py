@@ -12,9 +12,9 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
+from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.constants import POSITIVE, check
 from workbench.likelihoods.edges.filters import (
     ALONG,
     LEAST_PX,
@@ -54,7 +54,7 @@ class Edges:
     cache: str = "~/.cache/workbench"
 
     def __post_init__(self) -> None:
-        check("edges", POSITIVE, k=self.k)
+        check("edges", self, k=POSITIVE)
 
     @cached_property
     def model(self) -> EdgeModel:

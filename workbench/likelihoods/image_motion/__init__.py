@@ -10,11 +10,11 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
+from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Evaluation
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.constants import NOT_NEGATIVE, POSITIVE, Range, at_least, check, check_choice
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion.kernel import (
     Background,
@@ -75,13 +75,9 @@ class ImageMotion:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("image motion", POSITIVE, sigma=self.sigma, p_occluded=self.p_occluded, k=self.k)
-        check("image motion", Range("at least 0 and below 1", lambda value: 0.0 <= value < 1.0), epsilon=self.epsilon)
-        check("image motion", at_least(1), n_samples=self.n_samples)
-        check("image motion", NOT_NEGATIVE, blur_px=self.blur_px)
-        check_choice("image motion", get_args(Exponent), exponent=self.exponent)
-        check_choice("image motion", get_args(Occlusion), occlusion=self.occlusion)
-        check_choice("image motion", get_args(Background), background=self.background)
+        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, p_occluded=POSITIVE, n_samples=at_least(1))
+        check("image motion", self, exponent=one_of(*get_args(Exponent)), k=POSITIVE, blur_px=at_least(0))
+        check("image motion", self, occlusion=one_of(*get_args(Occlusion)), background=one_of(*get_args(Background)))
 
     @cached_property
     def samples(self) -> FloatArray:
