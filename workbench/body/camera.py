@@ -41,10 +41,12 @@ class Camera:
 
         Points at or behind the camera's plane give NaN.
         """
-        seen = self.to_camera(points)
-        depth = np.where(seen[..., 2:] > 1e-6, seen[..., 2:], np.nan)
-        bent = self.distort(seen[..., :2] / depth)
-        return bent * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
+        return self.pixels(self.to_camera(points), 1e-6)
+
+    def pixels(self, seen: FloatArray, least_depth: float) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in the camera's frame, NaN up to a depth, m."""
+        depth = np.where(seen[..., 2:] > least_depth, seen[..., 2:], np.nan)
+        return self.distort(seen[..., :2] / depth) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
 
     def distort(self, normalised: FloatArray) -> FloatArray:
         """Distorted coordinates (..., 2) of normalised ones, OpenCV's radial and tangential model."""
@@ -52,13 +54,9 @@ class Camera:
         x, y = normalised[..., 0], normalised[..., 1]
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return np.stack(
-            [
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ],
-            axis=-1,
-        )
+        bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.stack([bent_x, bent_y], axis=-1)
 
     def scaled(self, factor: float) -> "Camera":
         """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
@@ -70,13 +68,9 @@ class Camera:
 
 
 def plain_camera(
-    width: int,
-    height: int,
-    focal_px: float,
-    position: tuple[float, float, float],
-    look_at: tuple[float, float, float],
+    width: int, height: int, focal_px: float, position: tuple[float, float, float], look_at: tuple[float, float, float],
     name: str = "camera",
-) -> Camera:
+) -> Camera:  # fmt: skip
     """An undistorted camera at `position` that looks at a point, both in the world (m), with the world's z up.
 
     Raises InputError when the two points coincide or one lies straight above the other.
@@ -131,15 +125,8 @@ def _camera(path: Path, key: str, table: object) -> Camera:
         raise InputError(f"{path}: camera [{key}] is a fisheye, expected a pinhole camera")
     width, height = numbers("size", (2,))
     rotation = cv2.Rodrigues(numbers("rotation", (3,)))[0].astype(np.float64)
-    distortion = np.zeros(5)
-    given = numbers("distortions", (4,), (5,))
-    distortion[: len(given)] = given
+    distortion = np.resize(np.append(numbers("distortions", (4,), (5,)), 0.0), 5)
     return Camera(
-        name=str(table.get("name", key)),
-        width=int(width),
-        height=int(height),
-        matrix=numbers("matrix", (3, 3)),
-        rotation=rotation,
-        translation=numbers("translation", (3,)),
-        distortion=distortion,
-    )
+        name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
+        rotation=rotation, translation=numbers("translation", (3,)), distortion=distortion,
+    )  # fmt: skip

@@ -61,11 +61,8 @@ class Body:
         """Multiply every length by `factor`, which keeps the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
-        return Body(
-            skeleton=self.skeleton.with_offsets(factor * self.skeleton.offsets),
-            shape=self.shape.scaled(factor),
-            limbs=replace(limbs, starts=starts, ends=ends, radii=radii),
-        )
+        skeleton = self.skeleton.with_offsets(factor * self.skeleton.offsets)
+        return Body(skeleton, self.shape.scaled(factor), replace(limbs, starts=starts, ends=ends, radii=radii))
 
 
 def person(shape: Shape) -> Body:
@@ -105,13 +102,9 @@ def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO
         raise InputError("limbs: expected a skeleton with bones")
     names, joints, bones, sizes = zip(*rows, strict=True)
     return Limbs(
-        names=names,
-        joints=np.array(joints),
-        starts=np.zeros((len(rows), 3)),
-        ends=np.array(bones),
-        radii=np.repeat(np.array(sizes)[:, None], 2, axis=1),
-        spheres=np.zeros(len(rows), dtype=bool),
-    )
+        names=names, joints=np.array(joints), starts=np.zeros((len(rows), 3)), ends=np.array(bones),
+        radii=np.repeat(np.array(sizes)[:, None], 2, axis=1), spheres=np.zeros(len(rows), dtype=bool),
+    )  # fmt: skip
 
 
 def _person_limbs(shape: Shape) -> Limbs:
@@ -123,8 +116,7 @@ def _person_limbs(shape: Shape) -> Limbs:
         ("head", "neck", shape.head, shape.head, _round(shape.head_radius, shape.head_radius), True),
     ]
     for side in ("left", "right"):
-        wrist = (0.0, 0.0, -shape.forearm)
-        hand = (0.0, 0.0, -shape.forearm - 1.2 * shape.hand_radius)
+        wrist, hand = (0.0, 0.0, -shape.forearm), (0.0, 0.0, -shape.forearm - 1.2 * shape.hand_radius)
         rows += [
             (f"{side}_upper_arm", f"{side}_shoulder", origin, (0.0, 0.0, -shape.upper_arm),
              _round(*shape.upper_arm_radii), False),
@@ -135,13 +127,9 @@ def _person_limbs(shape: Shape) -> Limbs:
         ]  # fmt: skip
     names, joints, starts, ends, radii, spheres = zip(*rows, strict=True)
     return Limbs(
-        names=names,
-        joints=np.array([JOINT_NAMES.index(joint) for joint in joints]),
-        starts=np.array(starts),
-        ends=np.array(ends),
-        radii=np.array(radii),
-        spheres=np.array(spheres),
-    )
+        names=names, joints=np.array([JOINT_NAMES.index(joint) for joint in joints]), starts=np.array(starts),
+        ends=np.array(ends), radii=np.array(radii), spheres=np.array(spheres),
+    )  # fmt: skip
 
 
 def _round(start: float, end: float) -> tuple[FloatArray, FloatArray]:

@@ -29,12 +29,9 @@ def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015
 
     Raises InputError when scikit-image, the optional extra "mesh", is not installed.
     """
-    try:
-        measure = importlib.import_module("skimage.measure")
-    except ImportError:
-        raise InputError(
-            "the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'"
-        ) from None
+    if not can_mesh():
+        raise InputError("the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'")
+    measure = importlib.import_module("skimage.measure")
     lows, highs = _boxes(surface, frames)
     corner = lows.min(axis=0) - 3.0 * spacing_m
     # Two more points on every side, so that each edge of the grid that the skin cuts has both ends in the part's box.
@@ -46,9 +43,8 @@ def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015
         points = corner + spacing_m * np.moveaxis(np.mgrid[block], 0, -1)
         field = log_field(surface, frames, part, points.reshape(-1, 3)).reshape(points.shape[:3])
         np.maximum(fields[block], field, out=fields[block])
-    vertices, triangles, _, _ = measure.marching_cubes(
-        fields, 0.0, spacing=(spacing_m,) * 3, gradient_direction="ascent"
-    )
+    spacing = (spacing_m,) * 3
+    vertices, triangles, _, _ = measure.marching_cubes(fields, 0.0, spacing=spacing, gradient_direction="ascent")
     return corner + vertices.astype(np.float64), triangles.astype(np.int64)
 
 

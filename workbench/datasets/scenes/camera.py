@@ -20,8 +20,8 @@ def automatic_camera(
 ) -> tuple[Camera, float]:
     """A level camera at the height of the belly that keeps all joints `places` (F, J, 3) in view, and its distance, m.
 
-    It looks at the scene's view_deg to the motion's direction from distance_m to where
-    the person is half-way through, or from further away where the whole motion would not fit into width × height.
+    It looks at the scene's view_deg to the motion's direction from distance_m to where the person is half-way through,
+    or from further away where the whole motion would not fit into width × height.
     Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
     """
     width, height, focal_px = scene.width, scene.height, scene.focal_px
@@ -49,11 +49,9 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
     """The automatic camera of a take, with a warning where it has to be further away than distance_m."""
     camera, distance = automatic_camera(scene, take.motion, take.places, distance_m, name)
     if distance > 1.01 * distance_m:
-        warnings.warn(
-            f"{scene.kind}: the camera is {distance:.1f} m away instead of {distance_m:g}, so that the whole motion "
-            "fits into its image",
-            stacklevel=2,
-        )
+        away = f"{distance:.1f} m away instead of {distance_m:g}"
+        words = f"{scene.kind}: the camera is {away}, so that the whole motion fits into its image"
+        warnings.warn(words, stacklevel=2)
     return camera
 
 

@@ -102,8 +102,7 @@ class _PlacedLimbs:
 
 def camera_rays(camera: Camera, samples: int = 2) -> Rays:
     """The camera's rays, `samples` × `samples` evenly spread over every pixel."""
-    u = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
-    v = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
+    u, v = ((np.arange(size * samples) + 0.5) / samples - 0.5 for size in (camera.width, camera.height))
     if camera.distortion.any():
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)
@@ -153,16 +152,13 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
 def render(scene: Scene, pose: FloatArray) -> FloatArray:
     """The noiseless picture (height, width), grey levels 0 to 255, of the body in a pose (P,)."""
     placed = _place(scene.body, pose, scene.camera)
-    hits = _cast_placed(placed, scene.rays)
-    n = scene.rays.samples
-    top, left = hits.top // n, hits.left // n
+    hits, n, image = _cast_placed(placed, scene.rays), scene.rays.samples, scene.background.copy()
     height, width = hits.depth.shape[0] // n, hits.depth.shape[1] // n
-    window = scene.background[top : top + height, left : left + width]
+    window = image[hits.top // n :, hits.left // n :][:height, :width]
     fine = np.repeat(np.repeat(window, n, axis=0), n, axis=1)
     seen = hits.limb >= 0
     fine[seen] = _shade(scene, placed, hits, seen)
-    image = scene.background.copy()
-    image[top : top + height, left : left + width] = fine.reshape(height, n, width, n).mean(axis=(1, 3))
+    window[:] = fine.reshape(height, n, width, n).mean(axis=(1, 3))
     return image
 
 
@@ -294,9 +290,8 @@ def _depths_reference(eye: FloatArray, direction: FloatArray, size: FloatArray) 
     exact = ax * by == ay * bx
     fat = 1.0 if exact else 1.1
     r, g = fat * (ax + gx * oz), fat * gx
-    s = _entry_reference(
-        dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r, ox**2 + k * oy**2 - r * r
-    )
+    a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
+    s = _entry_reference(a, b, ox**2 + k * oy**2 - r * r)
     settled = np.full(s.shape, exact)
     for _ in range(0 if exact else 8):
         x, y, t = ox + s * dx, oy + s * dy, np.clip((oz + s * dz) / length, 0.0, 1.0)

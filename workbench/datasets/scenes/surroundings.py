@@ -36,11 +36,8 @@ def surroundings(take: Take, camera: Camera) -> Surroundings:
     forward = camera.rotation[2]
     behind = roots[[len(roots) // 4, 3 * len(roots) // 4]] + BINS_M * forward
     behind[:, 2] = floor
-    return Surroundings(
-        floor_m=floor,
-        wall_m=float(camera.to_camera(roots)[:, 2].max()) + WALL_M,
-        bins=uprights(take.body, behind, _BIN_RADIUS_M, _BIN_HEIGHT_M),
-    )
+    wall = float(camera.to_camera(roots)[:, 2].max()) + WALL_M
+    return Surroundings(floor, wall, uprights(take.body, behind, _BIN_RADIUS_M, _BIN_HEIGHT_M))
 
 
 def bar(take: Take, camera: Camera, width_m: float) -> Body:
@@ -54,13 +51,9 @@ def uprights(body: Body, feet: FloatArray, radius_m: float, height_m: float) -> 
     """Upright cylinders with their feet (M, 3) fixed in the world, as the limbs of a body whose pose is all zeros."""
     n = len(feet)
     limbs = Limbs(
-        names=tuple(f"upright_{i}" for i in range(n)),
-        joints=np.zeros(n, dtype=np.int64),
-        starts=feet,
-        ends=feet + np.array([0.0, 0.0, height_m]),
-        radii=np.full((n, 2, 2), radius_m),
-        spheres=np.zeros(n, dtype=bool),
-    )
+        names=tuple(f"upright_{i}" for i in range(n)), joints=np.zeros(n, dtype=np.int64), starts=feet,
+        ends=feet + np.array([0.0, 0.0, height_m]), radii=np.full((n, 2, 2), radius_m), spheres=np.zeros(n, dtype=bool),
+    )  # fmt: skip
     return replace(body, limbs=limbs)
 
 

@@ -129,8 +129,6 @@ def given_start(
     if take is None:
         raise InputError(f"{dataset}: start=given needs the truth, which is not known; use start=auto")
     if take.phase_ends is None:
-        raise InputError(
-            f"{dataset}: start=given gives the ends of the gait's phase, but {take.motion.name!r} has no gait cycle; "
-            "use start=auto"
-        )
+        lacking = f"the ends of the gait's phase, but {take.motion.name!r} has no gait cycle"
+        raise InputError(f"{dataset}: start=given gives {lacking}; use start=auto")
     return take.rough_start(seed), take.phase_ends

@@ -82,14 +82,11 @@ def _on_pieces(body: Body, limb: IntArray, kind: IntArray, rng: np.random.Genera
 def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray) -> FloatArray:
     """The depth (K,), m, where lines of sight to points (K, 3) first meet a body in a pose (P,), inf for nowhere."""
     seen = camera.to_camera(points)
-    x, y = (seen[:, :2] / seen[:, 2:]).T
-    directions = np.stack([x, y], axis=1)[None].astype(np.float32)
+    directions = (seen[:, :2] / seen[:, 2:])[None].astype(np.float32)
     rays = Rays(
-        samples=1,
-        directions=directions,
-        across=np.stack([directions[0, :, 0]] * 2),
+        samples=1, directions=directions, across=np.stack([directions[0, :, 0]] * 2),
         down=np.array([[directions[..., 1].min()], [directions[..., 1].max()]]),
-    )
+    )  # fmt: skip
     hits = cast(body, pose, camera, rays)
     depth = np.full(len(points), np.inf)
     if hits.depth.size:

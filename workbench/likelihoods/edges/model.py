@@ -82,15 +82,10 @@ def rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, Floa
     """Views of walkers of all sorts, with their bodies and true poses (P,)."""
     for scene in range(SCENES):
         dataset = Synthetic(
-            path=("straight", "circle")[scene % 2],
-            n_frames=FRAMES,
-            rate_hz=4.0,
-            view_deg=float(rng.uniform(30.0, 150.0)),
-            person_px=float(rng.uniform(200.0, 340.0)),
-            contrast=float(rng.uniform(0.5, 1.5)),
-            clutter=float(rng.uniform(0.5, 1.5)),
-            seed=_FIRST_SEED + scene,
-        )
+            path=("straight", "circle")[scene % 2], n_frames=FRAMES, rate_hz=4.0,
+            view_deg=float(rng.uniform(30.0, 150.0)), person_px=float(rng.uniform(200.0, 340.0)),
+            contrast=float(rng.uniform(0.5, 1.5)), clutter=float(rng.uniform(0.5, 1.5)), seed=_FIRST_SEED + scene,
+        )  # fmt: skip
         shape = dataset.known.shape
         assert shape is not None  # of a rendered person it is known
         body = person(shape)

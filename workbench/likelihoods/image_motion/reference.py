@@ -10,7 +10,6 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from workbench.body.camera import Camera
 from workbench.body.limbs import Limbs
 from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion, PosedView
 from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_SINE
@@ -117,7 +116,7 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
     cos_alpha = np.where(limbs.spheres, 1.0, np.linalg.norm(axis[..., :2], axis=-1))
     usable = (corners[..., 2] > MIN_DEPTH).all(axis=(2, 3)) & (sine > MIN_SINE)
-    return Patches(_pixels(view.camera, corners), ends[..., 2], np.where(usable, cos_alpha, 0.0))
+    return Patches(view.camera.pixels(corners, MIN_DEPTH), ends[..., 2], np.where(usable, cos_alpha, 0.0))
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
@@ -182,11 +181,6 @@ def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
     """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
     places = np.where(inside_image(image, points)[..., None], points, -1.0)
     return map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
-
-
-def _pixels(camera: Camera, points: FloatArray) -> FloatArray:
-    depth = np.where(points[..., 2:] > MIN_DEPTH, points[..., 2:], np.nan)
-    return camera.distort(points[..., :2] / depth) * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
