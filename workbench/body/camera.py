@@ -37,10 +37,8 @@ class Camera:
         return points @ self.rotation.T + self.translation
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Pixels (..., 2) of world points (..., 3); the centre of the top left pixel is (0, 0).
-
-        Points at or behind the camera's plane give NaN.
-        """
+        """Pixels (..., 2) of world points (..., 3), (0, 0) being the centre of the top left one; NaN behind the
+        camera's plane."""
         return self.pixels(self.to_camera(points), 1e-6)
 
     def pixels(self, seen: FloatArray, least_depth: float) -> FloatArray:
@@ -71,10 +69,8 @@ def plain_camera(
     width: int, height: int, focal_px: float, position: tuple[float, float, float], look_at: tuple[float, float, float],
     name: str = "camera",
 ) -> Camera:  # fmt: skip
-    """An undistorted camera at `position` that looks at a point, both in the world (m), with the world's z up.
-
-    Raises InputError when the two points coincide or one lies straight above the other.
-    """
+    """Return an undistorted camera at `position` that looks at a point, both in the world (m), its z up; raises
+    InputError when the points coincide or one lies straight above the other."""
     forward = np.subtract(look_at, position).astype(np.float64)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-9:

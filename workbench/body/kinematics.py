@@ -58,10 +58,8 @@ def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
-    """Derivative of the joint positions with respect to the pose, (N, J, 3, P), m/rad (1 for the translations).
-
-    A turn about the world axis w through the point o moves a joint x below it by w × (x − o).
-    """
+    """Differentiate the joint positions by the pose, (N, J, 3, P), m/rad (1 for the translations): a turn about the
+    world axis w through the point o moves a joint x below it by w × (x − o)."""
     poses = _checked(skeleton, poses)
     frames = forward(skeleton, poses)
     arms = frames.positions[:, :, None] - frames.positions[:, None, skeleton.dof_joints]  # (N, J, P, 3)

@@ -29,11 +29,9 @@ ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
 
 @inlined
 def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
-    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on; beyond the last, the last again.
-
-    The same as `kinematics.forward`, but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes.
-    values: ((P + 9) · LANES,) is overwritten.
-    """
+    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, beyond the last the last again, as
+    `kinematics.forward` but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
+    LANES,) is overwritten."""
     n_dofs, (parents, offsets, dof_joints, dof_axes) = poses.shape[1], skeleton
     turn, numbers = values[: 9 * LANES], values[9 * LANES :]
     for lane in range(LANES):

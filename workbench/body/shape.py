@@ -82,10 +82,8 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
 
 
 def read_shape(place: str, found: Mapping[str, Any]) -> Shape:
-    """The shape whose lengths, m, a file holds by name as `Shape.as_dict` gives them.
-
-    Raises InputError, which names the place, for a length that is missing, not finite, or not one a person can have.
-    """
+    """Read the shape whose lengths, m, a file holds by name as `Shape.as_dict` gives them; raises InputError, naming
+    the place, for one that is missing, not finite, or not one a person can have."""
     lengths: dict[str, Any] = {}
     for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
         value = np.asarray(found.get(name))

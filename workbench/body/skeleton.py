@@ -115,10 +115,8 @@ PARTS = {
 
 
 def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The names of a pose's parameters that `names`, names and keys of PARTS, stand for, in the pose's order.
-
-    Raises InputError, naming the `option` they were given for, when one is unknown.
-    """
+    """Return, in the pose's order, the names of the parameters that `names`, these or keys of PARTS, stand for; raises
+    InputError, naming the `option` they were given for, when one is unknown."""
     if unknown := [name for name in names if name not in POSE_NAMES and name not in PARTS]:
         expected = f"expected parts of the body ({', '.join(PARTS)}) or some of {', '.join(POSE_NAMES)}"
         raise InputError(f"{option}: {unknown[0]!r} is unknown, {expected}")

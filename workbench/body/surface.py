@@ -97,10 +97,8 @@ class Surface:
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """The part (K,) that each point (K, 3), m, belongs to in one pose: the smallest |distance| or |log(f / C)|.
-
-    frames: of one pose, (1, J, ...). Of equals it is the first part. Raises InputError for a point that is not finite.
-    """
+    """Find the part (K,) that each point (K, 3), m, belongs to in one pose, that of frames (1, J, ...): the first of
+    those with the smallest |distance| or |log(f / C)|; raises InputError for a point that is not finite."""
     points = np.ascontiguousarray(_finite(points), dtype=np.float64)
     attachment = np.empty(len(points), dtype=np.int64)
     surface_kernel.attach(
@@ -113,10 +111,8 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,).
-
-    "field": f − C, dimensionless; "distance": m. See the module for both.
-    """
+    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,): m for "distance", for "field"
+    none."""
     found = np.empty(len(points))
     surface_kernel.residuals(*_arguments(skeleton, surface, pose, points, kind, attachment, found))
     return found
@@ -142,10 +138,8 @@ def nearest_residual_jacobian(
 
 
 def nearest_distances(skeleton: Skeleton, surface: Surface, poses: FloatArray, points: FloatArray) -> FloatArray:
-    """Distances (N, K), m, of points (K, 3), m, to the parts that `attach` finds in each of the poses (N, P).
-
-    Raises as `attach` does. It runs on as many threads as numba is set to.
-    """
+    """Distances (N, K), m, of points (K, 3), m, to the parts that `attach` finds in each of the poses (N, P), on as
+    many threads as numba is set to; raises as `attach` does."""
     points = np.ascontiguousarray(_finite(points), dtype=np.float64)
     found = np.empty((len(poses), len(points)))
     arguments = (

@@ -138,10 +138,8 @@ def _looseness(table: Any, parts: Any) -> Any:
 def _lower_bounds(
     world: Any, parts: Any, most: Any, thinnest: Any, sharpness: float, kind: int, points: Any, first: int, least: Any
 ) -> None:
-    """least (B, POINTS): what |log(f / C)| or |pseudo-distance| of POINTS points from `first` on are at least.
-
-    Innermost loops run over points without a branch, so that the compiler makes vector instructions of them.
-    """
+    """least (B, POINTS): lower bounds of |log(f / C)| or |pseudo-distance| of POINTS points from `first` on. Innermost
+    loops run over points without a branch, so that the compiler makes vector instructions of them."""
     x, y, z = np.empty(POINTS), np.empty(POINTS), np.empty(POINTS)
     for lane in range(POINTS):
         k = min(first + lane, points.shape[0] - 1)
@@ -175,11 +173,8 @@ def _nearer(ellipsoid: Any, x: Any, y: Any, z: Any, d: Any) -> None:
 def _nearest(
     world: Any, parts: Any, least: Any, lane: int, point: Any, sharpness: float, kind: int, terms: Any
 ) -> Any:  # fmt: skip
-    """The nearest part of a point, its log(f / C) and scale, and which half of `terms` (2, …) they were weighed in.
-
-    The likeliest part is weighed first, and is it where squares overflow; then those that may be as near by their
-    bounds.
-    """
+    """The nearest part of a point, its log(f / C), its scale, and which half of `terms` (2, …) they were weighed in:
+    the likeliest is weighed first, and is it where squares overflow; then those as near by their bounds."""
     likely = 0
     for part in range(1, least.shape[0]):
         if least[part, lane] < least[likely, lane]:

@@ -125,10 +125,8 @@ class Points(Scene):
 
 
 def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator) -> FloatArray:
-    """Points (K, 3), m, moved along their lines of sight so that their depth z errs by σ = sigma_m (z / 4 m)².
-
-    The error of a stereo pair: depth is focal length × baseline / disparity, and the disparity's error is constant.
-    """
+    """Move points (K, 3), m, along their lines of sight so that their depth z errs by σ = sigma_m (z / 4 m)², as a
+    stereo pair's does: depth is focal length × baseline / disparity, whose error is constant."""
     seen = camera.to_camera(points)
     depth = seen[:, 2]
     factor = 1.0 + sigma_m * depth / AT_M**2 * rng.standard_normal(len(points))

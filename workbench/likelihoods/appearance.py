@@ -31,10 +31,8 @@ _PER_CELL = 3  # points looked at along a cell, and as many across, when the tem
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """The grey levels of L limbs' surfaces as one camera sees them, in cells (L, ALONG, AROUND).
-
-    mean: grey levels. n: how many frames the mean stands for, 0 where a cell was never seen.
-    """
+    """The grey levels of L limbs' surfaces as one camera sees them, in cells (L, ALONG, AROUND). n: how many frames the
+    mean stands for, 0 where a cell was never seen."""
 
     mean: FloatArray
     n: FloatArray

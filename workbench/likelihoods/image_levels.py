@@ -17,16 +17,14 @@ MAD_TO_SIGMA = 1.4826
 
 
 def grey_levels(view: View, blur_px: float) -> Float32Array:
-    """The view's grey levels (height, width), 0..255, smoothed by a Gaussian (A, section 5).
-
-    Raises InputError when the image has not the size that its camera states.
-    """
+    """Return a view's grey levels (height, width), 0..255, smoothed by a Gaussian (A, section 5); raises InputError
+    when the image has not the size that its camera states."""
     levels = _float_levels(view)
     return _smoothed(cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY) if levels.ndim == 3 else levels, blur_px)
 
 
 def colour_levels(view: View, blur_px: float) -> Float32Array:
-    """The view's one or three levels (height, width, C), 0..255, smoothed by a Gaussian; raises as `grey_levels`."""
+    """Return a view's one or three levels (height, width, C), 0..255, smoothed; raises as `grey_levels`."""
     smooth = _smoothed(_float_levels(view), blur_px)
     return smooth.reshape(*smooth.shape[:2], -1)
 
@@ -56,10 +54,8 @@ class StillScene:
 
 
 def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
-    """Median and 1.4826 times the median absolute deviation of every camera's smoothed levels over the clip.
-
-    `n_frames` of its frames are used, evenly spread.
-    """
+    """Find the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
+    `n_frames` frames of the clip, evenly spread."""
     n = clip.known.n_frames
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
     seen: dict[str, list[Float32Array]] = {}
@@ -81,10 +77,8 @@ def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScen
 
 
 def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsilon: float) -> Float32Array:
-    """Log ratio of foreground to background, r of `Background`, of every pixel (height, width).
-
-    scenes: by camera. Raises InputError where the view's camera is none of them.
-    """
+    """Return the log ratio of foreground to background, r of `Background`, of every pixel (height, width) of a view;
+    raises InputError where its camera is none of the scenes'."""
     if view.camera.name not in scenes:
         raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
     scene = scenes[view.camera.name]

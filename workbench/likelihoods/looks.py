@@ -39,10 +39,8 @@ class PoseLook:
 
 @dataclass(frozen=True, eq=False)
 class Remembering(Generic[Memory]):
-    """A likelihood and what it keeps of the frames so far. see: looks at a frame and the one before with that in mind.
-
-    The likelihood itself stays as it was configured, so that another run begins with nothing.
-    """
+    """A likelihood, which stays as it was configured, and what it keeps of the frames so far. see: looks at a frame and
+    the one before with that in mind."""
 
     memory: Memory
     see: Callable[[Memory, Frame | None, Frame], Look]

@@ -43,10 +43,8 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 
 
 def count_frames(source: Path, at_most: int | None = None) -> int:
-    """Tell how many images can be decoded, found by decoding; it stops counting at `at_most`.
-
-    Warns where a video file announces more frames than it holds. Raises InputError as `decode` does.
-    """
+    """Count the images that can be decoded, up to `at_most`, by decoding them; warns where a video file announces more
+    than it holds, raises InputError as `decode` does."""
     if source.is_dir():
         return len(image_files(source))
     n = 0

@@ -39,10 +39,8 @@ _DAMAGES = (
 
 
 def read_ply(path: Path) -> FloatArray:
-    """The points (K, 3) of a PLY file's vertices, as they are in the file; other properties are skipped.
-
-    Raises InputError for anything but a whole PLY file whose first element is `vertex` with scalar x, y and z.
-    """
+    """Read the points (K, 3) of a PLY file's vertices, skipping other properties; raises InputError for anything but a
+    whole PLY file whose first element is `vertex` with scalar x, y and z."""
     content = _bytes(path)
     n, columns, order, begin, others = _ply_header(path, content)
     missing = [axis for axis in AXES if axis not in columns]
@@ -51,8 +49,7 @@ def read_ply(path: Path) -> FloatArray:
     if order == "":
         first_line = content[:begin].count(b"\n") + 1
         lines = _text(path, content[begin:]).split("\n")
-        values = _rows(path, lines if others else _stripped(lines), first_line, list(columns), None, n, others)
-        return values[:, [list(columns).index(axis) for axis in AXES]]
+        return _rows(path, lines if others else _stripped(lines), first_line, list(columns), None, n, others)
     kind = np.dtype([(name, order + code) for name, code in columns.items()])
     found = len(content) - begin
     if found < n * kind.itemsize or (found > n * kind.itemsize and not others):
@@ -62,16 +59,13 @@ def read_ply(path: Path) -> FloatArray:
 
 
 def read_csv(path: Path) -> FloatArray:
-    """The points (K, 3) of a CSV file whose first line names its columns, x, y and z among them.
-
-    Raises InputError, naming the line, for anything else.
-    """
+    """Read the points (K, 3) of a CSV file whose first line names its columns, x, y and z among them; raises
+    InputError, naming the line, for anything else."""
     lines = _stripped(_text(path, _bytes(path)).removeprefix("\ufeff").split("\n"))
     columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
     if len(set(columns)) < len(columns) or not set(AXES) <= set(columns):
         raise InputError(f"{path}, line 1: expected the columns x, y and z, found {', '.join(columns)[:60]!r}")
-    values = _rows(path, lines[1:], 2, columns, ",", len(lines) - 1, False)
-    return values[:, [columns.index(axis) for axis in AXES]]
+    return _rows(path, lines[1:], 2, columns, ",", len(lines) - 1, False)
 
 
 def read_npz(path: Path) -> FloatArray:
@@ -92,10 +86,8 @@ def read_npz(path: Path) -> FloatArray:
 
 
 def read_hdf5(path: Path) -> Iterator[FloatArray]:
-    """The points of every frame of an HDF5 file: the datasets (K, 3) of its group /frames, in natural order.
-
-    Raises InputError for anything else.
-    """
+    """Read the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order; raises
+    InputError for anything else."""
     try:
         with h5py.File(path, "r") as file:
             frames = file.get("frames")
@@ -158,7 +150,7 @@ def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, i
 def _rows(
     path: Path, lines: Sequence[str], first: int, columns: Sequence[str], delimiter: str | None, n: int, more: bool
 ) -> FloatArray:
-    """n rows of numbers, one a line, the first line's number being `first`; more: other lines may follow."""
+    """Read points (n, 3), one a line, the first line's number being `first`; more: other lines may follow."""
     if len(lines) < n or (len(lines) > n and not more):
         raise InputError(f"{path}: expected {n} rows of points from line {first} on, found {len(lines)} lines")
     rows = lines[:n]
@@ -170,7 +162,7 @@ def _rows(
         values = np.empty((0, 0))
     at = [columns.index(axis) for axis in AXES]
     if values.shape == (n, len(columns)) and (np.abs(values[:, at]) < _BEYOND).all():
-        return values
+        return values[:, at]
     for number, line in enumerate(rows, first):
         cells = line.split(delimiter)
         if len(cells) != len(columns):

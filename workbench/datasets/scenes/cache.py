@@ -30,11 +30,8 @@ def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *a
 def cached_images(
     cache: str | None, key: Callable[[], str], shape: tuple[int, int, int], render: Callable[[], ByteArray]
 ) -> ByteArray:
-    """Return the images (F, height, width) that are kept in the folder `cache` under a key, or else render and keep
-    them; a reader sees a whole file or none. Without a folder they are rendered.
-
-    Raises InputError when the folder cannot be written to.
-    """
+    """Return the images (F, height, width) that the folder `cache` keeps under a key, or else render them and, where
+    there is a folder, keep them there. Raises InputError when it cannot be written to."""
     if cache is None:
         return render()
     file = Path(cache).expanduser() / "scenes" / f"{key()[:32]}.npz"

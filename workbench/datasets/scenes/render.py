@@ -32,25 +32,28 @@ _SHIRT, _TROUSERS = ("torso", "upper_arm"), ("thigh", "calf")
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """The lines of sight of a camera, `samples` × `samples` per pixel, in its own frame.
-
-    directions: (height · samples, width · samples, 2), (x, y) at depth 1, lens distortion undone.
-    across: (2, width · samples) lowest and highest x of every column; down: (2, height · samples), y of every row.
-    """
+    """A camera's lines of sight, `samples` × `samples` per pixel, in its own frame. directions: (height · samples,
+    width · samples, 2), (x, y) at depth 1, lens distortion undone."""
 
     samples: int
     directions: Float32Array
-    across: Float32Array
-    down: Float32Array
+
+    @cached_property
+    def across(self) -> Float32Array:
+        """The lowest and the highest x of every column, (2, width · samples)."""
+        return np.stack([self.directions[..., 0].min(axis=0), self.directions[..., 0].max(axis=0)])
+
+    @cached_property
+    def down(self) -> Float32Array:
+        """The lowest and the highest y of every row, (2, height · samples)."""
+        return np.stack([self.directions[..., 1].min(axis=1), self.directions[..., 1].max(axis=1)])
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the rays of a rectangle of the picture meet first; outside the rectangle they meet nothing.
-
-    top, left: the rectangle's corner among the rays. depth: (h, w) along the camera's axis, m, inf where nothing is.
-    limb: (h, w) index into the body's limbs, -1 where nothing is.
-    """
+    """What the rays of a rectangle of the picture, with its corner at rays (top, left), meet first; outside they meet
+    nothing. depth: (h, w) along the camera's axis, m, inf where nothing is. limb: (h, w) the body's, -1 where nothing
+    is."""
 
     top: int
     left: int
@@ -111,9 +114,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
         x = (u - camera.matrix[0, 2]) / camera.matrix[0, 0]
         y = (v - camera.matrix[1, 2]) / camera.matrix[1, 1]
         directions = np.stack(np.meshgrid(x, y), axis=-1)
-    single: Float32Array = np.ascontiguousarray(directions, dtype=np.float32)
-    x, y = single[..., 0], single[..., 1]
-    return Rays(samples, single, np.stack([x.min(axis=0), x.max(axis=0)]), np.stack([y.min(axis=1), y.max(axis=1)]))
+    return Rays(samples, np.ascontiguousarray(directions, dtype=np.float32))
 
 
 def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Texture:

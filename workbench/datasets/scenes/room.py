@@ -45,10 +45,8 @@ def room(take: Take, camera: Camera, rng: np.random.Generator, clutter: float = 
 
 
 def empty_view(room: Room, camera: Camera) -> FloatArray:
-    """What a camera before the wall and above the floor sees of the room, (height, width) grey levels, without noise.
-
-    Beyond their edges the pictures go on mirrored.
-    """
+    """Render the room as a camera before the wall and above the floor sees it, (height, width) grey levels without
+    noise; beyond their edges the pictures go on mirrored."""
     directions = camera_rays(camera, _SAMPLES).directions
     rays = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], axis=2) @ camera.rotation
     eye = camera.position - room.origin

@@ -61,10 +61,8 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
 
 
 def gait_phases(motion: Motion) -> FloatArray:
-    """The place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`gait_events`).
-
-    Linear between those events and, at the rate of the nearest cycle, beyond them; NaN without two of them.
-    """
+    """Find the place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`gait_events`):
+    linear between those events and, at the nearest cycle's rate, beyond them; NaN without two of them."""
     events, frames = gait_events(motion, SHORTEST_RUN_S), np.arange(len(motion), dtype=np.float64)
     if len(events) < 2:
         return np.full(len(motion), np.nan)
@@ -76,10 +74,8 @@ def gait_phases(motion: Motion) -> FloatArray:
 
 
 def _own_frame(motion: Motion, first: Motion) -> FloatArray:
-    """Rows (F, 26): the pose with the steps to the next frame, ahead, left and round, in place of place and heading.
-
-    The last number of a row is the phase. Lengths are scaled to the legs of the person of `first`.
-    """
+    """Rows (F, 26): poses with the steps to the next frame, ahead, left and round, in place of place and heading,
+    lengths scaled to the legs of the person of `first`; and the phase."""
     legs = (first.shape.thigh + first.shape.calf) / (motion.shape.thigh + motion.shape.calf)
     rows = np.column_stack([motion.poses, gait_phases(motion)])
     c, s = np.cos(motion.poses[:, _HEADING]), np.sin(motion.poses[:, _HEADING])
@@ -114,10 +110,8 @@ def _joined(rows: FloatArray, following: FloatArray, motion: Motion, half: int, 
 
 
 def _entry(phase: float, phases: FloatArray, before: int, after: int, motion: Motion) -> int:
-    """The frame nearest the middle of a motion of phases (M,) that is in `phase` of the cycle to within 0.02.
-
-    Without cycles any frame will do. There must be `before` frames before it and `after` from it on.
-    """
+    """The frame nearest the middle of a motion of phases (M,) that is in `phase` to within 0.02 cycles, or any without
+    cycles, with `before` frames before it and `after` from it on."""
     _stretch(motion, 0, before + after)
     possible = np.arange(before, len(phases) - after + 1)
     apart = phases[possible] - phase

@@ -65,10 +65,8 @@ def in_box(centre: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
 def clutter_points(
     around: Surroundings, centre: FloatArray, camera: Camera, n: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Up to n points (n, 3), m, of floor, wall and bins in the box about `centre`, as far as these do not hide them.
-
-    As many candidates are drawn evenly on each of the three, so that the small bins are not lost.
-    """
+    """Draw up to n points (n, 3), m, of floor, wall and bins in the box about `centre` that these do not hide, from as
+    many candidates on each of the three, so that the small bins are not lost."""
     many = _CANDIDATES * n
     floor, wall = in_box(centre, many, rng), in_box(centre, many, rng)
     floor[:, 2] = around.floor_m

@@ -118,10 +118,8 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
 def given_start(
     dataset: str, start: str, take: Take | None, seed: int
 ) -> tuple[FloatArray | None, tuple[float, float] | None]:
-    """What is offered of the start: with start="given" the rough first pose (P,) and the phase's ends; else nothing.
-
-    Raises InputError, naming the dataset, where `start` is unknown or asks for a truth that is not there.
-    """
+    """Offer with start="given" the rough first pose (P,) and the phase's ends, else nothing; raises InputError, naming
+    the dataset, where `start` is unknown or asks for a truth that is not there."""
     if start not in STARTS:
         raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
     if start == "auto":

@@ -15,11 +15,8 @@ _SIDE, _END = 0, 2
 
 
 def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np.random.Generator) -> FloatArray:
-    """n points (n, 3), m, in the world, drawn evenly by area over what the camera sees of a body in a pose (P,).
-
-    The surface is the renderer's: cones and spheres with rounded ends. There are none of a body the camera does not
-    see, and fewer than n of one it sees very little of.
-    """
+    """Draw n points (n, 3), m, in the world, evenly by area over what the camera sees of a body's rendered surface in a
+    pose (P,); none of a body it does not see, and fewer than n of one it sees very little of."""
     points = surface_points(body, pose, TRIES * n, rng)
     depth = camera.to_camera(points)[:, 2]
     seen = np.abs(first_depth(body, pose, camera, points) - depth) < _SAME_M
@@ -27,11 +24,8 @@ def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np
 
 
 def surface_points(body: Body, pose: FloatArray, tries: int, rng: np.random.Generator) -> FloatArray:
-    """Points (K, 3), m, in the world, drawn evenly by area over all limbs in a pose (P,); about half of the tries.
-
-    A limb is a side and an ellipsoid about each end (a sphere is one), also where these lie in each other or in other
-    limbs, as in `render`.
-    """
+    """Draw points (K, 3), m, in the world, evenly by area over all limbs in a pose (P,), about half of the tries: over
+    their sides and an ellipsoid about each end, as in `render`, also where these lie in others."""
     share = _rough_areas(body)
     piece = rng.choice(share.size, tries, p=(share / share.sum()).ravel())
     limb, kind = np.divmod(piece, 3)
@@ -83,12 +77,7 @@ def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray
     """The depth (K,), m, where lines of sight to points (K, 3) first meet a body in a pose (P,), inf for nowhere."""
     seen = camera.to_camera(points)
     directions = (seen[:, :2] / seen[:, 2:])[None].astype(np.float32)
-    rays = Rays(
-        samples=1, directions=directions, across=np.stack([directions[0, :, 0]] * 2),
-        down=np.array([[directions[..., 1].min()], [directions[..., 1].max()]]),
-    )  # fmt: skip
-    hits = cast(body, pose, camera, rays)
-    depth = np.full(len(points), np.inf)
+    hits, depth = cast(body, pose, camera, Rays(1, directions)), np.full(len(points), np.inf)
     if hits.depth.size:
         depth[hits.left : hits.left + hits.depth.shape[1]] = hits.depth[0]
     return depth
@@ -103,10 +92,7 @@ def inside(camera: Camera, points: FloatArray) -> BoolArray:
 
 
 def _placed(body: Body, pose: FloatArray, limb: IntArray, own: FloatArray) -> FloatArray:
-    """Points (K, 3) of limbs (K,), each in its limb's own frame, in the world.
-
-    A limb's own frame starts at its axis' start, with the axes of `Limbs.axes`.
-    """
+    """Points (K, 3) of limbs (K,) in the world, each given from its limb's start in the axes of `Limbs.axes`."""
     limbs, frames = body.limbs, forward(body.skeleton, pose[None])
     in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own)
     joint = limbs.joints[limb]

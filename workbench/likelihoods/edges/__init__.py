@@ -15,16 +15,7 @@ from workbench.body.limbs import Body
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.edges.filters import (
-    ALONG,
-    LEAST_PX,
-    POINTS,
-    RIDGE_PER_HALF_WIDTH,
-    RIDGE_SCALES_PX,
-    Filtered,
-    filtered,
-    responses,
-)
+from workbench.likelihoods.edges.filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, filtered, responses
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
 from workbench.likelihoods.looks import PoseLook
@@ -79,8 +70,7 @@ class Edges:
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
     """The log ratios of all responses, summed for each limb (N, L), over n. table: (2, L, BINS)."""
     sums = np.empty(points.counts.shape[:2])
-    scales = np.log(np.array(RIDGE_SCALES_PX) / RIDGE_PER_HALF_WIDTH)
-    _response_sums(images.gradient, images.ridges, points.pixels, points.counts, table, scales, sums)
+    _response_sums(images.gradient, images.ridges, points.pixels, points.counts, table, LOG_WIDTHS, sums)
     return sums / len(POINTS)
 
 
@@ -89,10 +79,8 @@ def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Fl
     edges, ridges, counts = responses(images, points)
     limb = np.arange(len(table[0]))[:, None]
     on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)
-    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0).sum(
-        axis=(-1, -2)
-    )
-    return (on_axis + at_sides) / len(POINTS)
+    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0)
+    return (on_axis + at_sides.sum(axis=(-1, -2))) / len(POINTS)
 
 
 def _bins(values: FloatArray, low: float, high: float) -> Any:

@@ -20,6 +20,8 @@ RIDGE_SCALES_PX = (2.0, 4.0, 8.0)
 """Standard deviations of the Gaussians whose derivatives the filters are."""
 RIDGE_PER_HALF_WIDTH = 0.6
 """The scale at which a bar answers most, over half its width: 1/√3."""
+LOG_WIDTHS = np.log(np.array(RIDGE_SCALES_PX) / RIDGE_PER_HALF_WIDTH)
+"""Of half the limbs, px, that the scales are for."""
 CONTRAST_WINDOW_PX, CONTRAST_FLOOR = 31, 4.0
 """Contrast is the standard deviation in a square window, plus this many grey levels, about the sensor's noise."""
 ALONG = 8
@@ -61,9 +63,8 @@ def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
 
 
 def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Edges (N, L, ALONG, 2) at both sides, ridges (N, L, ALONG) on the axis, and which of POINTS (N, L, ALONG, 3) are
-    to be looked at; of limbs that are too short in the image none is. The definition that the kernel is tested against.
-    """
+    """Edges (N, L, ALONG, 2) at both sides, ridges (N, L, ALONG) on the axis, and which of POINTS (N, L, ALONG, 3) to
+    look at, none of limbs too short in the image. The definition that the kernel is tested against."""
     n, limbs = points.counts.shape[:2]
     pixels = points.pixels.astype(np.float64).reshape(n, limbs, ALONG, 3, 2)
     way = pixels[:, :, -1] - pixels[:, :, 0]  # (N, L, 3, 2) along the limb, at its sides and on its axis

@@ -16,16 +16,7 @@ from workbench.core.likelihood import Evaluation
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
 from workbench.likelihoods.image_levels import grey_levels
-from workbench.likelihoods.image_motion.kernel import (
-    Background,
-    Exponent,
-    LimbModel,
-    Occlusion,
-    Packed,
-    PackedView,
-    packed,
-    view_log_prob,
-)
+from workbench.likelihoods.image_motion import kernel
 from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
 
 
@@ -67,17 +58,18 @@ class ImageMotion:
     epsilon: float = 0.05
     p_occluded: float = 0.01
     n_samples: int = 48
-    exponent: Exponent = "mean"
+    exponent: kernel.Exponent = "mean"
     k: float = 1.0
-    occlusion: Occlusion = "sample"
-    background: Background = "none"
+    occlusion: kernel.Occlusion = "sample"
+    background: kernel.Background = "none"
     blur_px: float = 2.0**0.5
     seed: int = 0
 
     def __post_init__(self) -> None:
         check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, p_occluded=POSITIVE, n_samples=at_least(1))
-        check("image motion", self, exponent=one_of(*get_args(Exponent)), k=POSITIVE, blur_px=at_least(0))
-        check("image motion", self, occlusion=one_of(*get_args(Occlusion)), background=one_of(*get_args(Background)))
+        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE, blur_px=at_least(0))
+        check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
+        check("image motion", self, background=one_of(*get_args(kernel.Background)))
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -85,18 +77,14 @@ class ImageMotion:
         return patch_samples(self.n_samples, np.random.default_rng(self.seed))
 
     @property
-    def model(self) -> LimbModel:
+    def model(self) -> kernel.LimbModel:
         """The constants that the kernel and its reference share."""
-        return LimbModel(
-            self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background
-        )
+        constants = (self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background)
+        return kernel.LimbModel(*constants)
 
     def look(self, previous: Frame | None, frame: Frame) -> "MotionLook":
-        """Smooth and pack the images of a frame and of the one before.
-
-        Raises InputError when the frames share no camera or, under a still background, an image size; and when an image
-        has not the size its camera states.
-        """
+        """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
+        under a still background, an image size, and when an image has not the size that its camera states."""
         return self._look(None, previous, frame)
 
     def _look(self, known: "PackedFrame | None", previous: Frame | None, frame: Frame) -> "MotionLook":
@@ -107,8 +95,9 @@ class ImageMotion:
         pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
-        if self.background == "still":
-            _check_sizes(pairs)
+        for name, ((_, old), (_, new)) in pairs.items():
+            if self.background == "still" and old.shape != new.shape:
+                raise InputError(f"image motion: background=still needs images of one size from camera {name}")
         notes = (
             f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}"
             for name in sorted({*before.views, *now.views} - set(pairs))
@@ -120,7 +109,7 @@ class ImageMotion:
         return PackedFrame(frame, views)
 
 
-PackedImage: TypeAlias = tuple[Camera, Packed]
+PackedImage: TypeAlias = tuple[Camera, kernel.Packed]
 """What a camera saw, as the kernel looks it up."""
 
 
@@ -134,10 +123,8 @@ class PackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class MotionLook:
-    """What `ImageMotion`, the `cue`, has seen of a frame `now`.
-
-    pairs: the images before and now of every camera that both frames have; none in the first frame of a run.
-    """
+    """What `ImageMotion`, the `cue`, has seen of a frame `now`. pairs: the images before and now of every camera that
+    both frames have; none in the first frame of a run."""
 
     cue: ImageMotion
     now: PackedFrame
@@ -146,16 +133,14 @@ class MotionLook:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P); −∞ where either is not finite.
-
-        A note tells of points that lay outside the images, from 5 % on.
-        """
+        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), −∞ where either is not finite;
+        with a note from 5 % of points outside the images on."""
         finite = finite_rows(previous_pose) & finite_rows(pose)
         previous_pose, pose = previous_pose[finite], pose[finite]
         log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
         for name, (before, now) in self.pairs.items():
-            views = PackedView(*before, previous_pose), PackedView(*now, pose)
-            found, outside = view_log_prob(cue.body, cue.samples, cue.model, *views)
+            views = kernel.PackedView(*before, previous_pose), kernel.PackedView(*now, pose)
+            found, outside = kernel.view_log_prob(cue.body, cue.samples, cue.model, *views)
             log_prob += found
             share = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
             if share > 0.05:
@@ -167,22 +152,14 @@ class MotionLook:
         return Remembering(self.now, self.cue._look)
 
 
-def packed_levels(view: View, blur_px: float) -> Packed:
+def packed_levels(view: View, blur_px: float) -> kernel.Packed:
     """The view's smoothed grey levels as the kernel looks them up."""
-    return packed(grey_levels(view, blur_px))
-
-
-def _check_sizes(pairs: Mapping[str, tuple[PackedImage, PackedImage]]) -> None:
-    for name, ((_, before), (_, now)) in pairs.items():
-        if before.shape != now.shape:
-            raise InputError(f"image motion: background=still needs images of one size from camera {name}")
+    return kernel.packed(grey_levels(view, blur_px))
 
 
 def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:
-    """n evenly spread points (n, 2) of a patch: u along the limb in 0.08..0.92, v across it in −0.8..0.8.
-
-    The additive recurrence of the plastic number (Roberts 2018, the "R2 sequence"), at a random offset.
-    """
+    """Spread n points (n, 2) evenly over a patch, u along the limb in 0.08..0.92, v across it in −0.8..0.8: the
+    additive recurrence of the plastic number (Roberts 2018, the "R2 sequence") at a random offset."""
     plastic = 1.324717957244746
     steps = np.outer(np.arange(n), [1.0 / plastic, 1.0 / plastic**2])
     unit: FloatArray = (rng.random(2) + steps) % 1.0

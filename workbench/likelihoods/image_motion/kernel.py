@@ -73,10 +73,8 @@ class LimbModel:
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """What one camera saw at one time, and where the body is supposed to have been then, in N ways.
-
-    image: (height, width) smoothed grey levels. frames: of the joints in the N poses.
-    """
+    """What one camera saw at one time, image (height, width) of smoothed grey levels, and where the body is supposed to
+    have been then: frames of its joints in N poses."""
 
     camera: Camera
     image: Float32Array
@@ -125,10 +123,8 @@ class _Model(NamedTuple):
 def view_log_prob(
     body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """Compute `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to.
-
-    The images have the cameras' sizes; with a still background, both are of one size.
-    """
+    """Compute `reference.view_log_prob` on as many threads as numba is set to; with a still background, both images are
+    of one size."""
     n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]

@@ -42,10 +42,8 @@ class Patches:
 def view_log_prob(
     limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
 ) -> tuple[FloatArray, IntArray]:
-    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,).
-
-    samples: (n, 2) points (u, v) of every patch, see `Patches.positions`.
-    """
+    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,). samples:
+    points (n, 2) of every patch, see `Patches.positions`."""
     patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
     points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
     cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
