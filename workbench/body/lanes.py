@@ -14,8 +14,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 LANES = 16
 """Poses handled at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
-FAST = {"reassoc", "contract", "nsz", "arcp"}
-"""Every reordering of sums that keeps NaN and infinity meaningful."""
+FAST = {"reassoc", "contract", "nsz", "arcp"}  # every reordering of sums that keeps NaN and infinity meaningful
 inlined: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
     error_model="numpy", fastmath=FAST, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )

@@ -15,12 +15,9 @@ import numpy as np
 from workbench.body.lanes import FAST, inlined
 
 FIELD, DISTANCE = 0, 1
-MARGIN = 1e-9
-"""Bounds may be above the nearest by this part, so that rounding never hides a part."""
-NEGLIGIBLE = -40.0
-"""log(f_i / f) below which an ellipsoid's share is zero to double precision."""
-POINTS = 32
-"""Points whose lower bounds are computed at once; 16 would be unrolled too early for vector square roots."""
+MARGIN = 1e-9  # bounds may be above the nearest by this part, so that rounding never hides a part
+NEGLIGIBLE = -40.0  # log(f_i / f) below which an ellipsoid's share is zero to double precision
+POINTS = 32  # points whose lower bounds are computed at once; 16 would be unrolled too early for vector square roots
 
 # Columns of the ellipsoids' table on their joints, and in the world: the centre, the axes over the half sizes (rows of
 # three, which take a point to where the ellipsoid is the unit sphere), 1 / half size² and half size² along each, and

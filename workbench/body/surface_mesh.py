@@ -11,8 +11,7 @@ from workbench.body.surface import Surface
 from workbench.body.surface_reference import log_field
 from workbench.errors import InputError
 
-_OUTSIDE = -100.0
-"""The log field far from every part; only its sign matters."""
+_OUTSIDE = -100.0  # the log field far from every part; only its sign matters
 
 
 def can_mesh() -> bool:

@@ -20,8 +20,7 @@ from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_po
 from workbench.datasets.scenes.take import Take, given_start, take_of
 from workbench.datasets.scenes.visible import visible_points
 
-AT_M = 4.0
-"""The depth at which σ is sigma_m."""
+AT_M = 4.0  # the depth at which σ is sigma_m
 _NOISE_GREY = 4.0
 
 

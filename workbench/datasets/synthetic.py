@@ -31,8 +31,7 @@ from workbench.mocap.generated.gait import PATHS
 from workbench.mocap.motion import Motion
 from workbench.mocap.named import find_motion
 
-KEYPOINTS_MISSED = 0.1
-"""Share of the joints that the simulated detector does not find."""
+KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 
 
 @dataclass(kw_only=True, eq=False)

@@ -24,8 +24,7 @@ from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
 from workbench.likelihoods.looks import PoseLook, Remembering
 
-ALONG, AROUND = 10, 24
-"""Cells of a limb's template: along it, and once around it."""
+ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
 _PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
 
 

@@ -12,8 +12,7 @@ from workbench.core.clip import Clip
 from workbench.core.frame import View
 from workbench.errors import InputError
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
+MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
 def grey_levels(view: View, blur_px: float) -> Float32Array:

@@ -8,8 +8,7 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import FAST
 
-CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
-"""Of a patch (u, v), once around it."""
+CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
 """Which way along the limb and across it they lie from its middle."""
 

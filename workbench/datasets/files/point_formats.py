@@ -29,8 +29,7 @@ _PLY_TYPES = {
 }  # fmt: skip
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_BYTES = 1 << 16
-_BEYOND = 1e12
-"""Larger coordinates are mistakes in any unit."""
+_BEYOND = 1e12  # larger coordinates are mistakes in any unit
 _DAMAGES = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError,
@@ -105,8 +104,7 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
         raise InputError(f"{path}: expected a whole HDF5 file of points: {_said(error)}") from None
 
 
-READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}
-"""By the file's extension: one frame a file."""
+READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:

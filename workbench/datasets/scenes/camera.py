@@ -11,8 +11,7 @@ from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.take import Take
 from workbench.mocap.motion import Motion
 
-_MARGIN = 0.05
-"""Part of the image's width and height that the automatic camera keeps free on every side."""
+_MARGIN = 0.05  # part of the image's width and height that the automatic camera keeps free on every side
 
 
 def automatic_camera(

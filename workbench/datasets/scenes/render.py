@@ -19,10 +19,8 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 
-TEXTURE_GREY = 24.0
-"""Standard deviation of the clothes' texture at contrast 1, grey levels before shading."""
-CLUTTER_GREY = 35.0
-"""Standard deviation of the background at clutter 1, grey levels."""
+TEXTURE_GREY = 24.0  # standard deviation of the clothes' texture at contrast 1, grey levels before shading
+CLUTTER_GREY = 35.0  # standard deviation of the background at clutter 1, grey levels
 _AMBIENT = 0.6
 _LIGHT = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])  # towards the light, in the world
 _NEAR_M = 0.02

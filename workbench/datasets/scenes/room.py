@@ -12,8 +12,7 @@ from workbench.datasets.scenes.take import Take
 from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 TEXEL_M = 0.01
-WALL_BEHIND_M = 1.5
-"""How far behind the person's way the wall stands."""
+WALL_BEHIND_M = 1.5  # how far behind the person's way the wall stands
 _WALL_SIZE, _FLOOR_SIZE = (500, 1600), (1200, 1600)
 _SAMPLES = 2
 

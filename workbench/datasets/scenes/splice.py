@@ -11,8 +11,7 @@ from workbench.errors import InputError
 from workbench.mocap.gait_events import SHORTEST_RUN_S, gait_events
 from workbench.mocap.motion import Motion
 
-BLEND_S = 0.3
-"""How long one motion takes to become the next."""
+BLEND_S = 0.3  # how long one motion takes to become the next
 _X, _Y, _Z, _HEADING = range(4)
 _PHASE = len(POSE_NAMES)
 _PERIODS = np.array([1e9] * 3 + [2.0 * np.pi] * (_PHASE - 3) + [1.0])

@@ -14,8 +14,7 @@ from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 BOX_M = np.array([0.8, 0.8, 1.1])
 """Half sizes of the box about the root in which clutter and outliers are kept, as a tracker would."""
-WALL_M, BINS_M = 0.65, 0.5
-"""How far behind the person's way the wall and the bins are."""
+WALL_M, BINS_M = 0.65, 0.5  # how far behind the person's way the wall and the bins are
 _BIN_RADIUS_M, _BIN_HEIGHT_M, _BAR_HEIGHT_M = 0.12, 0.7, 3.0
 _CANDIDATES = 12
 

@@ -19,12 +19,10 @@ from workbench.mocap.named import find_motion, motion_file
 from workbench.mocap.sources import UNKNOWN, read_clip
 
 STARTS = ("auto", "given")
-SKELETONS = ("person", "full")
-"""The person of 25 numbers, or the motion file's own skeleton with every joint."""
+SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
 START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
-_FINE = 4
-"""Clips are spliced, and their cycles found, at this multiple of the dataset's rate."""
+_FINE = 4  # clips are spliced, and their cycles found, at this multiple of the dataset's rate
 
 
 @dataclass(frozen=True, eq=False)

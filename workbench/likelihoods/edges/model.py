@@ -23,11 +23,9 @@ from workbench.likelihoods.limb_points import limb_points
 log = logging.getLogger(__name__)
 
 BINS = 32
-EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)
-"""Of the responses; beyond, they belong to the last bin."""
-OUTLIERS = 0.05
-SCENES, FRAMES = 10, 5
-"""Share of responses that say nothing; rendered people, and frames of each to learn from."""
+EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)  # of the responses; beyond, they belong to the last bin
+OUTLIERS = 0.05  # share of responses that say nothing
+SCENES, FRAMES = 10, 5  # rendered people, and frames of each to learn from
 _FIRST_SEED = 1000  # of clothes, backgrounds and walks that no experiment renders
 _DISPLACED = 8  # wrong poses for every true one
 

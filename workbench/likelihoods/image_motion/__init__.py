@@ -109,8 +109,7 @@ class ImageMotion:
         return PackedFrame(frame, views)
 
 
-PackedImage: TypeAlias = tuple[Camera, kernel.Packed]
-"""What a camera saw, as the kernel looks it up."""
+PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
@@ -90,8 +90,7 @@ class PackedView:
     poses: FloatArray
 
 
-GREY_STEP = 255.0 / 65535.0
-"""Grey levels between neighbouring levels of a packed image."""
+GREY_STEP = 255.0 / 65535.0  # grey levels between neighbouring levels of a packed image
 BLOCK = 25 * LANES
 """Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
 
@@ -99,11 +98,9 @@ SHARED = 16 * LANES
 """Particles among which equal poses before are looked up once; what is kept of these fits into the second-level
 cache."""
 
-NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)
-"""What is known of a limb in the image before."""
+NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)  # what is known of a limb in the image before
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
-WIDTH, HEIGHT = 21, 22
-"""Columns of a camera, after those that patches use."""
+WIDTH, HEIGHT = 21, 22  # columns of a camera, after those that patches use
 X, Y, LOCAL = 0, 4 * LANES, 8 * LANES
 """Rows of a patch for the lookups: those from AX and those from AY, in float32, counted from a pixel of the image."""
 
@@ -130,13 +127,13 @@ def view_log_prob(
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
-        *(_limb_table(body.limbs), body.limbs.joints, _rows(samples), _rows(samples).astype(np.float32)),
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
         _Model(
             *(float(model.sigma), float(model.epsilon), float(model.p_occluded)),  # whole numbers would compile anew
             *(model.exponent == "mean", float(model.k), occlusion),
             model.background == "still",
         ),
-        np.stack([_camera_row(before.camera), _camera_row(now.camera)]),
+        np.stack([camera_row(before.camera), camera_row(now.camera)]),
         *(before.image.ravel(), np.ascontiguousarray(before.poses)),
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
@@ -153,38 +150,19 @@ def packed(image: Float32Array) -> Packed:
     return words
 
 
-def place_points(
-    limbs: Limbs, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool
-) -> tuple[Float32Array, BoolArray, FloatArray]:
-    """The pixels (N, L, n, 2) of points (n, 2) of every patch, which of them count, and how the limbs are turned.
-
-    The second result (N, L, n) is true for points in the image that no other limb hides, as `hidden_samples` of the
-    reference says for "sample"; with `beside`, for points in the image that no limb covers at any depth: those just
-    outside a limb, |v| > 1. The third (N, L), rad, is the azimuth in the joint's frame of the limb's side at v = 1.
-    """
-    shape = (len(frames.positions), len(limbs), len(samples))
-    pixels, counts = np.empty((*shape, 2), dtype=np.float32), np.empty(shape, dtype=np.bool_)
-    turns = np.empty(shape[:2])
-    arguments = (
-        *(_limb_table(limbs), limbs.joints, _rows(samples), _camera_row(camera), frames.rotations, frames.positions),
-        *(beside, pixels, counts, turns),
-    )
-    over_threads(lambda first, last: _place_points(first, last, *arguments), len(turns), LANES)
-    return pixels, counts, turns
-
-
-def _rows(samples: FloatArray) -> FloatArray:
+def sample_rows(samples: FloatArray) -> FloatArray:
+    """Return points (n, 2) as the kernel takes them, (2, n)."""
     return np.ascontiguousarray(samples.T)
 
 
-def _limb_table(limbs: Limbs) -> FloatArray:
-    thickness = limbs.radii.mean(axis=(1, 2))
-    return np.column_stack(
-        [limbs.starts, limbs.ends, limbs.radii.reshape(-1, 4), limbs.spheres.astype(np.float64), thickness]
-    )
+def limb_table(limbs: Limbs) -> FloatArray:
+    """Return the limbs as the kernel takes them, (L, 12): see the columns of `patches`."""
+    radii, thickness = limbs.radii.reshape(-1, 4), limbs.radii.mean(axis=(1, 2))
+    return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
 
 
-def _camera_row(camera: Camera) -> FloatArray:
+def camera_row(camera: Camera) -> FloatArray:
+    """Return a camera as the kernel takes it, (23,): see the columns of `patches` and WIDTH."""
     size = [float(camera.width), float(camera.height)]
     focal, centre = camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]
     return np.concatenate([camera.rotation.ravel(), camera.translation, focal, centre, camera.distortion, size])
@@ -498,7 +476,7 @@ def _multiply(p: float, i: int, sums: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _place_points(
+def place_points(
     first: int, last: int, table: Any, joints: Any, samples: Any, camera: Any, rotations: Any, positions: Any,
     beside: bool, pixels: Any, counts: Any, turns: Any,
 ) -> None:  # fmt: skip

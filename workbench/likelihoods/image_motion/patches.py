@@ -10,12 +10,9 @@ import numpy as np
 
 from workbench.body.lanes import LANES, POSITION, inlined
 
-MIN_DEPTH = 1e-3
-"""A patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared."""
-MIN_SINE = 1e-3
-"""A limb that points at the camera more closely than this, rad, has no patch and is not compared."""
-MIN_AREA = 1e-6
-"""A patch whose projection is smaller than about this, px², covers nothing."""
+MIN_DEPTH = 1e-3  # a patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared
+MIN_SINE = 1e-3  # a limb that points at the camera more closely than this, rad, has no patch and is not compared
+MIN_AREA = 1e-6  # a patch whose projection is smaller than about this, px², covers nothing
 
 OUTSIDE, HIDDEN = 1, 2
 
