@@ -42,19 +42,15 @@ class Camera:
         return self.pixels(self.to_camera(points), 1e-6)
 
     def pixels(self, seen: FloatArray, least_depth: float) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in the camera's frame, NaN up to a depth, m."""
-        depth = np.where(seen[..., 2:] > least_depth, seen[..., 2:], np.nan)
-        return self.distort(seen[..., :2] / depth) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
-
-    def distort(self, normalised: FloatArray) -> FloatArray:
-        """Distorted coordinates (..., 2) of normalised ones, OpenCV's radial and tangential model."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = normalised[..., 0], normalised[..., 1]
+        """Pixels (..., 2) of points (..., 3) in the camera's frame by OpenCV's radial and tangential distortion; NaN up
+        to a depth, m."""
+        depth = np.where(seen[..., 2] > least_depth, seen[..., 2], np.nan)
+        (k1, k2, p1, p2, k3), x, y = self.distortion, seen[..., 0] / depth, seen[..., 1] / depth
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
         bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
         bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        return np.stack([bent_x, bent_y], axis=-1)
+        return np.stack([bent_x, bent_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
 
     def scaled(self, factor: float) -> "Camera":
         """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""

@@ -61,7 +61,7 @@ class Body:
         """Multiply every length by `factor`, which keeps the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
-        skeleton = self.skeleton.with_offsets(factor * self.skeleton.offsets)
+        skeleton = replace(self.skeleton, offsets=factor * self.skeleton.offsets)
         return Body(skeleton, self.shape.scaled(factor), replace(limbs, starts=starts, ends=ends, radii=radii))
 
 
@@ -82,9 +82,8 @@ def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO
     thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
     named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
     m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its limb is "<joint>_end".
-    Bones without a length, such as those between a joint and another at its place, have no limb.
-
-    Raises InputError for a joint that does not exist and for a skeleton without bones.
+    Bones without a length, such as those between a joint and another at its place, have no limb. Raises InputError for
+    a joint that does not exist and for a skeleton without bones.
     """
     if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
         raise InputError(f"limbs: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")

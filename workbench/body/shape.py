@@ -65,7 +65,6 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
     0.818 H; upper arm 0.186, forearm 0.146 H; shoulder joints 0.129 H from the midline). The distance between the hip
     joints, 0.10 H, is that of joint centres (Bell, Pedersen & Brand 1990), not Winter's breadth over the trochanters.
     The neck (C7) and the centre of the head at 0.85 and 0.93 H, and the radii, are ours, read off adult silhouettes.
-
     Raises InputError when the height is not between 0.5 and 2.5 m or a name is unknown.
     """
     if not 0.5 <= height_m <= 2.5:

@@ -7,7 +7,7 @@ The world's z axis points up.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -60,10 +60,6 @@ class Skeleton:
         """(J - 1, 2) pairs of joints (parent, child)."""
         children = np.flatnonzero(self.parents >= 0)
         return np.stack([self.parents[children], children], axis=1)
-
-    def with_offsets(self, offsets: FloatArray) -> "Skeleton":
-        """Exchange the bones' offsets for others, (J, 3) m."""
-        return replace(self, offsets=offsets)
 
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

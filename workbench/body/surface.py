@@ -54,12 +54,10 @@ _TOGETHER = 16  # poses at least that one thread takes
 class Surface:
     """E ellipsoids in B parts; lengths in metres.
 
-    names: E names. joints: (E,), the joint whose frame carries an ellipsoid. centers: (E, 3) in that frame.
-    half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which turn the ellipsoid's axes to the joint's frame.
-    parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once and in this order.
-    part_names: B names. sharpness: a. level: C.
-
-    Raises InputError when a half size, a or C is not positive, or the parts are not in order.
+    names: E names. joints: (E,), the joint whose frame carries an ellipsoid. centers: (E, 3) in that frame. half_sizes:
+    (E, 3) along the columns of `axes`, (E, 3, 3), which turn the ellipsoid's axes to the joint's frame. parts: (E,),
+    the body part of each ellipsoid, 0 to B − 1, each at least once and in this order. part_names: B names. sharpness:
+    a. level: C. Raises InputError when a half size, a or C is not positive, or the parts are not in order.
     """
 
     names: tuple[str, ...]

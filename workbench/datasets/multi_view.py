@@ -32,10 +32,9 @@ class MultiView:
     all of them; person: whom to follow there, by camera, where that is not the largest and surest, see `read_openpose`.
     first_frame, last_frame, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with markers,
     whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies, by joint,
-    where their names do not say so. Axes, unit and gaps: see `markers.in_world`.
-
-    Raises InputError for names that are no cameras and, when asked what is known, for what `Video` and `read_markers`
-    refuse, sources of different rates and a truth that has none of the frames.
+    where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names that are
+    no cameras and, when asked what is known, for what `Video` and `read_markers` refuse, sources of different rates and
+    a truth that has none of the frames.
     """
 
     @staticmethod

@@ -39,10 +39,9 @@ class Points(Scene):
 
     start: "auto" offers nothing: start_pose and phase_ends are None and whoever tracks finds both. "given" offers what
     paper D sets by hand: start_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and phase_ends,
-    the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only.
-
-    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
-    too short, and start="given" for one without a gait cycle.
+    the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only. Raises
+    InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is too
+    short, and start="given" for one without a gait cycle.
     """
 
     @staticmethod

@@ -45,10 +45,8 @@ class Synthetic(Scene):
     person is person_px tall half-way through, or smaller where the whole motion would not fit into width × height.
     noise: σ of the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
     being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
-    KEYPOINTS_MISSED of them; None: there is none.
-
-    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
-    too short, and a camera that never sees the person.
+    KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
+    known, for a motion that cannot be found or is too short, and a camera that never sees the person.
     """
 
     @staticmethod
@@ -85,7 +83,7 @@ class Synthetic(Scene):
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
         poses = self._used_motion.poses
-        places = joints(self._body.skeleton, poses)
+        places = joints(self.body.skeleton, poses)
         for i, image in enumerate(self._images):
             index = self.first_frame + i
             truth = Truth(pose=poses[i], joints=places[i])
@@ -106,7 +104,7 @@ class Synthetic(Scene):
     @cached_property
     def view_camera(self) -> Camera:
         """The camera: from the file, or placed automatically."""
-        places = joints(self._body.skeleton, self._used_motion.poses)
+        places = joints(self.body.skeleton, self._used_motion.poses)
         if self.camera is None:
             return self._automatic_camera(places)
         camera = load_cameras(Path(self.camera).expanduser())[0]
@@ -132,10 +130,8 @@ class Synthetic(Scene):
         motions = [find_motion(name, **choice) for name in motion_names(self.motion)]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
-            raise InputError(
-                f"synthetic: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
-                f"expected at least first_frame + n_frames = {end}"
-            )
+            frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected at least first_frame + n_frames = {end}"
+            raise InputError(f"synthetic: motion {self.motion!r} has {frames}")
         poses = motion.poses[self.first_frame : end].copy()
         if self.moving is not None:
             moving = parameters("synthetic: moving", self.moving)
@@ -144,7 +140,8 @@ class Synthetic(Scene):
         return replace(motion, poses=poses)
 
     @cached_property
-    def _body(self) -> Body:
+    def body(self) -> Body:
+        """The person's body."""
         return person(self._used_motion.shape)
 
     @cached_property
@@ -155,9 +152,9 @@ class Synthetic(Scene):
 
     def _render(self) -> ByteArray:
         outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
-        camera, texture = self.view_camera, render.clothes(self._body, outfit, self.contrast)
+        camera, texture = self.view_camera, render.clothes(self.body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
-        scene = render.Scene(self._body, camera, texture, background)
+        scene = render.Scene(self.body, camera, texture, background)
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         return np.stack([render.with_noise(render.render(scene, pose), self.noise, sensor) for pose in poses])
 

@@ -94,14 +94,10 @@ def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums:
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
-    ax, ay = (
-        corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0],
-        corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1],
-    )
-    bx, by = (
-        corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0],
-        corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1],
-    )
+    ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
+    ay = corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1]
+    bx = corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0]
+    by = corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1]
     a, b = np.sqrt(np.float64(ax * ax + ay * ay)), np.sqrt(np.float64(bx * bx + by * by))
     if not min(a, b) > 0.0:
         return False

@@ -1,5 +1,7 @@
 """The skins of bodies: the person's lies on the limbs' cones, and any skeleton has one along its bones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import surface_scenes as scenes
@@ -109,4 +111,4 @@ def test_bones_without_a_length_have_no_skin():
     skeleton = scenes.BODY.skeleton
     offsets = skeleton.offsets.copy()
     offsets[skeleton.joint("neck")] = 0.0
-    assert "neck" not in limbs_surface(skeleton_limbs(skeleton.with_offsets(offsets))).part_names
+    assert "neck" not in limbs_surface(skeleton_limbs(replace(skeleton, offsets=offsets))).part_names

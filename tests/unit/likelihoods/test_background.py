@@ -77,7 +77,7 @@ def test_points_about_a_limb_lie_beside_it_and_beyond_its_end():
 def walk():
     dataset = Synthetic(n_frames=24, rate_hz=10.0, width=320, height=240, person_px=130.0, focal_px=350.0)
     frames = list(dataset.frames())
-    return SimpleNamespace(clip=of_frames(frames), frames=frames, body=dataset._body)
+    return SimpleNamespace(clip=of_frames(frames), frames=frames, body=dataset.body)
 
 
 def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(walk):

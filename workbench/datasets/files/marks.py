@@ -4,7 +4,7 @@ import csv
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -53,9 +53,7 @@ class Marks:
     def rows(self, kept: BoolArray) -> "Marks":
         """Select those of the frames `kept` (M,)."""
         confidence = None if self.confidence is None else self.confidence[kept]
-        return replace(
-            self, frames=self.frames[kept], pixels=self.pixels[kept], visible=self.visible[kept], confidence=confidence
-        )
+        return Marks(self.source, self.frames[kept], self.pixels[kept], self.visible[kept], confidence)
 
 
 def read_marks(path: str | Path, person: int | None = None) -> Marks:
@@ -67,31 +65,25 @@ def read_marks(path: str | Path, person: int | None = None) -> Marks:
     """
     path = Path(path)
     if path.is_dir():
-        return _detected(path, person)
-    seen: dict[tuple[int, str], int] = {}
-    rows: dict[int, list[tuple[int, float, float, bool]]] = {}
+        detected = read_openpose(path, person)
+        log.info("%s: %s, %d frames", path, detected.layout, len(detected.frames))
+        pixels, confidence = detected.joints[..., :2], detected.joints[..., 2]
+        return Marks(str(path), detected.frames, pixels, np.isfinite(confidence), confidence)
+    marks: dict[tuple[int, str], tuple[int, float, float, bool]] = {}
     for line, row in _rows(path):
         frame, joint, u, v, visible = _parse(f"{path}:{line}", row)
-        if (frame, joint) in seen:
-            raise InputError(f"{path}:{line}: {joint} of frame {frame} is already marked in line {seen[frame, joint]}")
-        seen[frame, joint] = line
-        rows.setdefault(frame, []).append((JOINT_NAMES.index(joint), u, v, visible))
-    if not rows:
+        if (frame, joint) in marks:
+            before = marks[frame, joint][0]
+            raise InputError(f"{path}:{line}: {joint} of frame {frame} is already marked in line {before}")
+        marks[frame, joint] = line, u, v, visible
+    if not marks:
         raise InputError(f"{path}: expected at least one mark under the header {','.join(COLUMNS)}, found none")
-    frames = sorted(rows)
-    pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
-    visible_joints = np.zeros((len(frames), len(JOINT_NAMES)), dtype=bool)
-    for m, frame in enumerate(frames):
-        for j, u, v, visible in rows[frame]:
-            pixels[m, j], visible_joints[m, j] = (u, v), visible
-    return Marks(str(path), np.array(frames), pixels, visible_joints)
-
-
-def _detected(folder: Path, person: int | None) -> Marks:
-    found = read_openpose(folder, person)
-    log.info("%s: %s, %d frames", folder, found.layout, len(found.frames))
-    pixels, confidence = found.joints[..., :2], found.joints[..., 2]
-    return Marks(str(folder), found.frames, pixels, np.isfinite(confidence), confidence)
+    frames = sorted({frame for frame, _ in marks})
+    pixels, shown = np.full((len(frames), len(JOINT_NAMES), 2), np.nan), np.zeros((len(frames), len(JOINT_NAMES)), bool)
+    for (frame, joint), (_, u, v, visible) in marks.items():
+        place = frames.index(frame), JOINT_NAMES.index(joint)
+        pixels[place], shown[place] = (u, v), visible
+    return Marks(str(path), np.array(frames), pixels, shown)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
@@ -111,8 +103,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             if not any(cell.strip() for cell in cells):
                 continue
             if len(cells) != len(header):
-                place = f"{path}:{reader.line_num}"
-                raise InputError(f"{place}: expected {len(header)} cells, found {len(cells)}")
+                raise InputError(f"{path}:{reader.line_num}: expected {len(header)} cells, found {len(cells)}")
             yield reader.line_num, {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
     except csv.Error as error:
         raise InputError(f"{path}:{reader.line_num}: {error}") from None

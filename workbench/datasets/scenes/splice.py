@@ -37,9 +37,8 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
     The next motion is entered in the same phase of its cycle, near its middle, and over about `blend_s` seconds what
     the person does in their own frame (steps ahead and to the left, turns, height, lean and joint angles) passes from
     one motion to the next, so that place and heading are continuous. Steps and heights are scaled by the length of the
-    legs; the shape is the first person's. A single motion is only cut, to the bit.
-
-    Raises InputError for a motion that is too short and for turns of less than two frames.
+    legs; the shape is the first person's. A single motion is only cut, to the bit. Raises InputError for a motion that
+    is too short and for turns of less than two frames.
     """
     first, n = motions[0], len(motions)
     if n == 1:

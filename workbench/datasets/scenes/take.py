@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -64,10 +63,9 @@ def find_take(
 ) -> Take:  # fmt: skip
     """n_frames at rate_hz of the motion of that name, or of several spliced, from first_frame on, counted at rate_hz.
 
-    Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip
-    says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file.
-
-    Raises InputError for a motion that cannot be found or is too short, and another skeleton.
+    Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip says
+    so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises InputError for
+    a motion that cannot be found or is too short, and another skeleton.
     """
     if skeleton not in SKELETONS:
         raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
@@ -79,8 +77,10 @@ def find_take(
     if skeleton == "full":
         if len(names) > 1:
             raise InputError(f"dataset: skeleton=full shows one motion, found {len(names)} to splice")
-        body, poses = _own_skeleton(clips[0], motion_file(names[0], data))
-        shown = replace(shown, poses=poses[_FINE * first_frame :: _FINE][:n_frames])
+        recorded, person_motion = read_clip(motion_file(names[0], data)), clips[0]
+        own = replace(person_motion, rate_hz=recorded.rate_hz, poses=full_poses(recorded))
+        poses = own.resampled(person_motion.rate_hz).poses[_FINE * first_frame :: _FINE][:n_frames]
+        body, shown = full_body(recorded, person_motion.shape), replace(shown, poses=poses)
     places = joints(body.skeleton, shown.poses)
     activities = [clips[k].activity for k in fine.clips[::_FINE]]
     truths = tuple(
@@ -96,13 +96,6 @@ def take_of(scene: Scene, skeleton: str = "person") -> Take:
         scene.motion, data=scene.data, rate_hz=scene.rate_hz, n_frames=scene.n_frames, first_frame=scene.first_frame,
         path=scene.path, seed=scene.seed, skeleton=skeleton,
     )  # fmt: skip
-
-
-def _own_skeleton(motion: Motion, file: Path) -> tuple[Body, FloatArray]:
-    """The body of a motion file's own skeleton, and its poses (F, P) at the rate of `motion`, the same retargeted."""
-    clip = read_clip(file)
-    poses = replace(motion, rate_hz=clip.rate_hz, poses=full_poses(clip)).resampled(motion.rate_hz).poses
-    return full_body(clip, motion.shape), poses
 
 
 def motion_names(motion: str | Sequence[str]) -> list[str]:

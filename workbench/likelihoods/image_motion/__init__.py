@@ -42,13 +42,11 @@ class ImageMotion:
     the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)), p_still being p_image at α = 0. It is the
     ratio of foreground to background of the pixels covered, so that only changed pixels that a limb explains count.
 
-    Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels,
-    and all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the
-    patch's rim, where background shows. Patches taper with the limb. α of a sphere is 0. Points outside an image are
-    left out and count against q, as hidden points do. Occlusion is judged in frame t only, as in A.
-    Several views: log likelihoods add up over the cameras present in both frames.
-
-    Raises InputError when a constant is out of range.
+    Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels, and
+    all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the patch's
+    rim, where background shows. Patches taper with the limb. α of a sphere is 0. Points outside an image are left out
+    and count against q, as hidden points do. Occlusion is judged in frame t only, as in A. Several views: log
+    likelihoods add up over the cameras present in both frames. Raises InputError when a constant is out of range.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)
