@@ -13,11 +13,8 @@ from workbench.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One calibrated camera.
-
-    width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
-    rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t.
-    """
+    """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
+    p2, k3. rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t."""
 
     name: str
     width: int
@@ -79,11 +76,9 @@ def plain_camera(
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file.
-
-    Each table but [metadata] holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector)
-    and translation (m). Raises InputError when the file is missing, is not TOML or a camera is incomplete.
-    """
+    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file. Each table but [metadata]
+    holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation (m). Raises
+    InputError when the file is missing, is not TOML or a camera is incomplete."""
     path = Path(path)
     try:
         tables = tomllib.loads(path.read_text())

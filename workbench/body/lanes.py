@@ -110,11 +110,9 @@ def _multiply(frame: Any, turn: Any) -> None:
 
 @inlined
 def _sine_cosine(angle: float) -> Any:
-    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs.
-
-    The error is that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which
-    no float64 tells apart, the result is merely finite.
-    """
+    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs. The error is
+    that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which no float64
+    tells apart, the result is merely finite."""
     quarter = np.floor(angle * (2.0 / np.pi) + 0.5)
     r = min(max(angle - quarter * (np.pi / 2.0), -1.0), 1.0)
     q = r * r

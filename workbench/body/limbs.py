@@ -15,12 +15,10 @@ from workbench.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint.
-
-    names: L names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points
-    (equal for a sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section.
-    spheres: (L,) bool. A limb that is not a sphere is a truncated cone with elliptical section.
-    """
+    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint. names: L
+    names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points (equal for a
+    sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,)
+    bool. A limb that is not a sphere is a truncated cone with elliptical section."""
 
     names: tuple[str, ...]
     joints: IntArray

@@ -195,9 +195,7 @@ def limbs_surface(limbs: Limbs) -> Surface:
 
 def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return centres and half sizes (n, 3) of ellipsoids along a truncated cone of radii (2, 2), as in `Limbs`, m.
-
-    Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring.
-    """
+    Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring."""
     length, thickness = float(np.linalg.norm(end - start)), float(radii.mean(axis=0).min())
     covered = length + 2.0 * OVERHANG * thickness
     n = max(2, round(covered / (2.0 * thickness)))

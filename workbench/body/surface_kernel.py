@@ -273,10 +273,8 @@ def _part_scale(world: Any, low: int, high: int, terms: Any) -> float:
 
 @inlined
 def _scale(ellipsoid: Any, terms: Any) -> Any:
-    """Metres per unit of one ellipsoid's normalised radius, and its derivatives by d, n and m.
-
-    With q = y / h: d = Σ q², n = Σ q² / h², m = Σ q² h². Who asks for the first alone does not pay for the others.
-    """
+    """Metres per unit of one ellipsoid's normalised radius, and its derivatives by d, n and m. With q = y / h: d = Σ
+    q², n = Σ q² / h², m = Σ q² h². Who asks for the first alone does not pay for the others."""
     d, n, m = terms[D], 0.0, 0.0
     for axis in range(3):
         square = terms[Q + axis] ** 2

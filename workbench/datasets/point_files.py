@@ -17,6 +17,7 @@ from workbench.core.frame import Frame
 from workbench.core.traits import POINTS, START, Traits, offering
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
+from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.take import Take, find_take, given_start
 from workbench.errors import InputError
 
@@ -77,10 +78,8 @@ class PointFiles:
     def _take(self) -> Take | None:
         if self.truth is None:
             return None
-        return find_take(
-            self.truth, data=self.data, rate_hz=self.rate_hz, n_frames=len(self._points), first_frame=self.first_frame,
-            seed=self.seed,
-        )  # fmt: skip
+        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": self.first_frame}
+        return find_take(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **shown))
 
     @cached_property
     def _points(self) -> list[FloatArray]:

@@ -17,7 +17,7 @@ from workbench.datasets.scenes import render
 from workbench.datasets.scenes.camera import take_camera
 from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.scenes.take import Take, given_start, take_of
+from workbench.datasets.scenes.take import Take, find_take, given_start
 from workbench.datasets.scenes.visible import visible_points
 
 AT_M = 4.0  # the depth at which σ is sigma_m
@@ -86,7 +86,7 @@ class Points(Scene):
     @cached_property
     def take(self) -> Take:
         """Tell what the person does."""
-        return take_of(self, self.skeleton)
+        return find_take(self, self.skeleton)
 
     @cached_property
     def view_camera(self) -> Camera:
@@ -100,10 +100,10 @@ class Points(Scene):
         n_outliers = int(rng.binomial(self.n_points, self.outliers))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
         if self.bar_m > 0.0:
-            surface = not_hidden(surface, camera, [(bar(self.take, camera, self.bar_m), np.zeros(len(pose)))])
+            surface = not_hidden(surface, camera, bar(self.take, camera, self.bar_m), np.zeros(len(pose)))
         if self.clutter:
             others = clutter_points(self._surroundings, pose[:3], camera, self.clutter, rng)
-            surface = np.concatenate([surface, not_hidden(others, camera, [(body, pose)])])
+            surface = np.concatenate([surface, not_hidden(others, camera, body, pose)])
         noisy = with_depth_noise(surface, camera, self.sigma_m, rng)
         return rng.permutation(np.concatenate([noisy, in_box(pose[:3], n_outliers, rng)]))
 

@@ -23,7 +23,7 @@ from workbench.datasets.scenes import render
 from workbench.datasets.scenes import room as stereo_room
 from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import Take, given_start, take_of
+from workbench.datasets.scenes.take import Take, find_take, given_start
 from workbench.digest import code_digest
 from workbench.errors import InputError
 
@@ -89,7 +89,7 @@ class Stereo(Scene):
     @cached_property
     def take(self) -> Take:
         """Tell what the person does."""
-        return take_of(self)
+        return find_take(self)
 
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
@@ -143,10 +143,8 @@ class Stereo(Scene):
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
     """Tell how much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
-
     n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
-    documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle.
-    """
+    documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle."""
     matcher = cv2.StereoSGBM.create(
         minDisparity=0, numDisparities=n_disparities, blockSize=BLOCK_PX, P1=8 * BLOCK_PX**2, P2=32 * BLOCK_PX**2,
         disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=100, speckleRange=2,
@@ -166,11 +164,9 @@ def empty_disparity(pairs: FloatArray) -> FloatArray:
 
 def nearer_points(seen: FloatArray, empty: FloatArray, camera: Camera, baseline_m: float) -> FloatArray:
     """The points (K, 3), m, in the world, of the pixels whose disparity (height, width) shows something before `empty`.
-
     Where either is unknown, and in patches that are small beside the largest, there is no point. camera: the left one,
-    without distortion; the right one stands baseline_m along its x axis. A point of disparity d is at the depth
-    f · baseline / d.
-    """
+    without distortion; the right one stands baseline_m along its x axis. A point of disparity d is at the depth f ·
+    baseline / d."""
     with np.errstate(invalid="ignore"):
         nearer = (seen >= empty + NEARER_PX).astype(np.uint8)
     _, patches, statistics, _ = cv2.connectedComponentsWithStats(nearer)

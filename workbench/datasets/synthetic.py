@@ -126,8 +126,7 @@ class Synthetic(Scene):
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
         end = self.first_frame + self.n_frames
-        choice: dict[str, Any] = {"data": self.data, "rate_hz": self.rate_hz, "path": self.path, "seed": self.seed}
-        motions = [find_motion(name, **choice) for name in motion_names(self.motion)]
+        motions = [find_motion(name, **self.source(self.rate_hz)) for name in motion_names(self.motion)]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
             frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected at least first_frame + n_frames = {end}"

@@ -94,7 +94,9 @@ class Video:
         for index, image in enumerate(decode(self._path, self.first_frame, self._last), self.first_frame):
             self._check_size(image)
             view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
-            yield Frame(index, index / self.true_rate_hz, (view,), self._truth_at(index))
+            marked = None if self._truth is None else self._truth.at(index)
+            truth = marked and Truth(marks=_resized(marked[0], self.scale), marks_visible=marked[1])
+            yield Frame(index, index / self.true_rate_hz, (view,), truth)
         if index < self._last:
             raise InputError(f"{self.source}: ends before frame {self._last}, which was there before")
 
@@ -131,14 +133,14 @@ class Video:
 
     @cached_property
     def _keypoints(self) -> Marks | None:
-        return None if self.keypoints is None else _apart(read_marks(self.keypoints, self.person), self.held_out, False)
+        return None if self.keypoints is None else _held(read_marks(self.keypoints, self.person), self.held_out, False)
 
     @cached_property
     def _truth(self) -> Marks | None:
         """Marks for the evaluation, of the frames held out alone where there are some."""
         if self.eval_marks is None:
             return None
-        return _apart(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
+        return _held(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
 
     def _check_first_image(self) -> None:
         first, camera = next(decode(self._path)), self._camera
@@ -178,10 +180,6 @@ class Video:
         found = None if marks is None else marks.weighted(index, self.hidden_weight)
         return None if found is None else np.column_stack([_resized(found[:, :2], self.scale), found[:, 2]])
 
-    def _truth_at(self, index: int) -> Truth | None:
-        found = None if self._truth is None else self._truth.at(index)
-        return None if found is None else Truth(marks=_resized(found[0], self.scale), marks_visible=found[1])
-
     def _check_size(self, image: ByteArray) -> None:
         (height, width), camera = image.shape[:2], self._camera
         if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > MOST_STRETCHED:
@@ -189,7 +187,7 @@ class Video:
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
 
 
-def _apart(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
+def _held(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
     """The marks of the frames held out, or without these."""
     if missing := set(held_out) - set(marks.frames.tolist()):
         raise InputError(f"{marks.source}: no marks in frame {min(missing)}, which is held out")

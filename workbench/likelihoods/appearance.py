@@ -152,12 +152,12 @@ def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) ->
 def learned(before: Template | None, seen: FloatArray, sigma: float, epsilon: float, rate: float) -> Template:
     """The template after cells were seen at levels (L, ALONG, AROUND), NaN where they were not; see `Appearance`."""
     mean, n = (np.zeros_like(seen), np.zeros_like(seen)) if before is None else (before.mean, before.n)
-    apart = np.where(np.isnan(seen), 0.0, seen - mean)
+    miss = np.where(np.isnan(seen), 0.0, seen - mean)
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(n, 1.0))
-    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * miss**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     trust = np.where(np.isnan(seen), 0.0, np.where(n > 0.0, ratio / (ratio + epsilon), 1.0))
     gain = trust * np.maximum(1.0 / (n + 1.0), rate)
-    return Template(mean + gain * apart, n + trust)
+    return Template(mean + gain * miss, n + trust)
 
 
 def template_log_ratio(
@@ -192,6 +192,6 @@ def _template_sums(
                 around = min(int((azimuth - np.floor(azimuth)) * n_around), n_around - 1)
                 height = peak[limb, along[s], around]
                 if height > 0.0:
-                    apart = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
-                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * apart * apart))
+                    miss = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
+                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * miss * miss))
             sums[i, limb] = total

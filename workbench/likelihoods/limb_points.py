@@ -19,9 +19,7 @@ from workbench.threads import over_threads
 @dataclass(frozen=True, eq=False)
 class LimbPoints:
     """n points on each of L limbs in N poses. pixels: (N, L, n, 2), px. counts: (N, L, n), which of them to look at.
-
-    turns: (N, L), rad, the azimuth about the limb, in its joint's frame, of its side at v = 1.
-    """
+    turns: (N, L), rad, the azimuth about the limb, in its joint's frame, of its side at v = 1."""
 
     pixels: Float32Array
     counts: BoolArray

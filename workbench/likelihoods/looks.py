@@ -15,11 +15,9 @@ Memory = TypeVar("Memory")
 
 @dataclass(frozen=True, eq=False)
 class PoseLook:
-    """A look by which poses are judged as they are, wherever they came from.
-
-    name: of the likelihood, for its notes. judge: gives the log likelihoods (N,) of finite poses (N, P). then: gives
-    the likelihood of the next frame from the pose (P,) expected in this one.
-    """
+    """A look by which poses are judged as they are, wherever they came from. name: of the likelihood, for its notes.
+    judge: gives the log likelihoods (N,) of finite poses (N, P). then: gives the likelihood of the next frame from the
+    pose (P,) expected in this one."""
 
     name: str
     judge: Callable[[FloatArray], FloatArray]

@@ -22,11 +22,8 @@ def running_sums(image: Float32Array) -> FloatArray:
 
 def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
     """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
-    row that is covered.
-
-    corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen. spheres: (L,), whose
-    outline is the circle through its corners. rim_px: by which outlines are wider on all sides.
-    """
+    row that is covered. corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen.
+    spheres: (L,), whose outline is the circle through its corners. rim_px: by which outlines are wider on all sides."""
     sums = np.empty(len(corners))
     _outline_sums(reached, corners, spheres, rim_px, sums)
     return sums

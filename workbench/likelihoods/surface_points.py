@@ -83,8 +83,8 @@ class SurfacePoints:
         log_prob, together = np.empty(len(pose)), max(1, _BLOCK // max(1, len(points)))
         for first in range(0, len(pose), together):
             rows = slice(first, first + together)
-            apart = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
-            near = (1.0 - self.epsilon) * np.exp(-0.5 * apart**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
+            z = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
+            near = (1.0 - self.epsilon) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
             near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
             log_prob[rows] = self.temper * np.log(near + self.epsilon / self.range_m).sum(axis=1)
         return log_prob

@@ -18,11 +18,9 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pg
 
 
 def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[ByteArray]:
-    """The images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0.
-
-    A video is decoded from its start, since seeking in one lands on other frames. It stops early where the source does.
-    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder.
-    """
+    """The images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0. A
+    video is decoded from its start, since seeking in one lands on other frames. It stops early where the source does.
+    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder."""
     if source.is_dir():
         files = image_files(source)
         for file in files[first : None if last is None else last + 1]:

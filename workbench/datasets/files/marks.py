@@ -57,12 +57,10 @@ class Marks:
 
 
 def read_marks(path: str | Path, person: int | None = None) -> Marks:
-    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file.
-
-    The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming
-    the file and the line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a
-    number, and a second mark on the same joint in the same frame.
-    """
+    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file. The CSV file has the
+    columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming the file and the
+    line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a number, and a second
+    mark on the same joint in the same frame."""
     path = Path(path)
     if path.is_dir():
         detected = read_openpose(path, person)

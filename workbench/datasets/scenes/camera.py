@@ -18,11 +18,9 @@ def automatic_camera(
     scene: Scene, motion: Motion, places: FloatArray, distance_m: float, name: str = "automatic"
 ) -> tuple[Camera, float]:
     """A level camera at the height of the belly that keeps all joints `places` (F, J, 3) in view, and its distance, m.
-
     It looks at the scene's view_deg to the motion's direction from distance_m to where the person is half-way through,
-    or from further away where the whole motion would not fit into width × height.
-    Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
-    """
+    or from further away where the whole motion would not fit into width × height. Distances obey u = f x / z for every
+    joint of every frame: each asks for the camera to be so far away at least."""
     width, height, focal_px = scene.width, scene.height, scene.focal_px
     angle = _direction(motion) + np.radians(scene.view_deg)
     forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])

@@ -61,11 +61,9 @@ class Hits:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """One person's clothes, fixed to the limbs: noise in space, cut by the limbs' surfaces.
-
-    volume: (n, n, n) periodic band-limited noise of unit variance, in voxels of 12.5 mm. offsets: (L, 3) voxels, where
-    each limb lies in it. grey: (L,) mean grey level of the limbs. contrast: grey levels per unit of noise.
-    """
+    """One person's clothes, fixed to the limbs: noise in space, cut by the limbs' surfaces. volume: (n, n, n) periodic
+    band-limited noise of unit variance, in voxels of 12.5 mm. offsets: (L, 3) voxels, where each limb lies in it. grey:
+    (L,) mean grey level of the limbs. contrast: grey levels per unit of noise."""
 
     volume: Float32Array
     offsets: FloatArray
@@ -90,11 +88,9 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class _PlacedLimbs:
-    """Limbs seen by a camera. A limb's own frame starts at its axis' start, z along the axis.
-
-    rotations: (L, 3, 3) camera to limb. eyes: (L, 3) the camera's centre in the limb's frame, m.
-    sizes: (L, 5) length of the axis and semi-axes x, y at its start, x, y at its end, m.
-    """
+    """Limbs seen by a camera. A limb's own frame starts at its axis' start, z along the axis. rotations: (L, 3, 3)
+    camera to limb. eyes: (L, 3) the camera's centre in the limb's frame, m. sizes: (L, 5) length of the axis and
+    semi-axes x, y at its start, x, y at its end, m."""
 
     rotations: FloatArray
     eyes: FloatArray

@@ -19,11 +19,9 @@ _SAMPLES = 2
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """An upright wall and a floor with pictures on them, one texel a centimetre.
-
-    forward, right: (3,) level directions across and along the wall. origin: (3,), m, a point of the wall's foot.
-    wall, floor: (rows, columns) grey levels, upwards and towards the camera from the wall's foot, about the origin.
-    """
+    """An upright wall and a floor with pictures on them, one texel a centimetre. forward, right: (3,) level directions
+    across and along the wall. origin: (3,), m, a point of the wall's foot. wall, floor: (rows, columns) grey levels,
+    upwards and towards the camera from the wall's foot, about the origin."""
 
     forward: FloatArray
     right: FloatArray

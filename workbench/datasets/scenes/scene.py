@@ -39,6 +39,10 @@ class Scene:
         """Tell what messages call the dataset, which is its class in lower case."""
         return type(self).__name__.lower()
 
+    def source(self, rate_hz: float) -> dict[str, Any]:
+        """Return what tells `find_motion` which of a motion's versions the scene shows, at a rate."""
+        return {"data": self.data, "rate_hz": rate_hz, "path": self.path, "seed": self.seed}
+
     def check(self, **expected: Range) -> None:
         """Raise InputError for the first number that is not in its range, of those that all scenes share and others."""
         check(self.kind, self, **(_RANGES | expected))

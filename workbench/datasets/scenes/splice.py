@@ -20,11 +20,9 @@ _PERIODS = np.array([1e9] * 3 + [2.0 * np.pi] * (_PHASE - 3) + [1.0])
 
 @dataclass(frozen=True, eq=False)
 class Spliced:
-    """A motion and what it is made of.
-
-    clips: (F,) number of the clip that each frame is mostly of. phases: (F,) place in the gait cycle, cycles, rising
-    through whole numbers where the left thigh is furthest ahead of the right; NaN where a clip has no cycle.
-    """
+    """A motion and what it is made of. clips: (F,) number of the clip that each frame is mostly of. phases: (F,) place
+    in the gait cycle, cycles, rising through whole numbers where the left thigh is furthest ahead of the right; NaN
+    where a clip has no cycle."""
 
     motion: Motion
     clips: IntArray
@@ -112,9 +110,9 @@ def _entry(phase: float, phases: FloatArray, before: int, after: int, motion: Mo
     cycles, with `before` frames before it and `after` from it on."""
     _stretch(motion, 0, before + after)
     possible = np.arange(before, len(phases) - after + 1)
-    apart = phases[possible] - phase
-    apart = np.nan_to_num(np.abs(apart - np.round(apart)))
-    possible = possible[apart <= apart.min() + 0.02]
+    offset = phases[possible] - phase
+    offset = np.nan_to_num(np.abs(offset - np.round(offset)))
+    possible = possible[offset <= offset.min() + 0.02]
     return int(possible[np.argmin(np.abs(possible - 0.5 * (len(phases) - after + before)))])
 
 

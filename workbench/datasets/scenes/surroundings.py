@@ -1,6 +1,5 @@
 """What else a camera that sees points sees: a floor, a wall and bins about a person, a bar before them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,12 +75,11 @@ def clutter_points(
     points = points[(np.abs(points - centre) <= BOX_M).all(axis=1) & inside(camera, points)]
     points = points[points[:, 2] >= around.floor_m - 1e-9]
     points = points[camera.to_camera(points)[:, 2] <= around.wall_m + 1e-9]
-    return not_hidden(points, camera, [(around.bins, standing)])[:n]
+    return not_hidden(points, camera, around.bins, standing)[:n]
 
 
-def not_hidden(points: FloatArray, camera: Camera, before: Sequence[tuple[Body, FloatArray]]) -> FloatArray:
-    """Select those of points (K, 3) that bodies, each in its pose (P,), do not hide from the camera."""
-    for body, pose in before:
-        if len(points):
-            points = points[first_depth(body, pose, camera, points) > camera.to_camera(points)[:, 2] - 1e-3]
-    return points
+def not_hidden(points: FloatArray, camera: Camera, body: Body, pose: FloatArray) -> FloatArray:
+    """Select those of points (K, 3) that a body in a pose (P,) does not hide from the camera."""
+    if not len(points):
+        return points
+    return points[first_depth(body, pose, camera, points) > camera.to_camera(points)[:, 2] - 1e-3]

@@ -26,11 +26,9 @@ _FINE = 4  # clips are spliced, and their cycles found, at this multiple of the 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F.
-
-    body: the person's, or of the motion file's full skeleton; the poses (F, P) of motion and truths are this body's.
-    phases: (F,) cycles, see `splice.Spliced`.
-    """
+    """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F. body: the person's, or
+    of the motion file's full skeleton; the poses (F, P) of motion and truths are this body's. phases: (F,) cycles, see
+    `splice.Spliced`."""
 
     motion: Motion
     body: Body
@@ -57,29 +55,23 @@ class Take:
         return np.clip(pose + error, *skeleton.limits.T)
 
 
-def find_take(
-    motion: str | Sequence[str], *, data: str | None, rate_hz: float, n_frames: int, first_frame: int = 0,
-    path: str = "straight", seed: int = 0, skeleton: str = "person",
-) -> Take:  # fmt: skip
-    """n_frames at rate_hz of the motion of that name, or of several spliced, from first_frame on, counted at rate_hz.
-
-    Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip says
-    so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises InputError for
-    a motion that cannot be found or is too short, and another skeleton.
-    """
+def find_take(scene: Scene, skeleton: str = "person") -> Take:
+    """Find the frames of a scene's motion, or of several spliced. Every frame's truth has pose, joints and, where the
+    clip says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises
+    InputError for a motion that cannot be found or is too short, and another skeleton."""
     if skeleton not in SKELETONS:
         raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
-    names = motion_names(motion)
-    clips = [find_motion(name, data=data, rate_hz=_FINE * rate_hz, path=path, seed=seed) for name in names]
-    fine = splice(clips, _FINE * (n_frames - 1) + 1, _FINE * first_frame)
-    shown = replace(fine.motion, rate_hz=rate_hz, poses=fine.motion.poses[::_FINE])
+    names, first = motion_names(scene.motion), _FINE * scene.first_frame
+    clips = [find_motion(name, **scene.source(_FINE * scene.rate_hz)) for name in names]
+    fine = splice(clips, _FINE * (scene.n_frames - 1) + 1, first)
+    shown = replace(fine.motion, rate_hz=scene.rate_hz, poses=fine.motion.poses[::_FINE])
     body = person(shown.shape)
     if skeleton == "full":
         if len(names) > 1:
             raise InputError(f"dataset: skeleton=full shows one motion, found {len(names)} to splice")
-        recorded, person_motion = read_clip(motion_file(names[0], data)), clips[0]
+        recorded, person_motion = read_clip(motion_file(names[0], scene.data)), clips[0]
         own = replace(person_motion, rate_hz=recorded.rate_hz, poses=full_poses(recorded))
-        poses = own.resampled(person_motion.rate_hz).poses[_FINE * first_frame :: _FINE][:n_frames]
+        poses = own.resampled(person_motion.rate_hz).poses[first::_FINE][: scene.n_frames]
         body, shown = full_body(recorded, person_motion.shape), replace(shown, poses=poses)
     places = joints(body.skeleton, shown.poses)
     activities = [clips[k].activity for k in fine.clips[::_FINE]]
@@ -88,14 +80,6 @@ def find_take(
         for pose, place, activity in zip(shown.poses, places, activities, strict=True)
     )
     return Take(shown, body, truths, fine.phases[::_FINE])
-
-
-def take_of(scene: Scene, skeleton: str = "person") -> Take:
-    """Tell what the person of a scene does, see `find_take`."""
-    return find_take(
-        scene.motion, data=scene.data, rate_hz=scene.rate_hz, n_frames=scene.n_frames, first_frame=scene.first_frame,
-        path=scene.path, seed=scene.seed, skeleton=skeleton,
-    )  # fmt: skip
 
 
 def motion_names(motion: str | Sequence[str]) -> list[str]:

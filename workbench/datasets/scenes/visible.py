@@ -45,11 +45,9 @@ def _rough_areas(body: Body) -> FloatArray:
 
 
 def _on_pieces(body: Body, limb: IntArray, kind: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """A place (K, 3), m, on every piece, in its limb's own frame, and how far its map stretches area there (K,).
-
-    The map takes heights from 0 to 1 and angles, both drawn evenly, to the surface; equal heights on the axis of a
-    sphere are equal areas (Archimedes).
-    """
+    """A place (K, 3), m, on every piece, in its limb's own frame, and how far its map stretches area there (K,). The
+    map takes heights from 0 to 1 and angles, both drawn evenly, to the surface; equal heights on the axis of a sphere
+    are equal areas (Archimedes)."""
     n = len(limb)
     height, angle = rng.uniform(size=n), rng.uniform(0.0, 2.0 * np.pi, n)
     c, s = np.cos(angle), np.sin(angle)

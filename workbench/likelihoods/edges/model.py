@@ -47,11 +47,9 @@ class EdgeModel:
         return "" if self.on.shape == wanted else f"counts of shape {wanted}, found {self.on.shape}"
 
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
-        """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
-
-        A share `OUTLIERS` of either is what both have in common, so that bins hardly ever met say little.
-        Raises InputError for a limb the model does not have.
-        """
+        """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name. A share `OUTLIERS` of either is
+        what both have in common, so that bins hardly ever met say little. Raises InputError for a limb the model does
+        not have."""
         parts = [_part(name) for name in limbs]
         if unknown := sorted(set(parts) - set(self.parts)):
             raise InputError(f"edges: the model knows {', '.join(self.parts)}, but not the limb {unknown[0]!r}")

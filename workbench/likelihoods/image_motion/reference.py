@@ -17,12 +17,9 @@ from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """The limbs' planar patches as one camera sees them.
-
-    corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right
-    edge of a limb that points up. depths: (N, L, 2), m, of the patch's axis at its start and end. cos_alpha: (N, L),
-    1 for spheres, 0 where a limb has no patch.
-    """
+    """The limbs' planar patches as one camera sees them. corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x,
+    y)]: at the limb's start or end, at the left or right edge of a limb that points up. depths: (N, L, 2), m, of the
+    patch's axis at its start and end. cos_alpha: (N, L), 1 for spheres, 0 where a limb has no patch."""
 
     corners: FloatArray
     depths: FloatArray
@@ -88,11 +85,9 @@ def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArr
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
-    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2).
-
-    A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
-    in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
-    """
+    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2). A limb's
+    edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed in its
+    outline, upright along the joint frame's z axis, so that its four corners lie on the outline."""
     rotation = view.camera.rotation @ view.frames.rotations[:, limbs.joints]  # limb to camera
     origin = view.camera.to_camera(view.frames.positions[:, limbs.joints])
     start = origin + np.einsum("nlab,lb->nla", rotation, limbs.starts)
