@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.body.shape import Triple
 from workbench.errors import InputError
 
 
@@ -59,9 +60,8 @@ class Camera:
 
 
 def plain_camera(
-    width: int, height: int, focal_px: float, position: tuple[float, float, float], look_at: tuple[float, float, float],
-    name: str = "camera",
-) -> Camera:  # fmt: skip
+    width: int, height: int, focal_px: float, position: Triple, look_at: Triple, name: str = "camera"
+) -> Camera:
     """Return an undistorted camera at `position` that looks at a point, both in the world (m), its z up; raises
     InputError when the points coincide or one lies straight above the other."""
     forward = np.subtract(look_at, position).astype(np.float64)

@@ -52,13 +52,11 @@ _TOGETHER = 16  # poses at least that one thread takes
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """E ellipsoids in B parts; lengths in metres.
-
-    names: E names. joints: (E,), the joint whose frame carries an ellipsoid. centers: (E, 3) in that frame. half_sizes:
-    (E, 3) along the columns of `axes`, (E, 3, 3), which turn the ellipsoid's axes to the joint's frame. parts: (E,),
-    the body part of each ellipsoid, 0 to B − 1, each at least once and in this order. part_names: B names. sharpness:
-    a. level: C. Raises InputError when a half size, a or C is not positive, or the parts are not in order.
-    """
+    """E ellipsoids in B parts; lengths in metres. names: E names. joints: (E,), the joint whose frame carries an
+    ellipsoid. centers: (E, 3) in that frame. half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which turn the
+    ellipsoid's axes to the joint's frame. parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once
+    and in this order. part_names: B names. sharpness: a. level: C. Raises InputError when a half size, a or C is not
+    positive, or the parts are not in order."""
 
     names: tuple[str, ...]
     joints: IntArray
@@ -184,13 +182,11 @@ def limbs_surface(limbs: Limbs) -> Surface:
     numbered = zip(limbs.names, sizes, strict=True)
     return Surface(
         names=tuple(name if n == 1 else f"{name}_{i + 1}" for name, n in numbered for i in range(n)),
-        joints=np.repeat(limbs.joints, sizes),
-        centers=np.concatenate([centers for centers, _ in ellipsoids]),
+        joints=np.repeat(limbs.joints, sizes), centers=np.concatenate([centers for centers, _ in ellipsoids]),
         half_sizes=np.concatenate([half_sizes for _, half_sizes in ellipsoids]),
-        axes=np.repeat(limbs.axes, sizes, axis=0),
-        parts=np.repeat(np.arange(len(sizes)), sizes),
+        axes=np.repeat(limbs.axes, sizes, axis=0), parts=np.repeat(np.arange(len(sizes)), sizes),
         part_names=limbs.names,
-    )
+    )  # fmt: skip
 
 
 def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,13 +20,11 @@ def can_mesh() -> bool:
 
 
 def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3), m, and triangles (T, 3), seen counter-clockwise from outside, of the skin in one pose.
-
-    frames: of one pose, (1, J, ...). The skin of all parts together: what is inside any part is inside. By marching
-    cubes on a grid of `spacing_m` (Lewiner et al. 2003, as scikit-image has it). Each part's field is computed in a box
-    around it only: 12 ms for a person at 25 mm, 40 ms at 15 mm. Raises InputError when scikit-image, the optional extra
-    "mesh", is not installed.
-    """
+    """Vertices (V, 3), m, and triangles (T, 3), seen counter-clockwise from outside, of the skin in one pose. frames:
+    of one pose, (1, J, ...). The skin of all parts together: what is inside any part is inside. By marching cubes on a
+    grid of `spacing_m` (Lewiner et al. 2003, as scikit-image has it). Each part's field is computed in a box around it
+    only: 12 ms for a person at 25 mm, 40 ms at 15 mm. Raises InputError when scikit-image, the optional extra "mesh",
+    is not installed."""
     if not can_mesh():
         raise InputError("the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'")
     measure = importlib.import_module("skimage.measure")

@@ -1,7 +1,4 @@
-"""Points from a rendered stereo pair: as poor as paper D's data, and with exact truth.
-
-They are found by OpenCV's semi-global block matching (Hirschmüller, PAMI 30, 2008).
-"""
+"""Points from a rendered stereo pair by semi-global block matching (Hirschmüller, PAMI 30, 2008), with exact truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

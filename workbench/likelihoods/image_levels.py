@@ -36,10 +36,8 @@ def _smoothed(image: AnyArray, blur_px: float) -> Float32Array:
 def _float_levels(view: View) -> Float32Array:
     camera, image = view.camera, view.image
     if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
-        raise InputError(
-            f"likelihood: camera {camera.name}: expected a grey or RGB image of {camera.width}×{camera.height} px, "
-            f"found an array of shape {image.shape}"
-        )
+        found = f"a grey or RGB image of {camera.width}×{camera.height} px, found an array of shape {image.shape}"
+        raise InputError(f"likelihood: camera {camera.name}: expected {found}")
     return image.astype(np.float32)
 
 

@@ -21,13 +21,11 @@ COLUMNS = ("frame", "joint", "u", "v", "visible")
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Marks in M frames of one video.
-
-    source: the file they come from. frames: (M,) numbers of the frames in their video, rising. pixels: (M, J, 2) marks
-    [u, v] in the full-size image, the centre of the top left pixel being (0, 0), NaN for joints without a mark, in
-    the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and where there is no mark.
-    confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by hand.
-    """
+    """Marks in M frames of one video. source: the file they come from. frames: (M,) numbers of the frames in their
+    video, rising. pixels: (M, J, 2) marks [u, v] in the full-size image, the centre of the top left pixel being (0, 0),
+    NaN for joints without a mark, in the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and
+    where there is no mark. confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by
+    hand."""
 
     source: str
     frames: IntArray

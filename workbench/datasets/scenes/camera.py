@@ -25,7 +25,6 @@ def automatic_camera(
     angle = _direction(motion) + np.radians(scene.view_deg)
     forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
     middle = motion.poses[len(motion) // 2]
-
     sideways, depth = places @ right, places @ forward - middle[:3] @ forward
     centre = 0.5 * (sideways.min() + sideways.max())
     level = motion.poses[:, 2].mean() + 0.1 * standing_height(motion, places)

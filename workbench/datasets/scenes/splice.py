@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,8 +53,12 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
     rows = _own_frame(first, first)[_stretch(first, first_frame, first_frame + int(ends[0]))]
     for motion, end in zip(motions[1:], ends[1:], strict=True):
         rows = _joined(rows, _own_frame(motion, first), motion, half, int(end))
-    poses = _in_the_world(rows[:, :_PHASE], first.poses[first_frame])
-    return Spliced(_named(first, motions, poses), np.repeat(np.arange(n), turns), rows[:, _PHASE])
+    words: dict[str, Any] = {
+        word: " + ".join(dict.fromkeys(str(getattr(motion, word)) for motion in motions))
+        for word in ("name", "activity", "source", "sha256", "licence")
+    }
+    motion = replace(first, poses=_in_the_world(rows[:, :_PHASE], first.poses[first_frame]), **words)
+    return Spliced(motion, np.repeat(np.arange(n), turns), rows[:, _PHASE])
 
 
 def gait_phases(motion: Motion) -> FloatArray:
@@ -122,12 +127,3 @@ def _stretch(motion: Motion, begin: int, end: int) -> slice:
         found, wanted = len(motion) / motion.rate_hz, end / motion.rate_hz
         raise InputError(f"dataset: motion {motion.name!r} lasts {found:.2f} s, expected at least {wanted:.2f} s of it")
     return slice(begin, end)
-
-
-def _named(first: Motion, motions: Sequence[Motion], poses: FloatArray) -> Motion:
-    """The motion of the person of `first` with the names and sources of all."""
-    words = {
-        word: " + ".join(dict.fromkeys(str(getattr(motion, word)) for motion in motions))
-        for word in ("name", "activity", "source", "sha256", "licence")
-    }
-    return replace(first, poses=poses, **words)  # type: ignore[arg-type]

@@ -74,11 +74,9 @@ def find_take(scene: Scene, skeleton: str = "person") -> Take:
         poses = own.resampled(person_motion.rate_hz).poses[first::_FINE][: scene.n_frames]
         body, shown = full_body(recorded, person_motion.shape), replace(shown, poses=poses)
     places = joints(body.skeleton, shown.poses)
-    activities = [clips[k].activity for k in fine.clips[::_FINE]]
-    truths = tuple(
-        Truth(pose=pose, joints=place, activity=None if activity == UNKNOWN else activity)
-        for pose, place, activity in zip(shown.poses, places, activities, strict=True)
-    )
+    activities = [None if clips[k].activity == UNKNOWN else clips[k].activity for k in fine.clips[::_FINE]]
+    frames = zip(shown.poses, places, activities, strict=True)
+    truths = tuple(Truth(pose=pose, joints=place, activity=activity) for pose, place, activity in frames)
     return Take(shown, body, truths, fine.phases[::_FINE])
 
 

@@ -32,7 +32,9 @@ def surface_points(body: Body, pose: FloatArray, tries: int, rng: np.random.Gene
     own, stretch = _on_pieces(body, limb, kind, rng)
     dense = stretch / share[limb, kind]
     kept = rng.uniform(size=tries) * dense.max() < dense
-    return _placed(body, pose, limb[kept], own[kept])
+    limbs, limb, frames = body.limbs, limb[kept], forward(body.skeleton, pose[None])
+    in_joint, joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own[kept]), limbs.joints[limb]
+    return np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]
 
 
 def _rough_areas(body: Body) -> FloatArray:
@@ -87,11 +89,3 @@ def inside(camera: Camera, points: FloatArray) -> BoolArray:
     with np.errstate(invalid="ignore"):
         found = (pixels >= -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])
     return np.asarray(found.all(axis=1))
-
-
-def _placed(body: Body, pose: FloatArray, limb: IntArray, own: FloatArray) -> FloatArray:
-    """Points (K, 3) of limbs (K,) in the world, each given from its limb's start in the axes of `Limbs.axes`."""
-    limbs, frames = body.limbs, forward(body.skeleton, pose[None])
-    in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own)
-    joint = limbs.joints[limb]
-    return np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]

@@ -16,7 +16,7 @@ from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.likelihoods.edges.filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, filtered, responses
-from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
+from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
 from workbench.likelihoods.looks import PoseLook
 
@@ -48,14 +48,9 @@ class Edges:
         check("edges", self, k=POSITIVE)
 
     @cached_property
-    def model(self) -> EdgeModel:
-        """The distributions learned."""
-        return edge_model(self.cache)
-
-    @cached_property
     def log_ratio(self) -> Float32Array:
         """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
-        return self.model.log_ratio(self.body.limbs.names)
+        return edge_model(self.cache).log_ratio(self.body.limbs.names)
 
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Filter every view."""

@@ -96,11 +96,9 @@ class ImageMotion:
         for name, ((_, old), (_, new)) in pairs.items():
             if self.background == "still" and old.shape != new.shape:
                 raise InputError(f"image motion: background=still needs images of one size from camera {name}")
-        notes = (
-            f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}"
-            for name in sorted({*before.views, *now.views} - set(pairs))
-        )
-        return MotionLook(self, now, pairs, tuple(notes))
+        missing = sorted({*before.views, *now.views} - set(pairs))
+        where = f"is missing in frame {previous.index} or {frame.index}"
+        return MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
 
     def _packed(self, frame: Frame) -> "PackedFrame":
         views = {view.camera.name: (view.camera, packed_levels(view, self.blur_px)) for view in frame.views}

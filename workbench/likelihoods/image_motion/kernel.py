@@ -125,14 +125,12 @@ def view_log_prob(
     n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
+    numbers = (model.sigma, model.epsilon, model.p_occluded, model.k)
+    sigma, epsilon, p_occluded, k = map(float, numbers)  # whole numbers would compile anew
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
-        _Model(
-            *(float(model.sigma), float(model.epsilon), float(model.p_occluded)),  # whole numbers would compile anew
-            *(model.exponent == "mean", float(model.k), occlusion),
-            model.background == "still",
-        ),
+        _Model(sigma, epsilon, p_occluded, model.exponent == "mean", k, occlusion, model.background == "still"),
         np.stack([camera_row(before.camera), camera_row(now.camera)]),
         *(before.image.ravel(), np.ascontiguousarray(before.poses)),
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),

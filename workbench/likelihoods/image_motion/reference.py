@@ -44,11 +44,9 @@ def view_log_prob(
     patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
     points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
     cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
-    inside = (
-        inside_image(before.image, points_before) & inside_image(now.image, points_now) & (cos_alpha > 0)[..., None]
-    )
+    inside = inside_image(before.image, points_before) & inside_image(now.image, points_now)
+    inside &= (cos_alpha > 0)[..., None]
     compared = inside & ~hidden_samples(limbs, patches_now, samples, model.occlusion)
-
     n_compared = compared.sum(axis=-1)
     residuals = grey_levels(now.image, points_now) - grey_levels(before.image, points_before)
     compared_part = n_compared / len(samples)
@@ -113,14 +111,11 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
-    """(N, L, n) bool: which points of which limbs other limbs hide.
-
-    "sample": a point is hidden by a patch (a disc for a sphere) that covers it and whose axis lies nearer by more
-    than half the sum of the two limbs' mean radii, which is half the distance of the axes of two limbs that touch;
-    limbs that meet at a joint run into one another and must not hide each other there.
-    "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is nearer than its own
-    nearest surface, all of its points are hidden. "none": nothing is hidden.
-    """
+    """(N, L, n) bool: which points of which limbs other limbs hide. "sample": a point is hidden by a patch (a disc for
+    a sphere) that covers it and whose axis lies nearer by more than half the sum of the two limbs' mean radii, which is
+    half the distance of the axes of two limbs that touch; limbs that meet at a joint run into one another and must not
+    hide each other there. "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is
+    nearer than its own nearest surface, all of its points are hidden. "none": nothing is hidden."""
     points, depths = patches.positions(samples), patches.sample_depths(samples)
     hidden = np.zeros(points.shape[:-1], dtype=bool)
     if occlusion == "none":
