@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.datasets.points import Points
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import find_take
+from workbench.datasets.scenes.take import Scene, find_take
 
 
 @pytest.mark.parametrize(

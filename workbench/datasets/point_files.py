@@ -17,8 +17,7 @@ from workbench.core.frame import Frame
 from workbench.core.traits import POINTS, START, Traits, offering
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.errors import InputError
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}

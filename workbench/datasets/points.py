@@ -15,9 +15,8 @@ from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.camera import take_camera
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.scenes.take import Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.datasets.scenes.visible import visible_points
 
 AT_M = 4.0  # the depth at which σ is sigma_m

@@ -19,8 +19,7 @@ from workbench.datasets.scenes import camera as placing
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes import room as stereo_room
 from workbench.datasets.scenes.cache import cached_images, image_key
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.digest import code_digest
 from workbench.errors import InputError
 

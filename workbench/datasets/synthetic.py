@@ -22,9 +22,8 @@ from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, 
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.camera import automatic_camera, standing_height
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.splice import splice
-from workbench.datasets.scenes.take import motion_names
+from workbench.datasets.scenes.take import Scene, motion_names
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import PATHS

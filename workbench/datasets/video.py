@@ -78,7 +78,14 @@ class Video:
     def known(self) -> Known:
         """The camera of the resized images, and what is marked."""
         n_frames = self._last - self.first_frame + 1
-        self._check_first_image()
+        first, camera = next(decode(self._path)), self._camera
+        self._check_size(first)
+        if first.shape[:2] != (camera.height, camera.width):
+            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
+            warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
+        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
+            size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f} px"
+            raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {LEAST_SIZE_PX}")
         _ = self._truth  # read now, so that mistakes show before the first frame
         marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
         return Known(
@@ -141,16 +148,6 @@ class Video:
         if self.eval_marks is None:
             return None
         return _held(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
-
-    def _check_first_image(self) -> None:
-        first, camera = next(decode(self._path)), self._camera
-        self._check_size(first)
-        if first.shape[:2] != (camera.height, camera.width):
-            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
-            warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
-        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
-            size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f} px"
-            raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {LEAST_SIZE_PX}")
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.splice import gait_phases, splice
-from workbench.datasets.scenes.take import find_take, given_start
+from workbench.datasets.scenes.take import Scene, find_take, given_start
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import average_subject, subjects, walker
 from workbench.mocap.named import find_motion

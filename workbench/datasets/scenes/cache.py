@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.arrays import AnyArray, ByteArray
-from workbench.datasets.scenes.scene import Scene
+from workbench.datasets.scenes.take import Scene
 from workbench.files import whole_file
 from workbench.mocap.motion import Motion
 

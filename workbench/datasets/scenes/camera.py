@@ -7,8 +7,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import Take
+from workbench.datasets.scenes.take import Scene, Take
 from workbench.mocap.motion import Motion
 
 _MARGIN = 0.05  # part of the image's width and height that the automatic camera keeps free on every side

@@ -11,7 +11,7 @@ from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
-from workbench.core.frame import Frame, View
+from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
@@ -101,8 +101,8 @@ class ImageMotion:
         return MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
 
     def _packed(self, frame: Frame) -> "PackedFrame":
-        views = {view.camera.name: (view.camera, packed_levels(view, self.blur_px)) for view in frame.views}
-        return PackedFrame(frame, views)
+        images = ((view.camera, kernel.packed(grey_levels(view, self.blur_px))) for view in frame.views)
+        return PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
 
 
 PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
@@ -145,11 +145,6 @@ class MotionLook:
     def remember(self, expected_pose: FloatArray) -> Remembering[PackedFrame]:
         """The likelihood, which keeps this frame's images for the next look."""
         return Remembering(self.now, self.cue._look)
-
-
-def packed_levels(view: View, blur_px: float) -> kernel.Packed:
-    """The view's smoothed grey levels as the kernel looks them up."""
-    return kernel.packed(grey_levels(view, blur_px))
 
 
 def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:

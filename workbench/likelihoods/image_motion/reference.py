@@ -111,11 +111,14 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
-    """(N, L, n) bool: which points of which limbs other limbs hide. "sample": a point is hidden by a patch (a disc for
-    a sphere) that covers it and whose axis lies nearer by more than half the sum of the two limbs' mean radii, which is
-    half the distance of the axes of two limbs that touch; limbs that meet at a joint run into one another and must not
-    hide each other there. "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is
-    nearer than its own nearest surface, all of its points are hidden. "none": nothing is hidden."""
+    """(N, L, n) bool: which points of which limbs other limbs hide.
+
+    "sample": a point is hidden by a patch (a disc for a sphere) that covers it and whose axis lies nearer by more
+    than half the sum of the two limbs' mean radii, which is half the distance of the axes of two limbs that touch;
+    limbs that meet at a joint run into one another and must not hide each other there.
+    "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is nearer than its own
+    nearest surface, all of its points are hidden. "none": nothing is hidden.
+    """
     points, depths = patches.positions(samples), patches.sample_depths(samples)
     hidden = np.zeros(points.shape[:-1], dtype=bool)
     if occlusion == "none":
