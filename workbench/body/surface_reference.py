@@ -35,7 +35,7 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """As `surface.attach`."""
+    """Compute `surface.attach`."""
     away = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
     return np.abs(away).argmin(axis=1)
 
@@ -43,7 +43,7 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """As `surface.residuals`."""
+    """Compute `surface.residuals`."""
     frames = forward_reference(skeleton, pose[None])
     if kind == "distance":
         every = distances(surface, frames, points)
@@ -55,7 +55,7 @@ def residuals(
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """As `surface.residual_jacobian`, one ellipsoid and one degree of freedom after the other."""
+    """Compute `surface.residual_jacobian`, one ellipsoid and one degree of freedom after the other."""
     frames = forward_reference(skeleton, pose[None])
     axes, below = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
     jacobian = np.zeros((len(points), len(pose)))

@@ -16,7 +16,7 @@ from workbench.mocap.named import find_motion
 @dataclass(eq=False)
 class Blank:
     """n_frames frames at rate_hz without views or truth, and a person to start from. motion, data: see
-    `motions.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
+    `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
     parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
 
     traits: ClassVar[Traits] = offering(START)

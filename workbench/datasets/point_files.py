@@ -30,7 +30,7 @@ class PointFiles:
     source: a folder of files, one a frame, all .ply, all .npz or all .csv, in natural order (frame_9 before frame_10);
     or one .h5 or .hdf5 file, see `point_formats.read_hdf5`. rate_hz: frames per second. unit: m, cm or mm. most_points:
     frames with more are thinned at random to so many, and a warning says so. truth: the name of a motion
-    (`motions.find_motion`; data: its folder), whose frames from first_frame on, at rate_hz, are those of the files; it
+    (`named.find_motion`; data: its folder), whose frames from first_frame on, at rate_hz, are those of the files; it
     gives every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known.
     start, seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept. Raises
     InputError for numbers out of range and, when asked what is known, naming the file and the line, row or vertex, what

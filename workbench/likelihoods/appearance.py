@@ -39,7 +39,7 @@ class Template:
 
 @dataclass(frozen=True, eq=False)
 class Templates:
-    """What was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
+    """All that was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
 
     by_camera: Mapping[str, Template] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""What a limb covers differs from the background that a still camera sees, and what lies just beside it does not."""
+"""A limb covers pixels that differ from the background of a still camera; beside it lie pixels that do not."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
 from workbench.likelihoods.looks import PoseLook
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
-"""Where the points about a limb lie: in half widths from its axis, and beyond its end in lengths; off its outline."""
+"""Places of the points about a limb: in half widths from its axis, and beyond its end in lengths; off its outline."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ def _float_levels(view: View) -> Float32Array:
 
 @dataclass(frozen=True, eq=False)
 class StillScene:
-    """What one camera sees without the person: median and standard deviation, (height, width, C), of every pixel's one
+    """A camera's view without the person: median and standard deviation, (height, width, C), of every pixel's one
     or three levels, 0..255."""
 
     median: Float32Array

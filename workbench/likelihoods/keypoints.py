@@ -62,7 +62,7 @@ class KeypointLikelihood:
         return Loss(self.loss, self.scale)
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """Of the frame's keypoints in the cameras that count, whitened by sigma_px and their weights."""
+        """Measure those of the frame's keypoints in the cameras that count, whitened by sigma_px and their weights."""
         seen = [one for one in observed.keypoints if self.which is None or one.camera.name in self.which]
         own = [keypoint_residual(self.body.skeleton, one.camera, one.joints, one.marks, self.sigma_px) for one in seen]
         return stacked(own)

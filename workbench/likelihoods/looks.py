@@ -1,4 +1,4 @@
-"""What the likelihoods' looks have in common: poses that are not finite, and what is kept for the next frame."""
+"""Common parts of the likelihoods' looks: poses that are not finite, and what is kept for the next frame."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -49,7 +49,7 @@ class Remembering(Generic[Memory]):
 
 
 def finite_rows(poses: FloatArray) -> BoolArray:
-    """Which (N,) of poses (N, P) are finite."""
+    """Tell which (N,) of poses (N, P) are finite."""
     return np.asarray(np.isfinite(poses).all(axis=1))
 
 

@@ -10,7 +10,7 @@ from workbench.body.lanes import FAST
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
-"""Which way along the limb and across it they lie from its middle."""
+"""Their directions from the middle of the limb, along it and across it."""
 
 
 def running_sums(image: Float32Array) -> FloatArray:

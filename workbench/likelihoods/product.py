@@ -108,7 +108,7 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class ProductLook:
-    """What the terms of a product have seen of one frame: `looks`, by name, of those with a weight."""
+    """A look at one frame by the terms of a product: `looks`, by name, of those with a weight."""
 
     product: Product
     looks: Mapping[str, Look]

@@ -34,7 +34,7 @@ _DAMAGES = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError,
 )  # fmt: skip
-"""What NumPy and h5py raise for damaged files."""
+"""Errors that NumPy and h5py raise for damaged files."""
 
 
 def read_ply(path: Path) -> FloatArray:

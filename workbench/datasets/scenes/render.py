@@ -49,9 +49,8 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the rays of a rectangle of the picture, with its corner at rays (top, left), meet first; outside they meet
-    nothing. depth: (h, w) along the camera's axis, m, inf where nothing is. limb: (h, w) the body's, -1 where nothing
-    is."""
+    """Hits of the rays of a rectangle of the picture with its corner at rays (top, left), outside which there are none.
+    depth: (h, w) along the camera's axis, m, inf where nothing is. limb: (h, w) the body's, -1 where nothing is."""
 
     top: int
     left: int

@@ -1,4 +1,4 @@
-"""What else a camera that sees points sees: a floor, a wall and bins about a person, a bar before them."""
+"""Things beside the person that a camera sees points of: a floor, a wall and bins about a person, a bar before them."""
 
 from dataclasses import dataclass, replace
 

@@ -68,9 +68,8 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F. body: the person's, or
-    of the motion file's full skeleton; the poses (F, P) of motion and truths are this body's. phases: (F,) cycles, see
-    `splice.Spliced`."""
+    """A person's motion in the F frames of a dataset, at its rate, and F truths. body: the person's, or of the motion
+    file's full skeleton; the poses (F, P) of motion and truths are this body's. phases: (F,) cycles, see `Spliced`."""
 
     motion: Motion
     body: Body

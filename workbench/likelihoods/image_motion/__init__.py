@@ -118,7 +118,7 @@ class PackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class MotionLook:
-    """What `ImageMotion`, the `cue`, has seen of a frame `now`. pairs: the images before and now of every camera that
+    """A look of `ImageMotion`, the `cue`, at a frame `now`. pairs: the images before and now of every camera that
     both frames have; none in the first frame of a run."""
 
     cue: ImageMotion

@@ -1,4 +1,4 @@
-"""The fused kernel of the image-motion likelihood: what `image_motion_reference` defines, LANES particles at once.
+"""The fused kernel of the image-motion likelihood: what `reference` defines, LANES particles at once.
 
 Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
 change a bit of the result, nor can the other particles. What makes it fast:
@@ -73,7 +73,7 @@ class LimbModel:
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """What one camera saw at one time, image (height, width) of smoothed grey levels, and where the body is supposed to
+    """One camera's sight at one time, image (height, width) of smoothed grey levels, and where the body is supposed to
     have been then: frames of its joints in N poses."""
 
     camera: Camera
@@ -83,7 +83,7 @@ class PosedView:
 
 @dataclass(frozen=True, eq=False)
 class PackedView:
-    """The same for the kernel. image: see `packed`. poses: (N, P)."""
+    """A `PosedView` for the kernel. image: see `packed`. poses: (N, P)."""
 
     camera: Camera
     image: Packed

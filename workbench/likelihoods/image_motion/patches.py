@@ -1,6 +1,6 @@
 """The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
 
-What `limb_patches`, `inside_image` and `hidden_samples` of `image_motion_reference` define, in the same float64, so
+What `limb_patches`, `inside_image` and `hidden_samples` of `reference` define, in the same float64, so
 that kernel and reference agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
 """
 
