@@ -107,8 +107,7 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,): m for "distance", for "field"
-    none."""
+    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,), in the unit of their kind."""
     found = np.empty(len(points))
     surface_kernel.residuals(*_arguments(skeleton, surface, pose, points, kind, attachment, found))
     return found
