@@ -230,8 +230,4 @@ def _white_noise(motions: Sequence[Motion], fraction: float, rng: np.random.Gene
     noise = rng.standard_normal((len(median), len(POSE_NAMES) - N_ROOT))
     gappy = np.where(remove_blocks(median, fraction, rng), np.nan, noise)
     candidates = _whole_periods(median)
-    return {
-        "candidates": candidates,
-        "snr": snr(noise, candidates),
-        "snr_gappy": snr(gappy, candidates),
-    }
+    return {"candidates": candidates, "snr": snr(noise, candidates), "snr_gappy": snr(gappy, candidates)}

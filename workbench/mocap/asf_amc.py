@@ -330,5 +330,4 @@ def _skeleton(file: _AsfFile, last_line: int) -> AsfSkeleton:
 def _axis_rotation(bone: _Bone, degrees: bool) -> FloatArray:
     given = bone.axis or [0.0, 0.0, 0.0]  # the ends have none
     angles = [given["XYZ".index(axis)] for axis in bone.axis_order]
-    rotation: FloatArray = Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()
-    return rotation
+    return Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()

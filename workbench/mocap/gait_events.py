@@ -28,5 +28,4 @@ def gait_events(motion: Motion, shortest_s: float = SHORTEST_S) -> FloatArray:
     smooth = sosfiltfilt(low_pass, swing, padtype="even")
     peaks, _ = find_peaks(smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD)
     before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
-    events: FloatArray = peaks + 0.5 * (before - after) / (before - 2.0 * at + after)
-    return events
+    return peaks + 0.5 * (before - after) / (before - 2.0 * at + after)

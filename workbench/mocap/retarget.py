@@ -188,8 +188,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if sizes.min() < 1e-4:
         raise InputError("expected a skeleton whose bones, hips and shoulders have a length in every frame")
-    unit: FloatArray = vectors / sizes
-    return unit
+    return vectors / sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,8 +307,7 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
 
 def _wrapped(angles: FloatArray) -> FloatArray:
     """Angles in [−π, π)."""
-    wrapped: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return wrapped
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def refine(skeleton: Skeleton, poses: FloatArray, targets: FloatArray) -> FloatArray:

@@ -161,5 +161,4 @@ def angles(limb: tuple[str, str, str, float]) -> tuple[str, str]:
 
 def _turn(angle: FloatArray) -> FloatArray:
     """Angles without whole turns, in [−π, π)."""
-    turned: FloatArray = (angle + np.pi) % (2.0 * np.pi) - np.pi
-    return turned
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

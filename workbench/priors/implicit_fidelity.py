@@ -69,10 +69,7 @@ def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float
     and both are known, q as the product of the branches' probabilities on the way to the entry. A filter multiplies a
     particle's weight by the exponential. Both are computed for all entries, so this costs a scan per probe.
     """
-    log_weights: FloatArray = (
-        exact_log_prob(tree.coefficients, probe, beta)[entries] - log_proposal(tree, probe, beta, leaf)[entries]
-    )
-    return log_weights
+    return exact_log_prob(tree.coefficients, probe, beta)[entries] - log_proposal(tree, probe, beta, leaf)[entries]
 
 
 def _distribution(
@@ -91,5 +88,4 @@ def _distribution(
 def _inverse(distribution: FloatArray, uniforms: FloatArray) -> IntArray:
     cumulative = distribution.cumsum()
     places = np.searchsorted(cumulative, uniforms * cumulative[-1], side="right")
-    inside: IntArray = np.minimum(places, len(cumulative) - 1)
-    return inside
+    return np.minimum(places, len(cumulative) - 1)

@@ -199,8 +199,7 @@ def found_distribution_reference(
 def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -> FloatArray:
     """log p(c_i | c_t), (n,), by looking at every entry (C, eq. 6); probe: (b,), all whitened."""
     exponents = -((coefficients - probe.astype(np.float64)) ** 2).sum(axis=1) / (2.0 * beta)
-    log_prob: FloatArray = exponents - logsumexp(exponents)
-    return log_prob
+    return exponents - logsumexp(exponents)
 
 
 def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:

@@ -89,8 +89,7 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
         # leaf after leaf, so that each is fetched once, and equal probes, such as a parent's children, share its odds
         turns = np.argsort(leaves, kind="stable")
         _pick(tree.rows, probes, firsts, sizes, turns, beta, uniforms[:, -1], places)
-    entries: IntArray = tree.order[firsts + places]
-    return entries
+    return tree.order[firsts + places]
 
 
 def draw_reference(
@@ -142,8 +141,7 @@ def _leaf_log_prob(tree: Tree, inside: IntArray, probe: FloatArray, beta: float,
     if leaf == "uniform":
         return np.full(len(inside), -np.log(len(inside)))
     exponents = -((tree.coefficients[inside].astype(np.float64) - probe) ** 2).sum(axis=1) / (2.0 * beta)
-    log_prob: FloatArray = exponents - logsumexp(exponents)
-    return log_prob
+    return exponents - logsumexp(exponents)
 
 
 def _checked(coefficients: Float32Array) -> Float32Array:

@@ -145,8 +145,7 @@ class MixtureDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        density: FloatArray = logsumexp(self._log_terms(previous, state, dt_s), axis=0)
-        return density
+        return logsumexp(self._log_terms(previous, state, dt_s), axis=0)
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with k drawn from its posterior ∝ π_k p_k, and then what follows from others by prior k.
@@ -272,8 +271,7 @@ def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArra
     """
     positions = (rng.permutation(n) + rng.random()) / n
     last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
-    component: IntArray = np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
-    return component
+    return np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
 
 
 def common_smoothness(priors: Mapping[str, Prior]) -> Smoothness | None:

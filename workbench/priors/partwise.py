@@ -113,14 +113,13 @@ class PartwiseDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        total: FloatArray = sum(
+        return sum(
             (
                 density.log_transition(self.prior.part(previous, part), self.prior.part(state, part), dt_s)
                 for part, density in self.parts.items()
             ),
             start=np.zeros(()),
         )
-        return total
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with every part's columns that follow from others drawn given those."""

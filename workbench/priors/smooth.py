@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
@@ -16,41 +16,25 @@ from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.errors import InputError
-from workbench.priors.density import REFERENCE_RATE_HZ, log_normal
-from workbench.priors.penalty import smoothness
+from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
 
 log = logging.getLogger(__name__)
 
 UNLIMITED = 1e6
+LEAST_SCALE = 1e-30
 FAR = 1e8
 """So many deviations from the mean, a draw between limits lies on the nearer one, to rounding."""
 
-SIGMA = MappingProxyType(
-    {
-        "root_position": 0.010,
-        "root_rotation": 0.010,
-        "neck": 0.020,
-        "shoulder": 0.020,
-        "shoulder_twist": 0.040,
-        "elbow": 0.030,
-        "hip": 0.015,
-        "knee": 0.025,
-    }
-)
+SIGMA = MappingProxyType({
+    "root_position": 0.010, "root_rotation": 0.010, "neck": 0.020, "shoulder": 0.020, "shoulder_twist": 0.040,
+    "elbow": 0.030, "hip": 0.015, "knee": 0.025,
+})  # fmt: skip
 """σ^φ per frame at 30 Hz, m or rad. Ours: smaller for heavier limbs, as the paper says without giving numbers."""
 
-SIGMA_VELOCITY = MappingProxyType(
-    {
-        "root_position": 0.085,
-        "root_rotation": 0.25,
-        "neck": 0.45,
-        "shoulder": 0.45,
-        "shoulder_twist": 1.3,
-        "elbow": 0.65,
-        "hip": 0.70,
-        "knee": 1.4,
-    }
-)
+SIGMA_VELOCITY = MappingProxyType({
+    "root_position": 0.085, "root_rotation": 0.25, "neck": 0.45, "shoulder": 0.45, "shoulder_twist": 1.3,
+    "elbow": 0.65, "hip": 0.70, "knee": 1.4,
+})  # fmt: skip
 """σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change from frame to frame in CMU's recordings.
 
 Means over a sample of 24 clips at 30 Hz, half of them walks and half not. Legs change their speed more than arms
@@ -58,7 +42,7 @@ there, for all their weight.
 """
 
 
-class Smooth:
+class Smooth(AllFree):
     """Constant velocity within hard limits for k of the pose's P parameters (paper A, section 6.1):
 
         φ_i,t ~ N(φ_i,t−1 + V_i,t−1 Δt, (σ_i^φ)²) given φ_i,t ∈ [φ_i,min, φ_i,max]
@@ -112,18 +96,15 @@ class Smooth:
             raise InputError("prior: parameters must name at least one parameter of the pose, found none")
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)
         self.sigma_velocity = _deviations("sigma_velocity", self.parameters, sigma_velocity or {}, SIGMA_VELOCITY)
-        self.damping = damping
         self.limits = _limits(self.parameters, lowest or {}, highest or {})
-        self.start_pose = start_pose
-        self.start_velocity = start_velocity
+        self.damping, self.start_pose, self.start_velocity = damping, start_pose, start_velocity
         self._smoothness = smoothness(penalty)
         uniform = _known("start_uniform", start_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
         for i in self._uniform:
             if np.ptp(self.limits[i]) >= UNLIMITED:
-                raise InputError(
-                    f"prior: start_uniform: {self.parameters[i]} has no limits; give it lowest and highest"
-                )
+                name = self.parameters[i]
+                raise InputError(f"prior: start_uniform: {name} has no limits; give it lowest and highest")
         held = tuple(name for name in POSE_NAMES if name not in self.parameters)
         self.space = _space(self.parameters, held)
         self._moving = [POSE_NAMES.index(name) for name in self.parameters]
@@ -168,11 +149,6 @@ class Smooth:
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity] + noise
         return moved
 
-    @property
-    def free(self) -> IntArray:
-        """All columns (D,)."""
-        return np.arange(len(self.space))
-
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D), within the limits."""
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
@@ -189,12 +165,7 @@ class Smooth:
         change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
         same = (state[..., held] == previous[..., held]).all(axis=-1)
         pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
-        density: FloatArray = np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
-        return density
-
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """The states (N, D) as they are."""
-        return state
+        return np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -216,15 +187,11 @@ def truncated_normal(
     tail, where it keeps its digits however far the limits lie from the mean. A deviation of zero gives the mean, or
     the limit next to it.
     """
-    scale = np.maximum(deviation, 1e-30)
-    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
-    upper = a + b > 0.0
-    a, b = np.where(upper, -b, a), np.where(upper, -a, b)
+    a, b, upper = _lower_tail(mean, deviation, low, high)
     u = np.where(upper, 1.0 - uniforms, uniforms)
     log_b = log_ndtr(b)
     z = ndtri_exp(log_b + np.log(u + (1.0 - u) * np.exp(log_ndtr(a) - log_b)))
-    draws: FloatArray = np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
-    return draws
+    return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
 def log_truncated_normal(
@@ -234,16 +201,23 @@ def log_truncated_normal(
 
     A deviation of zero has no density: 0 at the mean, or at the limit next to it, and −∞ elsewhere.
     """
-    scale = np.maximum(deviation, 1e-30)
-    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
-    upper = a + b > 0.0
-    a, b = np.where(upper, -b, a), np.where(upper, -a, b)
+    scale = np.maximum(deviation, LEAST_SCALE)
+    a, b, _ = _lower_tail(mean, deviation, low, high)
     with np.errstate(divide="ignore"):  # limits further than FAR leave no mass between them
         log_mass = log_ndtr(b) + np.log(-np.expm1(log_ndtr(a) - log_ndtr(b)))
     density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale) - log_mass
     density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
-    inside: FloatArray = np.where((low <= values) & (values <= high), density, -np.inf)
-    return inside
+    return np.where((low <= values) & (values <= high), density, -np.inf)
+
+
+def _lower_tail(
+    mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Standardise limits, and mirror those above the mean (the third array says which) into the lower tail."""
+    scale = np.maximum(deviation, LEAST_SCALE)
+    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
+    upper = a + b > 0.0
+    return np.where(upper, -b, a), np.where(upper, -a, b), upper
 
 
 def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
@@ -276,13 +250,12 @@ def _keys(parameter: str) -> tuple[str, str, str]:
 def _listed(
     option: str, parameters: tuple[str, ...], given: Mapping[str, float], default: Mapping[str, float]
 ) -> FloatArray:
-    """Tell what the tables list for the parameters, (k,): the given one before the default."""
+    """Look up the parameters' values, (k,), in the table given and, what is not there, in the default one."""
     _known(option, given, {key for parameter in POSE_NAMES for key in _keys(parameter)})
-
-    def value(parameter: str) -> float:
-        return next(table[key] for table in (given, default) for key in _keys(parameter) if key in table)
-
-    return np.array([value(parameter) for parameter in parameters], dtype=np.float64)
+    return np.array([
+        next(float(table[key]) for table in (given, default) for key in _keys(parameter) if key in table)
+        for parameter in parameters
+    ])  # fmt: skip
 
 
 def _deviations(
@@ -296,17 +269,13 @@ def _deviations(
 
 def _limits(parameters: tuple[str, ...], lowest: Mapping[str, float], highest: Mapping[str, float]) -> FloatArray:
     """Limits (k, 2) of the moving parameters. Those of the skeleton are the same for every shape."""
-    low, high = person_skeleton(from_height(1.75)).limits.T
-    limits = np.stack(
-        [
-            _listed("lowest", parameters, lowest, dict(zip(POSE_NAMES, low, strict=True))),
-            _listed("highest", parameters, highest, dict(zip(POSE_NAMES, high, strict=True))),
-        ],
-        axis=1,
-    )
-    for name, (a, b) in zip(parameters, limits, strict=True):
-        if not -UNLIMITED <= a < b <= UNLIMITED:
-            raise InputError(f"prior: lowest and highest of {name} must be numbers in this order, found {a} and {b}")
+    ends = zip(("lowest", "highest"), (lowest, highest), person_skeleton(from_height(1.75)).limits.T, strict=True)
+    columns = [_listed(name, parameters, given, dict(zip(POSE_NAMES, own, strict=True))) for name, given, own in ends]
+    limits = np.stack(columns, axis=1)
+    for name, (low, high) in zip(parameters, limits, strict=True):
+        if not -UNLIMITED <= low < high <= UNLIMITED:
+            found = f"{low} and {high}"
+            raise InputError(f"prior: lowest and highest of {name} must be numbers in this order, found {found}")
     return limits
 
 

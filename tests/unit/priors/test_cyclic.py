@@ -48,19 +48,6 @@ def test_decoding_is_the_model_at_its_own_phases():
     assert prior.pose(state)[:, N_ROOT:] == pytest.approx(expected[:, 1:], abs=1e-9)
 
 
-@pytest.mark.parametrize("channels", [20, 25])
-def test_the_pose_jacobian_agrees_with_differences(channels):
-    prior = Cyclic(model(channels=channels))
-    state = states(prior, 6)
-    analytic = prior.pose_jacobian(state)
-    for d in range(len(prior.space)):
-        # the table is linear between its phases: difference over whole steps of it there, tiny ones elsewhere
-        step = 1.0 / TABLE_PHASES if d == prior.space.slices["phase"].start else 1e-6
-        shift = step * np.eye(len(prior.space))[d]
-        numeric = (prior.pose(state + shift) - prior.pose(state - shift)) / (2 * step)
-        assert analytic[:, :, d] == pytest.approx(numeric, abs=2e-6)
-
-
 def test_start_is_near_the_pose():
     prior = Cyclic(model(), start_coefficients=0.0, start_phase=0.0, start_position=0.01, start_rotation=0.02)
     true = states(prior, 1)

@@ -96,8 +96,7 @@ class Subject:
     def angles(self, phases: FloatArray) -> FloatArray:
         """The 22 angles (F, 22), rad, at phases (F,) in cycles; the root's heading is relative to the path."""
         waves = np.exp(2j * np.pi * np.outer(phases, np.arange(N_HARMONICS + 1)))
-        angles: FloatArray = np.ascontiguousarray((waves @ self.curves.T).real)
-        return angles
+        return np.ascontiguousarray((waves @ self.curves.T).real)
 
 
 def average_subject() -> Subject:
