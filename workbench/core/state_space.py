@@ -29,3 +29,8 @@ class StateSpace:
             names += columns
             units += [unit] * len(columns)
         return StateSpace(tuple(names), tuple(units), slices)
+
+    def appended(self, group: str, columns: tuple[str, ...], units: tuple[str, ...]) -> "StateSpace":
+        """Append a group of columns, with a unit each."""
+        names = (*self.names, *columns)
+        return StateSpace(names, (*self.units, *units), {**self.slices, group: slice(len(self), len(names))})

@@ -104,16 +104,11 @@ def learn_activities(
     if not 1 <= d <= most:
         raise InputError(f"activities: {n} cycles allow 1 to {most} components, found {d}")
     return ActivityModel(
-        angles=chosen.angles,
-        mean=mean.reshape(n_phases, n_angles),
-        components=basis[:d].reshape(d, n_phases, n_angles),
-        scales=scales[:d],
-        explained=explained,
-        scores=(chosen.curves.reshape(n, -1) - mean) @ basis[:d].T / scales[:d],
-        activities=cycles.activities,
-        sources=cycles.sources,
-        cycle_rate_hz=1.0 / cycles.durations_s,
-    )
+        angles=chosen.angles, mean=mean.reshape(n_phases, n_angles),
+        components=basis[:d].reshape(d, n_phases, n_angles), scales=scales[:d], explained=explained,
+        scores=(chosen.curves.reshape(n, -1) - mean) @ basis[:d].T / scales[:d], activities=cycles.activities,
+        sources=cycles.sources, cycle_rate_hz=1.0 / cycles.durations_s,
+    )  # fmt: skip
 
 
 def principal_components(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -41,12 +41,9 @@ class ActivityCycles:
         """The cycles that are kept (n,)."""
         numbers = np.flatnonzero(kept)
         return replace(
-            self,
-            curves=self.curves[numbers],
-            durations_s=self.durations_s[numbers],
-            activities=tuple(self.activities[k] for k in numbers),
-            sources=tuple(self.sources[k] for k in numbers),
-        )
+            self, curves=self.curves[numbers], durations_s=self.durations_s[numbers],
+            activities=tuple(self.activities[k] for k in numbers), sources=tuple(self.sources[k] for k in numbers),
+        )  # fmt: skip
 
     def of_angles(self, names: Sequence[str]) -> "ActivityCycles":
         """Keep some angles of the cycles only: their names or those of parts of the body, see `skeleton.PARTS`.
@@ -75,12 +72,9 @@ def followed_person(motion: Motion) -> Followed:
 
 
 def activity_cycles(
-    motions: Sequence[Motion],
-    *,
-    n_phases: int = 64,
-    most_per_clip: int = 4,
+    motions: Sequence[Motion], *, n_phases: int = 64, most_per_clip: int = 4,
     followed: Callable[[Motion], Followed] = followed_person,
-) -> ActivityCycles:
+) -> ActivityCycles:  # fmt: skip
     """Whole cycles of walking, running and their like in the motions, at most `most_per_clip` of each.
 
     followed: gives the skeleton and the poses to cut cycles from; the gait's events are always the person's.
@@ -90,14 +84,9 @@ def activity_cycles(
     parts, without = [], []
     for motion in tqdm(motions, desc="cycles", unit="clip", disable=None):
         part = cut(
-            *followed(motion),
-            gait_events(motion, SHORTEST_RUN_S),
-            rate_hz=motion.rate_hz,
-            activity=motion.activity,
-            source=motion.name,
-            n_phases=n_phases,
-            most=most_per_clip,
-        )
+            *followed(motion), gait_events(motion, SHORTEST_RUN_S), rate_hz=motion.rate_hz,
+            activity=motion.activity, source=motion.name, n_phases=n_phases, most=most_per_clip,
+        )  # fmt: skip
         if len(part):
             parts.append(part)
         else:
@@ -110,16 +99,9 @@ def activity_cycles(
 
 
 def cut(
-    skeleton: Skeleton,
-    poses: FloatArray,
-    events: FloatArray,
-    *,
-    rate_hz: float,
-    activity: str,
-    source: str,
-    n_phases: int = 64,
-    most: int = 4,
-) -> ActivityCycles:
+    skeleton: Skeleton, poses: FloatArray, events: FloatArray, *, rate_hz: float, activity: str, source: str,
+    n_phases: int = 64, most: int = 4,
+) -> ActivityCycles:  # fmt: skip
     """The cycles between the events (K,), in frames, of poses (F, P) of any skeleton; perhaps none.
 
     The paper has four cycles of every person at every speed; of a clip with more, `most` of them spread evenly over it
@@ -134,12 +116,9 @@ def cut(
     n = min(most, len(spans))
     spans = spans[((np.arange(n) + 0.5) * len(spans) / max(n, 1)).astype(np.int64)]
     return ActivityCycles(
-        angles=skeleton.dof_names[N_ROOT:],
-        curves=normalised(skeleton, poses, spans, n_phases),
-        durations_s=np.diff(spans, axis=1)[:, 0] / rate_hz,
-        activities=(activity,) * n,
-        sources=(source,) * n,
-    )
+        angles=skeleton.dof_names[N_ROOT:], curves=normalised(skeleton, poses, spans, n_phases),
+        durations_s=np.diff(spans, axis=1)[:, 0] / rate_hz, activities=(activity,) * n, sources=(source,) * n,
+    )  # fmt: skip
 
 
 def joined(parts: Sequence[ActivityCycles]) -> ActivityCycles:

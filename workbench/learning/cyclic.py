@@ -69,13 +69,10 @@ def as_walking_model(pca: FunctionalPca, cycle_rates_hz: FloatArray, slices: Sli
     weights = np.ones(len(CHANNEL_NAMES))
     weights[0] = SPEED_WEIGHT
     return WalkingModel(
-        mean=pca.mean / weights,
-        components=pca.components / weights,
-        scales=pca.scales,
-        cycle_rate_hz=(float(cycle_rates_hz.mean()), float(cycle_rates_hz.std(ddof=1))),
-        explained=pca.explained,
+        mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,
+        cycle_rate_hz=(float(cycle_rates_hz.mean()), float(cycle_rates_hz.std(ddof=1))), explained=pca.explained,
         n_cycles=len(slices.values),
-    )
+    )  # fmt: skip
 
 
 def _from_left_thigh_ahead(alignment: Alignment) -> Alignment:

@@ -105,14 +105,10 @@ def _fpca(
     spectra = _spectra(x - x.mean(axis=0))
     rows, singular = _principal(spectra.reshape(len(x), -1), q)
     return FunctionalPca(
-        mean=basis @ mean_curve,
-        components=basis @ rows.reshape(q, N_FOURIER, -1),
-        scales=singular / np.sqrt(len(x) - 1),
-        explained=float(np.sum(singular**2) / np.sum(spectra**2)),
-        curves=curves + mean_curve,
-        completed=x,
-        errors=np.array(errors),
-    )
+        mean=basis @ mean_curve, components=basis @ rows.reshape(q, N_FOURIER, -1),
+        scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
+        curves=curves + mean_curve, completed=x, errors=np.array(errors),
+    )  # fmt: skip
 
 
 def _check_size(slices: Slices, q: int) -> None:
@@ -149,12 +145,9 @@ def _centres(spectra: FloatArray, slices: Slices) -> FloatArray:
 
 
 def _low_rank(
-    spectra: FloatArray,
-    lower: float,
-    *,
-    by_index: tuple[int, int] | None = None,
+    spectra: FloatArray, lower: float, *, by_index: tuple[int, int] | None = None,
     by_value: tuple[float, float] | None = None,
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, float]:  # fmt: skip
     """Spectra (N, 20, m) as N rows with some singular values only, lowered, and the sum of those.
 
     by_index, by_value: the squares of those to keep, by their rank in rising order or themselves. From the

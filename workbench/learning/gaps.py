@@ -63,11 +63,9 @@ def motion_period(motion: Motion, angles: FloatArray) -> float:
 
 
 def gap_study(
-    motions: Sequence[Motion],
-    fractions: Sequence[float],
-    rng: np.random.Generator,
+    motions: Sequence[Motion], fractions: Sequence[float], rng: np.random.Generator,
     remove: Callable[[Motion, float, np.random.Generator], BoolArray] = remove_blocks,
-) -> dict[str, float]:
+) -> dict[str, float]:  # fmt: skip
     """Root mean square error, in degrees, of the samples imputed after a fraction of them was removed.
 
     For every fraction, e.g. 0.1: rmse_deg_10 for `impute`, and rmse_deg_10_linear, _periodic and _paper for the
@@ -79,11 +77,9 @@ def gap_study(
         truths, gappy, alignment = gappy_sequences(motions, fraction, rng, remove)
         name = f"rmse_deg_{round(100 * fraction)}"
         imputed = (
-            impute(gappy, alignment),
-            impute_linear(gappy),
-            impute_periodic(gappy, alignment),
+            impute(gappy, alignment), impute_linear(gappy), impute_periodic(gappy, alignment),
             impute_paper(gappy, alignment),
-        )
+        )  # fmt: skip
         for method, filled in zip(METHODS, imputed, strict=True):
             measured[name + method] = rmse_deg(truths, gappy, filled)
         measured[f"sequences_{round(100 * fraction)}"] = float(len(gappy))
@@ -91,11 +87,9 @@ def gap_study(
 
 
 def gappy_sequences(
-    motions: Sequence[Motion],
-    fraction: float,
-    rng: np.random.Generator,
+    motions: Sequence[Motion], fraction: float, rng: np.random.Generator,
     remove: Callable[[Motion, float, np.random.Generator], BoolArray] = remove_blocks,
-) -> tuple[list[FloatArray], list[FloatArray], Alignment]:
+) -> tuple[list[FloatArray], list[FloatArray], Alignment]:  # fmt: skip
     """The joint angles (F_i, 19) of motions, the same with NaN where removed, and the alignment found from those."""
     truths, gappy, periods = [], [], []
     for motion in motions:
@@ -174,10 +168,8 @@ def period_study(
         "period_error_median_pct": float(np.median(errors[:, 0])),
         f"period_error_median_pct_{percent}": float(np.median(errors[:, 1])),
         "white_noise_peak_ratio": max(float(noise[key].max() / np.median(noise[key])) for key in ("snr", "snr_gappy")),
-        "n_clips": float(len(measured)),
-        "clips": tuple(clips),
-        "white_noise": noise,
-    }
+        "n_clips": float(len(measured)), "clips": tuple(clips), "white_noise": noise,
+    }  # fmt: skip
 
 
 def event_period(motion: Motion) -> float:
@@ -200,15 +192,10 @@ def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> 
     gappy = np.where(remove_blocks(motion, fraction, rng), np.nan, angles)
     candidates = _whole_periods(motion)
     return ClipPeriods(
-        name=motion.name,
-        rate_hz=motion.rate_hz,
-        events=event_period(motion),
-        found=_period_or_nan(motion, angles),
-        found_gappy=_period_or_nan(motion, gappy),
-        candidates=candidates,
-        snr=snr(angles, candidates),
+        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), found=_period_or_nan(motion, angles),
+        found_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
         snr_per_angle=snr_per_series(angles, candidates),
-    )
+    )  # fmt: skip
 
 
 def _whole_periods(motion: Motion) -> FloatArray:

@@ -4,7 +4,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +26,6 @@ from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
 
-Parameters: TypeAlias = dict[str, str | float | int | None]
-
 log = logging.getLogger(__name__)
 
 WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")
@@ -37,20 +35,14 @@ WINDOWS_HZ = 30.0
 """Rate of the database of paper C."""
 
 GAP_SEED = 2000
-"""Of the gaps made for `cyclic_model`, so that one training set is one model."""
+"""Seed of the gaps made for `cyclic_model`, so that one training set is one model."""
 
 
 def walking_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    variance: float = 0.95,
-    n_components: int | None = 8,
-    scaling: str = "joints",
-) -> WalkingModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
+    n_components: int | None = 8, scaling: str = "joints",
+) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A; motions, subjects and leave_out as for `training_motions`, the others as for
     `learn_walking`.
 
@@ -59,45 +51,27 @@ def walking_model(
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance, n_components, scaling, root=False)
+    return _walking(training, cache, variance=variance, n_components=n_components, scaling=scaling, root=False)
 
 
 def gait_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    n_components: int = 8,
-) -> WalkingModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), n_components: int = 8,
+) -> WalkingModel:  # fmt: skip
     """The walking model with how the root sways, channels scaled by their effect on the joints; see `walking_model`."""
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, 0.95, n_components, "joints", root=True)
+    return _walking(training, cache, variance=0.95, n_components=n_components, scaling="joints", root=True)
 
 
-def _walking(
-    training: Sequence[Motion], cache: str, variance: float, n_components: int | None, scaling: str, root: bool
-) -> WalkingModel:
-    parameters: Parameters = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
-    provenance = _provenance(training, code_digest(walking), **parameters)
-
-    def learn() -> WalkingModel:
-        return learn_walking(training, variance=variance, n_components=n_components, scaling=scaling, root=root)
-
-    return _cached(WalkingModel, cache, "walking", provenance, learn)
+def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
+    provenance = _provenance(training, code_digest(walking), **options)
+    return _cached(WalkingModel, cache, "walking", provenance, lambda: learn_walking(training, **options))
 
 
 def cyclic_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    q: int = 8,
-    missing: float = 0.0,
-) -> WalkingModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
+) -> WalkingModel:  # fmt: skip
     """The cyclic model of paper B with q components; `missing`: part of the joint angles removed in blocks beforehand.
 
     Otherwise as `walking_model`.
@@ -113,18 +87,10 @@ def cyclic_model(
 
 
 def motion_windows(
-    *,
-    motions: str = "recorded",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (),
-    activities: Sequence[str] = (),
-    angles: Sequence[str] = ("body",),
-    root: bool = True,
-    rate_hz: float | None = None,
-    length: int | None = None,
-    frames_hz: float | None = None,
-) -> Windows:
+    *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (), activities: Sequence[str] = (), angles: Sequence[str] = ("body",),
+    root: bool = True, rate_hz: float | None = None, length: int | None = None, frames_hz: float | None = None,
+) -> Windows:  # fmt: skip
     """Learn the database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
 
     rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is about it or not
@@ -135,28 +101,16 @@ def motion_windows(
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
     length = max(2, round(rate_hz / 3.0)) if length is None else length
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    parameters: Parameters = {"angles": ",".join(angles), "root": root, "rate_hz": rate_hz, "length": length}
-    provenance = _provenance(chosen, code_digest(windows), **parameters)
-
-    def learn() -> Windows:
-        return learn_windows(chosen, rate_hz=rate_hz, length=length, angles=angles, root=root)
-
-    return _cached(Windows, cache, "windows", provenance, learn)
+    options: dict[str, Any] = {"root": root, "rate_hz": rate_hz, "length": length}
+    provenance = _provenance(chosen, code_digest(windows), angles=",".join(angles), **options)
+    return _cached(Windows, cache, "windows", provenance, lambda: learn_windows(chosen, angles=angles, **options))
 
 
 def activity_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (),
-    activities: Sequence[str] = ("walk", "run"),
-    angles: Sequence[str] = ("body",),
-    variance: float = 0.9,
-    n_components: int | None = None,
-    most_per_clip: int = 4,
-    skeleton: str = "person",
-) -> ActivityModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
+    variance: float = 0.9, n_components: int | None = None, most_per_clip: int = 4, skeleton: str = "person",
+) -> ActivityModel:  # fmt: skip
     """The motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as for
     `learn_activities`, most_per_clip as for `activity_cycles`.
 
@@ -166,14 +120,9 @@ def activity_model(
     followed = followed_person if skeleton == "person" else _own_skeletons(skeleton, motions, data, angles)
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
     provenance = _provenance(
-        chosen,
-        code_digest(activity_models, full_skeleton),
-        angles=",".join(angles),
-        variance=variance,
-        n_components=n_components,
-        most_per_clip=most_per_clip,
-        skeleton=skeleton,
-    )
+        chosen, code_digest(activity_models, full_skeleton), angles=",".join(angles), variance=variance,
+        n_components=n_components, most_per_clip=most_per_clip, skeleton=skeleton,
+    )  # fmt: skip
 
     def learn() -> ActivityModel:
         whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
@@ -186,7 +135,7 @@ def activity_model(
 def _own_skeletons(
     skeleton: str, motions: str, data: str | None, angles: Sequence[str]
 ) -> Callable[[Motion], Followed]:
-    """Tell what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
+    """Return what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
     if skeleton != "full":
         raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
     if data is None or motions == "builtin":

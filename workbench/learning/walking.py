@@ -47,13 +47,9 @@ class WalkingModel:
 
 
 def learn_walking(
-    motions: Sequence[Motion],
-    variance: float = 0.95,
-    n_components: int | None = None,
-    scaling: str = "none",
-    n_phases: int = 64,
-    root: bool = False,
-) -> WalkingModel:
+    motions: Sequence[Motion], variance: float = 0.95, n_components: int | None = None, scaling: str = "none",
+    n_phases: int = 64, root: bool = False,
+) -> WalkingModel:  # fmt: skip
     """Learn the model from the walking cycles in the motions.
 
     n_components: the number d; None takes the fewest that explain more than the fraction `variance` of the variance.
@@ -85,13 +81,10 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
         raise InputError(f"prior: {m} cycles allow 1 to {most} components, found {d}")
     rates = 1.0 / cycles.durations_s
     return WalkingModel(
-        mean=mean,
-        components=rows[:d].reshape(d, n_phases, n_channels) / weights,
-        scales=singular[:d] / np.sqrt(m - 1),
-        cycle_rate_hz=(float(rates.mean()), float(rates.std(ddof=1))),
-        explained=float(share[d - 1]),
-        n_cycles=m,
-    )
+        mean=mean, components=rows[:d].reshape(d, n_phases, n_channels) / weights,
+        scales=singular[:d] / np.sqrt(m - 1), cycle_rate_hz=(float(rates.mean()), float(rates.std(ddof=1))),
+        explained=float(share[d - 1]), n_cycles=m,
+    )  # fmt: skip
 
 
 def _paper_weights(n_channels: int) -> FloatArray:

@@ -130,13 +130,9 @@ class Windows:
 
 
 def learn_windows(
-    motions: Sequence[Motion],
-    *,
-    rate_hz: float = 30.0,
-    length: int = 10,
-    angles: Sequence[str] = ("body",),
+    motions: Sequence[Motion], *, rate_hz: float = 30.0, length: int = 10, angles: Sequence[str] = ("body",),
     root: bool = True,
-) -> Windows:
+) -> Windows:  # fmt: skip
     """The windows of all motions at one rate, and their PCA with b = ⌊log₂ n⌋ components (C, section 4, eq. 3–5).
 
     length: d. angles: names of the joint angles to model, or of parts of the body (`skeleton.PARTS`). Components

@@ -316,15 +316,11 @@ def _skeleton(file: _AsfFile, last_line: int) -> AsfSkeleton:
     if not bones[0].channels:
         fail(file.path, last_line, "expected the order of the root's channels in :root")
     return AsfSkeleton(
-        joints=tuple(joints),
-        parents=np.array(parents),
+        joints=tuple(joints), parents=np.array(parents),
         offsets=np.array([ends[joints[parent]] if parent >= 0 else np.zeros(3) for parent in parents]),
-        axes=np.array(axes),
-        axis_orders=tuple(bone.axis_order for bone in bones),
-        channels=tuple(bone.channels for bone in bones),
-        metres_per_unit=metres,
-        degrees=file.degrees,
-    )
+        axes=np.array(axes), axis_orders=tuple(bone.axis_order for bone in bones),
+        channels=tuple(bone.channels for bone in bones), metres_per_unit=metres, degrees=file.degrees,
+    )  # fmt: skip
 
 
 def _axis_rotation(bone: _Bone, degrees: bool) -> FloatArray:

@@ -47,15 +47,9 @@ class Clip:
 
 
 def clip_of_file(
-    name: str,
-    rate_hz: float,
-    first_frame: int,
-    joints: tuple[str, ...],
-    parents: IntArray,
-    offsets: FloatArray,
-    rotations: FloatArray,
-    places: FloatArray,
-) -> Clip:
+    name: str, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
+    rotations: FloatArray, places: FloatArray,
+) -> Clip:  # fmt: skip
     """The clip of what a y-up file says: turns it into the world's axes and places the joints.
 
     offsets (K, 3), m, and rotations (F, K, 3, 3) as in `Clip`, but in the file's axes. places: (F, K, 3), m, where

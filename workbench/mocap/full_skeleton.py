@@ -88,14 +88,10 @@ def full_skeleton(clip: Clip) -> Skeleton:
     usual = [(-np.pi, np.pi), (-0.5 * np.pi, 0.5 * np.pi), (-np.pi, np.pi)]
     limits = [(-1e6, 1e6)] * N_ROOT + usual * ((len(dofs) - N_ROOT) // 3)
     return Skeleton(
-        names=names,
-        parents=parents,
-        offsets=offsets,
-        dof_names=tuple(name for name, _, _ in dofs),
+        names=names, parents=parents, offsets=offsets, dof_names=tuple(name for name, _, _ in dofs),
         dof_joints=np.array([joint for _, joint, _ in dofs]),
-        dof_axes=np.array([np.eye(3)["xyz".index(axis)] for _, _, axis in dofs]),
-        limits=np.array(limits),
-    )
+        dof_axes=np.array([np.eye(3)["xyz".index(axis)] for _, _, axis in dofs]), limits=np.array(limits),
+    )  # fmt: skip
 
 
 def full_poses(clip: Clip) -> FloatArray:

@@ -90,12 +90,9 @@ def _read_motion(path: Path, groups: Any, key: str) -> Motion:
     poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
     _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
     return Motion(
-        **words,
-        rate_hz=float(rate_hz),
-        poses=poses,
-        shape=_read_shape(place, group.get("shape")),
+        **words, rate_hz=float(rate_hz), poses=poses, shape=_read_shape(place, group.get("shape")),
         joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
-    )
+    )  # fmt: skip
 
 
 def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:

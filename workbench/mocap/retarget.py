@@ -117,17 +117,10 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     poses = refine(skeleton, _analytic_poses(skeleton, targets, frames, torso), targets)
     errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
     return Motion(
-        name=clip.name,
-        subject="",
-        activity="",
-        rate_hz=clip.rate_hz,
-        poses=poses,
-        shape=shape,
-        joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]],
-        source="",
-        sha256="",
+        name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,
+        joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]], source="", sha256="",
         licence="",
-    )
+    )  # fmt: skip
 
 
 def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
@@ -243,16 +236,10 @@ def _shape(clip: Clip, targets: FloatArray, neck_frames: FloatArray, torso_joint
             f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found one of {height:.3g} m: a wrong unit?"
         )
     return from_height(
-        height,
-        neck=(float(neck[0]), 0.0, float(neck[2])),
-        shoulder=tuple(map(float, shoulder)),
-        hip=(0.0, float(hip[1]), 0.0),
-        head=(float(head[0]), 0.0, float(head[2])),
-        upper_arm=length("shoulder", "elbow"),
-        forearm=length("elbow", "wrist"),
-        thigh=thigh,
-        calf=calf,
-    )
+        height, neck=(float(neck[0]), 0.0, float(neck[2])), shoulder=tuple(map(float, shoulder)),
+        hip=(0.0, float(hip[1]), 0.0), head=(float(head[0]), 0.0, float(head[2])),
+        upper_arm=length("shoulder", "elbow"), forearm=length("elbow", "wrist"), thigh=thigh, calf=calf,
+    )  # fmt: skip
 
 
 def _analytic_poses(
@@ -293,8 +280,8 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
     the one with the smaller angles, and whole turns are taken off so that the means lie nearest the limits' middle.
     """
     flipped = np.stack([angles[:, 0] + np.pi, np.pi - angles[:, 1], angles[:, 2] + np.pi], axis=1)
-    stay = np.sum(_wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
-    change = np.sum(_wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
+    stay = np.sum(wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
+    change = np.sum(wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
     on_flipped = np.concatenate([[False], np.cumsum(change < stay) % 2 == 1])
     courses = []
     for flip in (on_flipped, ~on_flipped):
@@ -305,8 +292,8 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
     return min(courses, key=lambda entry: entry[:2])[2]
 
 
-def _wrapped(angles: FloatArray) -> FloatArray:
-    """Angles in [−π, π)."""
+def wrapped(angles: FloatArray) -> FloatArray:
+    """Take whole turns off angles, rad: they come to lie in [−π, π)."""
     return (angles + np.pi) % (2.0 * np.pi) - np.pi
 
 

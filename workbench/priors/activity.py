@@ -147,7 +147,7 @@ class Activity(AllFree):
         return poses
 
     def nearest(self, pose: FloatArray) -> FloatArray:
-        """Find the state (D,) at rest whose angles come nearest to those of a pose (P,), the `best_phase` of N_PHASES."""
+        """Find the state (D,) at rest whose angles come nearest to a pose's (P,), the `best_phase` of N_PHASES."""
         phases = np.arange(N_PHASES) / N_PHASES
         none = np.zeros((N_PHASES, len(self.model.scales)))
         basis = self.model.jacobian_at(none, phases)[0] / ANGLE_SIGMA_RAD  # (N_PHASES, C, d)

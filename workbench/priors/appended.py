@@ -6,7 +6,6 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.core.prior import Density, Prior, propose
-from workbench.core.state_space import StateSpace
 from workbench.priors.density import log_normal
 
 
@@ -17,10 +16,9 @@ class Appended:
     """
 
     def __init__(self, base: Prior, group: str, columns: tuple[str, ...], unit: str) -> None:
-        first, names = len(base.space), (*base.space.names, *columns)
-        self.base, self.own = base, slice(first, len(names))
-        units = (*base.space.units, *[unit] * len(columns))
-        self.space = StateSpace(names, units, {**base.space.slices, group: self.own})
+        self.base = base
+        self.space = base.space.appended(group, columns, (unit,) * len(columns))
+        self.own = self.space.slices[group]
 
     def transition(self, dt_s: float) -> tuple[float, float, float]:
         """Return a, b and σ of the own columns after `dt_s` seconds."""

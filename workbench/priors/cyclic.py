@@ -155,12 +155,10 @@ Groups = dict[str, tuple[tuple[str, ...], str]]
 def cycle_groups(coefficients: tuple[str, ...], unit: str) -> Groups:
     """Name the columns that states of a cycle begin with, see `StateSpace.of`; unit: of the coefficients."""
     return {
-        "coefficients": (coefficients, unit),
-        "phase": (("phase",), "cycle"),
-        "phase_speed": (("phase_speed",), "cycle/s"),
-        "root_position": (POSE_NAMES[:3], "m"),
+        "coefficients": (coefficients, unit), "phase": (("phase",), "cycle"),
+        "phase_speed": (("phase_speed",), "cycle/s"), "root_position": (POSE_NAMES[:3], "m"),
         "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
-    }
+    }  # fmt: skip
 
 
 def best_phase(basis: FloatArray, missing: FloatArray) -> tuple[int, FloatArray]:

@@ -103,9 +103,7 @@ class ImplicitDensity:
         known = N_POSE + self.tree.n_components  # the pose and the coefficients say it all
         before = np.broadcast_to(previous[..., :known], (*shape, known)).reshape(-1, known)
         after = np.broadcast_to(state[..., :N_POSE], (*shape, N_POSE)).reshape(-1, N_POSE)
-        density, _ = log_mixture(
-            self.tree, self._probes(before), self.beta, self.epsilon, self._ways, self._way(before, after)
-        )
+        density, _ = self._log_mixture(before, after)
         same = (np.abs(after - before[:, :N_POSE])[:, self._held] <= SAME).all(axis=1)
         return np.where(same, density, -np.inf).reshape(shape)
 
@@ -113,10 +111,7 @@ class ImplicitDensity:
         """States (N, D) with their poses, and memories drawn given those. A pose that no window leads to gets one of
         those that the search finds."""
         self._one_row(dt_s)
-        _, entries = log_mixture(
-            self.tree, self._probes(previous), self.beta, self.epsilon, self._ways, self._way(previous, state),
-            rng.random(len(state)),
-        )  # fmt: skip
+        _, entries = self._log_mixture(previous, state, rng.random(len(state)))
         return self.prediction.arrive(previous, state[:, :N_POSE], entries)
 
     @cached_property
@@ -131,8 +126,11 @@ class ImplicitDensity:
     def _probes(self, state: FloatArray) -> FloatArray:
         return state[:, N_POSE : N_POSE + self.tree.n_components]
 
-    def _way(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        return self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
+    def _log_mixture(
+        self, before: FloatArray, after: FloatArray, uniforms: FloatArray | None = None
+    ) -> tuple[FloatArray, IntArray]:
+        white = self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
+        return log_mixture(self.tree, self._probes(before), self.beta, self.epsilon, self._ways, white, uniforms)
 
     def _one_row(self, dt_s: float) -> None:
         rate_hz = self.prediction.windows.rate_hz
@@ -145,14 +143,9 @@ class ImplicitDensity:
 
 
 def log_mixture(
-    tree: KdTree,
-    probes: FloatArray,
-    beta: float,
-    epsilon: float,
-    ways: WindowWays,
-    white: FloatArray,
+    tree: KdTree, probes: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray,
     uniforms: FloatArray | None = None,
-) -> tuple[FloatArray, IntArray]:
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """log Σ_i p(i | c) N(way; way_i, Σ), (N,), and an entry (N,) drawn from its terms, for probes c (N, b).
 
     white: ways (N, K) as in `WindowWays.white`. uniforms: (N,) in [0, 1); None: nothing is drawn. One search for each

@@ -29,18 +29,12 @@ def total_variation(p: FloatArray, q: FloatArray) -> float:
 
 
 def fidelity(
-    tree: Tree | KdTree,
-    coefficients: Float32Array,
-    probes: FloatArray,
-    beta: float,
-    rng: np.random.Generator,
-    *,
-    leaf: str = "gaussian",
-    epsilon: float = 0.01,
-) -> Fidelity:
+    tree: Tree | KdTree, coefficients: Float32Array, probes: FloatArray, beta: float, rng: np.random.Generator, *,
+    leaf: str = "gaussian", epsilon: float = 0.01,
+) -> Fidelity:  # fmt: skip
     """Compare the search's distribution with the exact one by enumeration, for probes (K, b) over all entries (n, b).
 
-    Nothing is sampled but the distances, 100 draws a probe from either distribution.
+    Only the distances are sampled, by 100 draws a probe from either distribution.
     """
     variations, visited, effective, distances, exact_distances = [], [], [], [], []
     for probe in probes:
@@ -54,12 +48,10 @@ def fidelity(
         distances.append(squares[_inverse(q, uniforms)])
         exact_distances.append(squares[_inverse(exact, uniforms)])
     return Fidelity(
-        total_variation=float(np.mean(variations)),
-        distance=float(np.median(distances)),
-        exact_distance=float(np.median(exact_distances)),
-        visited=float(np.mean(visited)),
+        total_variation=float(np.mean(variations)), distance=float(np.median(distances)),
+        exact_distance=float(np.median(exact_distances)), visited=float(np.mean(visited)),
         effective=float(np.median(effective)),
-    )
+    )  # fmt: skip
 
 
 def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float, leaf: str = "gaussian") -> FloatArray:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.priors.implicit_search import FASTMATH, exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
@@ -24,7 +25,6 @@ TABLE_ERROR = 2e-5
 """Above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5."""
 NEGLIGIBLE = 40.0
 """Entries whose log odds are lower by this than the nearest one's add nothing to a float64."""
-FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,10 @@ def draw_reference(
             node = 2 * node + 1 + goes_right
             low, high = (middle, high) if goes_right else (low, middle)
         inside = tree.order[tree.starts[low] : tree.starts[high]]
-        odds = np.exp(_leaf_log_prob(tree, inside, probe, beta, leaf)).cumsum()
+        if leaf == "uniform":
+            odds = np.full(len(inside), 1.0 / len(inside)).cumsum()
+        else:
+            odds = np.exp(exact_log_prob(tree.coefficients[inside], probe, beta)).cumsum()
         entries[i] = inside[min(np.searchsorted(odds, uniform[-1] * odds[-1], side="right"), len(inside) - 1)]
     return entries
 
@@ -135,13 +138,6 @@ def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussi
     log_prob = np.empty(len(tree.order))
     log_prob[tree.order] = np.repeat(whole[full], sizes[full]) + within
     return log_prob
-
-
-def _leaf_log_prob(tree: Tree, inside: IntArray, probe: FloatArray, beta: float, leaf: str) -> FloatArray:
-    if leaf == "uniform":
-        return np.full(len(inside), -np.log(len(inside)))
-    exponents = -((tree.coefficients[inside].astype(np.float64) - probe) ** 2).sum(axis=1) / (2.0 * beta)
-    return exponents - logsumexp(exponents)
 
 
 def _checked(coefficients: Float32Array) -> Float32Array:

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -58,7 +58,7 @@ class Mixture:
         for name, prior in others:
             if (prior.space.names, prior.space.units) != (first[1].space.names, first[1].space.units):
                 raise InputError(f"prior: the mixture's {name!r} and {first[0]!r} must have the same columns")
-        self.space = _with_component(first[1].space)
+        self.space = first[1].space.appended("component", ("component",), ("",))
         self.parameters = _union(priors)
 
     @property
@@ -78,7 +78,7 @@ class Mixture:
         component = deal(self.weights, n, rng)
         state = np.empty((n, len(self.space)))
         state[:, -1] = component
-        for prior, own in self._groups(component):
+        for _, _, prior, own in _groups(self.priors, component):
             state[own, :-1] = prior.start(pose, int(own.sum()), rng)
         return state
 
@@ -110,16 +110,10 @@ class Mixture:
     ) -> tuple[FloatArray, FloatArray]:
         moved, log_weights = np.empty_like(state), np.zeros(len(state))
         moved[:, -1] = component
-        for prior, own in self._groups(component):
+        for _, _, prior, own in _groups(self.priors, component):
             common = np.ascontiguousarray(state[own, :-1])
             moved[own, :-1], log_weights[own] = propose(prior, common, dt_s, rng)
         return moved, log_weights
-
-    def _groups(self, component: IntArray) -> Iterator[tuple[Prior, BoolArray]]:
-        """Every prior that has particles, with a mask (N,) of them."""
-        for k, prior in enumerate(self.priors.values()):
-            if (own := component == k).any():
-                yield prior, own
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +206,9 @@ class Switching:
         self.priors = dict(priors)
         self.weights = _probabilities("weights", priors, weights)
         self.switching = switching
-        self.space = _with_component(_with_velocity(side_by_side(priors)))
+        velocities = tuple(f"{name}_velocity" for name in POSE_NAMES), ("m/s",) * 3 + ("rad/s",) * (len(POSE_NAMES) - 3)
+        moving = side_by_side(priors).appended("velocity", *velocities)
+        self.space = moving.appended("component", ("component",), ("",))
         self.parameters = _union(priors)
 
     @property
@@ -225,8 +221,8 @@ class Switching:
         component = deal(self.weights, n, rng)
         state = np.zeros((n, len(self.space)))
         state[:, -1] = component
-        for _, prior, columns, own in self._groups(component):
-            state[own, columns] = prior.start(pose, int(own.sum()), rng)
+        for _, name, prior, own in _groups(self.priors, component):
+            state[own, self.space.slices[name]] = prior.start(pose, int(own.sum()), rng)
         return state
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -241,7 +237,8 @@ class Switching:
         component = np.where(stays, before, deal(self.weights, len(state), rng))
         moved, log_weights = np.zeros_like(state), np.zeros(len(state))
         moved[:, -1] = component
-        for k, prior, columns, own in self._groups(component):
+        for k, name, prior, own in _groups(self.priors, component):
+            columns = self.space.slices[name]
             current = np.ascontiguousarray(state[own, columns])
             if (new := before[own] != k).any():
                 current[new] = _enter(prior, poses[own][new], state[own, velocity][new], rng)
@@ -252,15 +249,9 @@ class Switching:
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         poses = np.empty((len(state), len(POSE_NAMES)))
-        for _, prior, columns, own in self._groups(_component(state)):
-            poses[own] = prior.pose(np.ascontiguousarray(state[own, columns]))
+        for _, name, prior, own in _groups(self.priors, _component(state)):
+            poses[own] = prior.pose(np.ascontiguousarray(state[own, self.space.slices[name]]))
         return poses
-
-    def _groups(self, component: IntArray) -> Iterator[tuple[int, Prior, slice, BoolArray]]:
-        """Every prior that has particles: its index, itself, its columns, and a mask (N,) of its particles."""
-        for k, (name, prior) in enumerate(self.priors.items()):
-            if (own := component == k).any():
-                yield k, prior, self.space.slices[name], own
 
 
 def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
@@ -272,6 +263,13 @@ def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArra
     positions = (rng.permutation(n) + rng.random()) / n
     last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
     return np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
+
+
+def _groups(priors: Mapping[str, Prior], component: IntArray) -> Iterator[tuple[int, str, Prior, BoolArray]]:
+    """Give every prior that has particles: its index, its name, itself, and a mask (N,) of its particles."""
+    for k, (name, prior) in enumerate(priors.items()):
+        if (own := component == k).any():
+            yield k, name, prior, own
 
 
 def common_smoothness(priors: Mapping[str, Prior]) -> Smoothness | None:
@@ -306,30 +304,15 @@ def _component(state: FloatArray) -> IntArray:
     return state[:, -1].astype(np.int64)
 
 
-def _with_component(space: StateSpace) -> StateSpace:
-    last = slice(len(space), len(space) + 1)
-    return StateSpace((*space.names, "component"), (*space.units, ""), {**space.slices, "component": last})
-
-
 def side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
-    """The columns of every prior, called "<prior>.<column>"; slices "<prior>" and "<prior>.<group>"."""
-    names: list[str] = []
-    units: list[str] = []
-    slices: dict[str, slice] = {}
-    for prior_name, prior in priors.items():
-        first = len(names)
-        names += [f"{prior_name}.{column}" for column in prior.space.names]
-        units += prior.space.units
-        slices[prior_name] = slice(first, len(names))
-        for group, columns in prior.space.slices.items():
-            slices[f"{prior_name}.{group}"] = slice(first + columns.start, first + columns.stop)
-    return StateSpace(tuple(names), tuple(units), slices)
-
-
-def _with_velocity(space: StateSpace) -> StateSpace:
-    names = (*space.names, *(f"{name}_velocity" for name in POSE_NAMES))
-    units = (*space.units, *["m/s"] * 3, *["rad/s"] * (len(POSE_NAMES) - 3))
-    return StateSpace(names, units, {**space.slices, "velocity": slice(len(space), len(names))})
+    """Put columns of all priors together, called "<prior>.<column>"; slices "<prior>" and "<prior>.<group>"."""
+    whole = StateSpace((), (), {})
+    for name, own in ((name, prior.space) for name, prior in priors.items()):
+        first = len(whole)
+        whole = whole.appended(name, tuple(f"{name}.{column}" for column in own.names), own.units)
+        groups = {f"{name}.{group}": slice(first + s.start, first + s.stop) for group, s in own.slices.items()}
+        whole = replace(whole, slices={**whole.slices, **groups})
+    return whole
 
 
 def _probabilities(option: str, priors: Mapping[str, Prior], given: Mapping[str, float]) -> FloatArray:

@@ -58,8 +58,7 @@ class Partwise:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        moved = [prior.step(self.part(state, part), dt_s, rng) for part, prior in self.priors.items()]
-        return np.concatenate(moved, axis=1)
+        return np.concatenate([p.step(self.part(state, part), dt_s, rng) for part, p in self.priors.items()], axis=1)
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the proposals of the parts that have one, and the log weights (N,) that correct for it."""
@@ -89,7 +88,7 @@ class Partwise:
         return poses
 
     def part(self, state: FloatArray, part: str) -> FloatArray:
-        """The columns of states (..., D) that belong to a part."""
+        """Take the columns of states (..., D) that belong to a part."""
         return np.ascontiguousarray(state[..., self.space.slices[part]])
 
 
@@ -113,18 +112,12 @@ class PartwiseDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        return sum(
-            (
-                density.log_transition(self.prior.part(previous, part), self.prior.part(state, part), dt_s)
-                for part, density in self.parts.items()
-            ),
-            start=np.zeros(()),
-        )
+        part = self.prior.part
+        terms = (p.log_transition(part(previous, name), part(state, name), dt_s) for name, p in self.parts.items())
+        return sum(terms, start=np.zeros(()))
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with every part's columns that follow from others drawn given those."""
-        completed = [
-            density.complete(self.prior.part(previous, part), self.prior.part(state, part), dt_s, rng)
-            for part, density in self.parts.items()
-        ]
-        return np.concatenate(completed, axis=1)
+        part = self.prior.part
+        whole = (p.complete(part(previous, name), part(state, name), dt_s, rng) for name, p in self.parts.items())
+        return np.concatenate(list(whole), axis=1)

@@ -8,7 +8,7 @@ from workbench.body.skeleton import N_ROOT
 from workbench.core.observation_residuals import projection_jacobian
 from workbench.errors import InputError
 from workbench.learning.walking import WalkingModel
-from workbench.priors.cyclic import TABLE_PHASES, Cyclic, decode, decode_reference
+from workbench.priors.cyclic import Cyclic, decode, decode_reference
 
 T, D = 32, 3
 

@@ -27,24 +27,15 @@ def bending_arm(seconds: float, rate_hz: float) -> Motion:
     swing = np.sin(2.0 * np.pi * times / CYCLE_S)
     bent = _smooth_step((times - STRAIGHT_S) / BEND_S)
     for name, angles in {
-        "shoulder_flexion": 0.7 + 0.35 * swing,
-        "shoulder_abduction": 0.25 + 0.10 * swing,
-        "shoulder_twist": 0.5 + 0.2 * swing,
-        "elbow_flexion": 1.5 * bent,
-    }.items():
+        "shoulder_flexion": 0.7 + 0.35 * swing, "shoulder_abduction": 0.25 + 0.10 * swing,
+        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": 1.5 * bent,
+    }.items():  # fmt: skip
         poses[:, POSE_NAMES.index(f"right_{name}")] = angles
     return Motion(
-        name="builtin arm",
-        subject="builtin",
-        activity="arm",
-        rate_hz=rate_hz,
-        poses=poses,
-        shape=from_height(HEIGHT_M),
-        joint_error_mm=np.zeros(len(ERROR_JOINTS)),
-        source="builtin",
-        sha256=hashlib.sha256(poses.tobytes()).hexdigest(),
-        licence="generated, free for all uses",
-    )
+        name="builtin arm", subject="builtin", activity="arm", rate_hz=rate_hz, poses=poses,
+        shape=from_height(HEIGHT_M), joint_error_mm=np.zeros(len(ERROR_JOINTS)), source="builtin",
+        sha256=hashlib.sha256(poses.tobytes()).hexdigest(), licence="generated, free for all uses",
+    )  # fmt: skip
 
 
 def _smooth_step(u: FloatArray) -> FloatArray:
