@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.body.limbs import Body, Ends, Limbs, Radii, skeleton_limbs
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.limbs import Body, Ends, Radii, skeleton_limbs
 from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.errors import InputError
@@ -31,16 +31,14 @@ _DIRECTIONS = {
 }  # fmt: skip
 _BANDAI: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "Hips": ("ahead", "up"),
+        "Hips": ("ahead", "up"), "Shoulder_L": ("ahead", "left"), "Shoulder_R": ("back", "left"),
         **dict.fromkeys(("Spine", "Chest", "Neck", "Head"), ("left", "up")),
-        "Shoulder_L": ("ahead", "left"),
-        "Shoulder_R": ("back", "left"),
         **dict.fromkeys(("UpperArm_L", "LowerArm_L", "Hand_L", "UpperLeg_L", "LowerLeg_L"), ("ahead", "down")),
         **dict.fromkeys(("UpperArm_R", "LowerArm_R", "Hand_R", "UpperLeg_R", "LowerLeg_R"), ("back", "up")),
         **dict.fromkeys(("Foot_L", "Toes_L"), ("up", "ahead")),
         **dict.fromkeys(("Foot_R", "Toes_R"), ("down", "back")),
     }
-)
+)  # fmt: skip
 
 # Half sizes and lengths, m, read off adult silhouettes, by the joint at a bone's far end.
 _BANDAI_RADII: Radii = MappingProxyType(
@@ -56,13 +54,10 @@ _BANDAI_RADII: Radii = MappingProxyType(
         **dict.fromkeys(("Toes_L", "Toes_R"), (0.035, 0.042)),
     }
 )  # fmt: skip
-_BANDAI_ENDS: Ends = MappingProxyType(
-    {
-        "Head": (0.11, 0.09, 0.075),
-        **dict.fromkeys(("Hand_L", "Hand_R"), (0.13, 0.035, 0.025)),
-        **dict.fromkeys(("Toes_L", "Toes_R"), (0.04, 0.022, 0.04)),
-    }
-)
+_BANDAI_ENDS: Ends = MappingProxyType({
+    "Head": (0.11, 0.09, 0.075), **dict.fromkeys(("Hand_L", "Hand_R"), (0.13, 0.035, 0.025)),
+    **dict.fromkeys(("Toes_L", "Toes_R"), (0.04, 0.022, 0.04)),
+})  # fmt: skip
 
 
 def full_skeleton(clip: Clip) -> Skeleton:
@@ -82,7 +77,8 @@ def full_skeleton(clip: Clip) -> Skeleton:
     parents, offsets = _new_parents(clip, kept), _neutral_offsets(clip, kept)
     names = tuple(clip.joints[k] for k in kept)
     dofs = [(name, 0, axis) for name, axis in zip(POSE_NAMES, "xyzzyx", strict=False)]
-    for joint in np.flatnonzero(_moving(clip, kept)).tolist():
+    turned = np.abs(_turns(clip, kept) - np.eye(3)).max(axis=(0, 2, 3)) > _TURNED
+    for joint in np.flatnonzero(turned).tolist():
         if joint > 0:
             dofs += [(f"{names[joint]}_{axis}", joint, axis) for axis in _turn_order(joint, parents, offsets)]
     usual = [(-np.pi, np.pi), (-0.5 * np.pi, 0.5 * np.pi), (-np.pi, np.pi)]
@@ -114,26 +110,23 @@ def full_poses(clip: Clip) -> FloatArray:
 
 
 def full_body(clip: Clip, shape: Shape) -> Body:
-    """The full skeleton of a clip with limbs; shape: the measurements of the same person. Raises as `full_skeleton`."""
+    """Put limbs on the full skeleton of a clip; shape: the measurements of the same person. Raises as `full_skeleton`.
+
+    Bandai's joints have an adult's measures, all others those of `skeleton_limbs`.
+    """
     skeleton = full_skeleton(clip)
-    return Body(skeleton, shape, _limbs(skeleton))
-
-
-def _limbs(skeleton: Skeleton) -> Limbs:
-    """An adult's measures for Bandai's joints, those of `skeleton_limbs` for all others."""
-    known = set(skeleton.names)
-    return skeleton_limbs(
-        skeleton,
-        radii={name: size for name, size in _BANDAI_RADII.items() if name in known},
-        ends={name: size for name, size in _BANDAI_ENDS.items() if name in known},
-    )
+    radii = {name: size for name, size in _BANDAI_RADII.items() if name in skeleton.names}
+    ends = {name: size for name, size in _BANDAI_ENDS.items() if name in skeleton.names}
+    return Body(skeleton, shape, skeleton_limbs(skeleton, radii=radii, ends=ends))
 
 
 def _kept(clip: Clip) -> IntArray:
     """The clip's joints that the skeleton has, parents first."""
     joints = np.arange(len(clip.joints))
     travelled = np.abs(_places(clip) - clip.offsets).max(axis=(0, 2))
-    root = _root(clip, travelled > _RIGID_M)
+    root = 0
+    while len(children := np.flatnonzero(clip.parents == root)) == 1 and travelled[children[0]] > _RIGID_M:
+        root = int(children[0])
     below = joints == root
     for k in joints[root + 1 :]:
         below[k] = below[clip.parents[k]]
@@ -146,14 +139,6 @@ def _kept(clip: Clip) -> IntArray:
     still = np.abs(clip.rotations - np.eye(3)).max(axis=(0, 2, 3)) <= _TURNED
     short = np.linalg.norm(clip.offsets, axis=1) < _SHORT_M
     return np.flatnonzero(below & ~(is_end & still & short))
-
-
-def _root(clip: Clip, travels: BoolArray) -> int:
-    """The first joint that carries the body; travels: (K,), whether a joint moves in its parent's frame."""
-    root = 0
-    while len(children := np.flatnonzero(clip.parents == root)) == 1 and travels[children[0]]:
-        root = int(children[0])
-    return root
 
 
 def _places(clip: Clip) -> FloatArray:
@@ -199,12 +184,6 @@ def _turns(clip: Clip, kept: IntArray) -> FloatArray:
     turns: FloatArray = world[:, _new_parents(clip, kept)].swapaxes(2, 3) @ world
     turns[:, 0] = world[:, 0]
     return turns
-
-
-def _moving(clip: Clip, kept: IntArray) -> BoolArray:
-    """(J,): the joints that turn."""
-    turned: FloatArray = np.abs(_turns(clip, kept) - np.eye(3)).max(axis=(0, 2, 3))
-    return turned > _TURNED
 
 
 def _turn_order(joint: int, parents: IntArray, offsets: FloatArray) -> str:

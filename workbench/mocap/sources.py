@@ -4,11 +4,13 @@ import csv
 import hashlib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from tqdm import tqdm
 
+from workbench.body.limbs import Body, person
 from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
@@ -27,8 +29,7 @@ UNKNOWN = "unknown"
 _INDEX_COLUMNS = ("clip", "subject", "activity", "rate_hz")
 
 
-@dataclass(frozen=True)
-class CmuClip:
+class CmuClip(NamedTuple):
     """One row of the index of a copy of the CMU database."""
 
     name: str
@@ -99,6 +100,11 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     source = "/".join(path.resolve().parts[-2:])
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
+
+
+def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
+    """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
+    return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
 
 
 def import_sources(
