@@ -58,8 +58,7 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
     for k, joint in enumerate(joints):
         channels = dict(zip(joint.channels, values[:, column : column + len(joint.channels)].T, strict=True))
         column += len(joint.channels)
-        turns = [name for name in joint.channels if name in _ROTATIONS]
-        if turns:
+        if turns := [name for name in joint.channels if name in _ROTATIONS]:
             order = "".join(name[0] for name in turns)  # upper case is scipy's word for intrinsic
             angles = np.stack([channels[name] for name in turns], axis=-1)
             rotations[:, k] = Rotation.from_euler(order, angles, degrees=True).as_matrix()
@@ -78,7 +77,11 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
     for index in range(1, len(lines)):
         words = lines[index].split()
         if words == ["MOTION"]:
-            _check_complete(path, index + 1, tree)
+            if not tree.joints:
+                fail(path, index + 1, "expected a ROOT before MOTION")
+            if tree.open or tree.waiting:
+                unclosed = tree.joints[-1].name
+                fail(path, index + 1, f"expected the closing brace of {unclosed} or its parents before MOTION")
             return tree.joints, index + 1
         if len(words) > 1 and words[-1] == "{":  # the brace may share its joint's line
             _read_statement(path, index + 1, words[:-1], tree)
@@ -128,13 +131,6 @@ def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str,
         found = " ".join(words)[:80]
         fail(path, line, f"expected 3 rotations, or 3 positions and 3 rotations, for {joint}, found {found!r}")
     return names
-
-
-def _check_complete(path: Path, line: int, tree: _Hierarchy) -> None:
-    if not tree.joints:
-        fail(path, line, "expected a ROOT before MOTION")
-    if tree.open or tree.waiting:
-        fail(path, line, f"expected the closing brace of {tree.joints[-1].name} or its parents before MOTION")
 
 
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:

@@ -94,9 +94,8 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
     ]
     values = (positions[..., FILE_FROM_WORLD] * PER_METRE[unit]).reshape(n, -1)
     for frame, row in enumerate(values.tolist()):
-        lines.append(
-            "\t".join([str(frame + 1), f"{frame / rate_hz:.9f}", *[f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]])
-        )
+        coordinates = [f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]
+        lines.append("\t".join([str(frame + 1), f"{frame / rate_hz:.9f}", *coordinates]))
     return "\n".join([*lines, ""])
 
 

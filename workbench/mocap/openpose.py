@@ -80,7 +80,8 @@ def read_openpose(folder: str | Path, person: int | None = None) -> Detections:
     if len(sizes := {found.shape[1] for found in people if len(found)}) > 1:
         raise InputError(f"{folder}: expected as many points a person in every file, found {sorted(sizes)}")
     followed = _follow(folder, people, person)
-    name = _layout(folder, followed)
+    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(followed[0])]
+    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], followed))
     joints = np.stack([_joints(LAYOUTS[name][1], one) for one in followed])
     return Detections(str(folder), name, np.array(sorted(files)), joints)
 
@@ -128,9 +129,8 @@ def _follow(folder: Path, people: Sequence[FloatArray], person: int | None) -> l
     if first is None:
         raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
     if person is not None and not 0 <= person < len(first):
-        raise InputError(
-            f"{folder}: no person {person} where the first are found, expected one of 0 to {len(first) - 1}"
-        )
+        some = f"0 to {len(first) - 1}"
+        raise InputError(f"{folder}: no person {person} where the first are found, expected one of {some}")
     seen = [np.isfinite(one[:, 2]).any() for one in first]
     sure = [np.nansum(one[:, 2]) * _height(one) if some else -1.0 for one, some in zip(first, seen, strict=True)]
     last = first[int(np.argmax(sure)) if person is None else person]
@@ -153,11 +153,6 @@ def _distance(points: FloatArray, others: FloatArray) -> float:
     """Median distance of what is seen in both, px; infinite where nothing is."""
     apart = np.linalg.norm(points[:, :2] - others[:, :2], axis=1)
     return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
-
-
-def _layout(folder: Path, points: Sequence[FloatArray]) -> str:
-    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(points[0])]
-    return min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], points))
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:

@@ -64,11 +64,8 @@ CMU = Landmarks(
     head=("head", "head_end", 0.5),
     head_up=(0.0, 0.0, 1.0),
     lefts={
-        "neck": (0.0, 1.0, 0.0),
-        "left_shoulder": (-0.5, 0.0, _COS_30),
-        "right_shoulder": (0.5, 0.0, -_COS_30),
-        "left_hip": (0.0, _COS_20, _SIN_20),
-        "right_hip": (0.0, _COS_20, -_SIN_20),
+        "neck": (0.0, 1.0, 0.0), "left_shoulder": (-0.5, 0.0, _COS_30), "right_shoulder": (0.5, 0.0, -_COS_30),
+        "left_hip": (0.0, _COS_20, _SIN_20), "right_hip": (0.0, _COS_20, -_SIN_20),
     },
 )  # fmt: skip
 # Bandai's frames have the bone along x and the hinge along y of the file. "Head" is the base of the skull, 6.5 cm
@@ -108,7 +105,7 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
 
     Raises InputError when the skeleton lacks joints, or is not of a person's size (a wrong unit).
     """
-    landmarks = _known_landmarks(clip) if landmarks is None else landmarks
+    landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
     targets = joint_targets(clip, landmarks)
     frames = _ball_frames(clip, landmarks)
     torso = _fit_torso(targets)
@@ -128,7 +125,8 @@ def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
 
     Raises InputError when the clip lacks a joint.
     """
-    _check_joints(clip, landmarks)
+    if missing := ", ".join(_missing(clip, landmarks)):
+        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {missing}")
     places = {ours: clip.positions[:, clip.joint(theirs)] for ours, theirs in landmarks.joints.items()}
     joint, child, fraction = landmarks.head
     seen = fraction * clip.offsets[clip.joint(child)]
@@ -137,25 +135,12 @@ def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
     return np.stack([places[name] for name in JOINT_NAMES], axis=1)
 
 
-def _known_landmarks(clip: Clip) -> Landmarks:
-    known = min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
-    _check_joints(clip, known)
-    return known
-
-
-def _check_joints(clip: Clip, landmarks: Landmarks) -> None:
-    if missing := _missing(clip, landmarks):
-        lacks = ", ".join(missing)
-        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {lacks}")
-
-
 def _missing(clip: Clip, landmarks: Landmarks) -> list[str]:
     return sorted({*landmarks.joints.values(), *landmarks.head[:2]} - set(clip.joints))
 
 
 def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
     """World rotations (F, 3, 3) of the neck, the shoulders and the hips as the source's own rotations have them."""
-    orientations = clip.orientations
     frames = {}
     for name, left in landmarks.lefts.items():
         if name == "neck":
@@ -164,8 +149,7 @@ def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
             side, part = name.split("_")
             joint, child = landmarks.joints[name], landmarks.joints[f"{side}_{_BELOW[part][0]}"]
             up = -clip.offsets[clip.joint(child)]
-        own = _frame(up, np.asarray(left))
-        frames[name] = orientations[:, clip.joint(joint)] @ own
+        frames[name] = clip.orientations[:, clip.joint(joint)] @ _frame(up, np.asarray(left))
     return frames
 
 
@@ -232,9 +216,8 @@ def _shape(clip: Clip, targets: FloatArray, neck_frames: FloatArray, torso_joint
     average_stack = average.thigh + average.calf + average.neck[2] + average.head[2]
     height = (thigh + calf + neck[2] + head[2]) / average_stack
     if not 0.5 <= height <= 2.5:
-        raise InputError(
-            f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found one of {height:.3g} m: a wrong unit?"
-        )
+        found = f"one of {height:.3g} m: a wrong unit?"
+        raise InputError(f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found {found}")
     return from_height(
         height, neck=(float(neck[0]), 0.0, float(neck[2])), shoulder=tuple(map(float, shoulder)),
         hip=(0.0, float(hip[1]), 0.0), head=(float(head[0]), 0.0, float(head[2])),
