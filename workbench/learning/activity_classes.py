@@ -17,8 +17,7 @@ from workbench.learning.activity_cycles import ActivityCycles
 LEAST_SPREAD = 0.1
 """Of an activity's examples about their mean, in standard deviations of all: a few examples may show none at all."""
 
-COMPACT = 0.999
-"""Components are sought within those of all cycles that hold this part of the variance, for speed."""
+COMPACT = 0.999  # components are sought within those of all cycles that hold this part of the variance, for speed
 
 
 @dataclass(frozen=True, eq=False)

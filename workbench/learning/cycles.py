@@ -14,8 +14,7 @@ from workbench.mocap.motion import Motion
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
 """What one cycle holds (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
-ANGLES = slice(1, len(CHANNEL_NAMES))
-"""Which channels are the joint angles."""
+ANGLES = slice(1, len(CHANNEL_NAMES))  # which channels are the joint angles
 ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
 """What it may hold besides: how the root sways about its even way, m, and turns about its even direction, rad."""
 

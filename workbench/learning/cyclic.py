@@ -17,9 +17,7 @@ from workbench.learning.walking import WalkingModel
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S
 from workbench.mocap.motion import Motion
 
-SPEED_WEIGHT = 1.0 / 30.0
-"""Speeds count in metres per frame at 30 Hz beside radians, as in `learning.walking`."""
-
+SPEED_WEIGHT = 1.0 / 30.0  # speeds count in metres per frame at 30 Hz beside radians, as in `learning.walking`
 LEAST_OBSERVED = 0.5
 log = logging.getLogger(__name__)
 

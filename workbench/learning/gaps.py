@@ -16,9 +16,7 @@ from workbench.learning.period import find_period, snr, snr_per_series
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
 
-BLOCK_S = (0.1, 0.5)
-"""Shortest and longest block removed, s: 12 to 60 frames at 120 Hz."""
-
+BLOCK_S = (0.1, 0.5)  # shortest and longest block removed, s: 12 to 60 frames at 120 Hz
 LIMBS = ("neck", "left_shoulder left_elbow", "right_shoulder right_elbow", "left_hip left_knee", "right_hip right_knee")
 """The angles lost together when a limb's markers are hidden, by the beginnings of their names."""
 

@@ -27,15 +27,9 @@ from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
 
 log = logging.getLogger(__name__)
-
-WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")
-"""Subjects of CMU whose walks are learned from."""
-
-WINDOWS_HZ = 30.0
-"""Rate of the database of paper C."""
-
-GAP_SEED = 2000
-"""Seed of the gaps made for `cyclic_model`, so that one training set is one model."""
+WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")  # subjects of CMU whose walks are learned from
+WINDOWS_HZ = 30.0  # rate of the database of paper C
+GAP_SEED = 2000  # seed of the gaps made for `cyclic_model`, so that one training set is one model
 
 
 def walking_model(

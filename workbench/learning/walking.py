@@ -13,11 +13,8 @@ from workbench.errors import InputError
 from workbench.learning.cycles import ANGLES, CHANNEL_NAMES, ROOT_CHANNELS, Cycles, walking_cycles
 from workbench.mocap.motion import Motion
 
-SPEED_LEVER_S = 0.1
-"""How far a speed counts when channels are scaled by their effect: the way it makes in this time, s."""
-
-LEAST_EFFECT_M = 0.005
-"""An angle that moves no joint (the twist of a straight arm) still counts this much, m per rad."""
+SPEED_LEVER_S = 0.1  # how far a speed counts when channels are scaled by their effect: the way it makes in this time, s
+LEAST_EFFECT_M = 0.005  # an angle that moves no joint (the twist of a straight arm) still counts this much, m per rad
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,6 @@ from workbench.errors import InputError
 from workbench.mocap.motion import Motion
 
 log = logging.getLogger(__name__)
-
 ROOT_CHANNELS = ("forward", "sideways", "up", "turn", "root_pitch", "root_roll")
 """The root in the body's own heading frame: three velocities, m/s, the heading's, rad/s, and the lean itself, rad."""
 

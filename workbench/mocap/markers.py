@@ -18,8 +18,7 @@ log = logging.getLogger(__name__)
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
 UNITS = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001})
-PERSON_M = 1.7
-"""A person's extent, by which the unit is told: the nearest of metres, centimetres and millimetres."""
+PERSON_M = 1.7  # a person's extent, by which the unit is told: the nearest of metres, centimetres and millimetres
 
 
 @dataclass(frozen=True, eq=False)

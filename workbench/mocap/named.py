@@ -13,8 +13,7 @@ from workbench.mocap.motion import Motion
 from workbench.mocap.sources import SUFFIXES, clip_name, find_clip, load_motion
 
 _BUILTIN_SECONDS = 60.0
-_BUILTIN_SEED = 1999
-"""Keeps the walkers of "builtin" apart from those of `gait.builtin_motions`."""
+_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`
 
 
 def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "straight", seed: int = 0) -> Motion:

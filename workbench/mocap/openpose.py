@@ -47,8 +47,7 @@ _BONES = tuple(
     for side in ("left", "right")
     for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 )
-REACH = 0.5
-"""How far a person may be from where they were before, in heights in the image, not to be taken for another."""
+REACH = 0.5  # how far a person may be from where they were before, in heights in the image, not to be taken for another
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
 
 N_PHASES = 64
-LEAST_SIGMA = 1e-9
-"""Deviation of what has no noise, so that its density exists."""
+LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists
 
 
 class Activity(AllFree):

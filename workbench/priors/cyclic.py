@@ -23,8 +23,7 @@ from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_colum
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
-ANGLE_SIGMA_RAD = 0.1
-"""Deviation of an angle of a starting pose from the model's."""
+ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 
 
 class Cyclic(AllFree):

@@ -10,11 +10,8 @@ from workbench.core.smoothness import Smoothness
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
 
-REFERENCE_RATE_HZ = 30.0
-"""The frames a second for which priors are given their noise."""
-
-SAME = 1e-9
-"""Columns without noise are where they were to this, in their unit."""
+REFERENCE_RATE_HZ = 30.0  # the frames a second for which priors are given their noise
+SAME = 1e-9  # columns without noise are where they were to this, in their unit
 
 
 class AllFree:

@@ -24,8 +24,7 @@ from workbench.priors.implicit_search import (
     padded,
 )
 
-BLOCK = 1 << 14
-"""Windows whose ways are computed at a time."""
+BLOCK = 1 << 14  # windows whose ways are computed at a time
 
 
 @dataclass(frozen=True, eq=False)

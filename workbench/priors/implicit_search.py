@@ -31,12 +31,10 @@ from workbench.errors import InputError
 LANES = 32
 """Entries of a leaf and leaves of a group: enough to fill the vectors, few enough to pass most of them over whole."""
 BINS = 64
-PROBES = 16
-"""Probes that a thread takes at a time."""
+PROBES = 16  # probes that a thread takes at a time
 STRIDE = 4
 """Coefficients are padded with zeros to a multiple of this, as many as are added up in one pass over the lanes."""
-LARGEST = 1e15
-"""Of a probe's coefficients, so that no squared distance overflows."""
+LARGEST = 1e15  # of a probe's coefficients, so that no squared distance overflows
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 

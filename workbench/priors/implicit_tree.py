@@ -19,12 +19,9 @@ from workbench.priors.implicit_search import FASTMATH, exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
-TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))
-"""Φ, to be interpolated linearly."""
-TABLE_ERROR = 2e-5
-"""Above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5."""
-NEGLIGIBLE = 40.0
-"""Entries whose log odds are lower by this than the nearest one's add nothing to a float64."""
+TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, to be interpolated linearly
+TABLE_ERROR = 2e-5  # above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5
+NEGLIGIBLE = 40.0  # entries whose log odds are lower by this than the nearest one's add nothing to a float64
 
 
 @dataclass(frozen=True, eq=False)

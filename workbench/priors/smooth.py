@@ -19,12 +19,9 @@ from workbench.errors import InputError
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
 
 log = logging.getLogger(__name__)
-
 UNLIMITED = 1e6
 LEAST_SCALE = 1e-30
-FAR = 1e8
-"""So many deviations from the mean, a draw between limits lies on the nearer one, to rounding."""
-
+FAR = 1e8  # so many deviations from the mean, a draw between limits lies on the nearer one, to rounding
 SIGMA = MappingProxyType({
     "root_position": 0.010, "root_rotation": 0.010, "neck": 0.020, "shoulder": 0.020, "shoulder_twist": 0.040,
     "elbow": 0.030, "hip": 0.015, "knee": 0.025,

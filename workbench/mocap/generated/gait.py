@@ -30,15 +30,12 @@ from workbench.mocap.motion import Motion
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 PATHS = ("straight", "circle")
-
 N_HARMONICS = 6
-STANCE = 0.6
-"""Part of the cycle a foot stands: both stand for a tenth of the cycle, twice."""
+STANCE = 0.6  # part of the cycle a foot stands: both stand for a tenth of the cycle, twice
 _CYCLE = np.linspace(0.0, 1.0, 257)
 _TURNS = POSE_NAMES[3:]
 _ANKLES = [JOINT_NAMES.index("left_ankle"), JOINT_NAMES.index("right_ankle")]
-ANKLE_HEIGHT = 0.039 / 0.246
-"""Height of the ankle over the sole as a part of the calf (Drillis & Contini 1966)."""
+ANKLE_HEIGHT = 0.039 / 0.246  # height of the ankle over the sole as a part of the calf (Drillis & Contini 1966)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from workbench.errors import InputError
 from workbench.mocap.generated.gait import ANKLE_HEIGHT, GaitCurve, Subject, both_sides, generated, variation
 from workbench.mocap.motion import Motion
 
-STANCE = 0.37
-"""Part of the cycle a foot stands; twice a cycle, for a part of 0.13, neither does."""
+STANCE = 0.37  # part of the cycle a foot stands; twice a cycle, for a part of 0.13, neither does
 GRAVITY = 9.81
 FOOT_ROLL = 0.23
 """How far ahead an ankle gets while its foot stands, as it rolls over the toes, as a part of the calf: about 10 cm, for
