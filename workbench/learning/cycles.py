@@ -39,9 +39,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
     gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
     say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS, see `root_sway`.
     """
-    curves: list[FloatArray] = []
-    durations: list[float] = []
-    sources: list[str] = []
+    curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
     for motion in motions:
         events = gait_events(motion)
         if len(events) < 2:
@@ -50,7 +48,8 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if SHORTEST_S <= duration <= LONGEST_S:
-                curve = _one_cycle(channels, first, last, n_phases)
+                gap = channels(last) - channels(first)
+                curve = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
                 curves.append(np.hstack([curve, root_sway(motion, first, last, n_phases)]) if root else curve)
                 durations.append(duration)
                 sources.append(motion.name)
@@ -88,9 +87,3 @@ def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> Float
     way = way / motion.rate_hz - np.linspace(0.0, 1.0, n_phases + 1) * way[-1] / motion.rate_hz
     aside = way - way[:-1].mean()
     return np.column_stack([aside, swayed[:, 2:]])[:-1]
-
-
-def _one_cycle(channels: CubicSpline, first: float, last: float, n_phases: int) -> FloatArray:
-    phases = np.arange(n_phases) / n_phases
-    gap = channels(last) - channels(first)
-    return channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap

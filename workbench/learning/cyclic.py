@@ -13,11 +13,10 @@ from workbench.learning.cycles import CHANNEL_NAMES, motion_channels
 from workbench.learning.functional_pca import fpca_shrunk
 from workbench.learning.period import find_period
 from workbench.learning.slices import Slices, cut
-from workbench.learning.walking import WalkingModel
+from workbench.learning.walking import SPEED_WEIGHT, WalkingModel
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S
 from workbench.mocap.motion import Motion
 
-SPEED_WEIGHT = 1.0 / 30.0  # speeds count in metres per frame at 30 Hz beside radians, as in `learning.walking`
 LEAST_OBSERVED = 0.5
 log = logging.getLogger(__name__)
 
@@ -50,8 +49,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
     kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
     slices = Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
     pca = fpca_shrunk(slices, q)
-    weights = np.ones(len(CHANNEL_NAMES))
-    weights[0] = SPEED_WEIGHT
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
     return WalkingModel(
         mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,
         cycle_rate_hz=(float(np.mean(rates)), float(np.std(rates, ddof=1))), explained=pca.explained,

@@ -13,6 +13,7 @@ from workbench.errors import InputError
 from workbench.learning.cycles import ANGLES, CHANNEL_NAMES, ROOT_CHANNELS, Cycles, walking_cycles
 from workbench.mocap.motion import Motion
 
+SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds count in metres per frame at 30 Hz beside radians
 SPEED_LEVER_S = 0.1  # how far a speed counts when channels are scaled by their effect: the way it makes in this time, s
 LEAST_EFFECT_M = 0.005  # an angle that moves no joint (the twist of a straight arm) still counts this much, m per rad
 
@@ -62,7 +63,9 @@ def learn_walking(
     cycles = walking_cycles(motions, n_phases, root)
     if len(cycles.curves) < 2:
         raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
-    weights = _joint_effects(cycles, motions) if scaling == "joints" else _paper_weights(cycles.curves.shape[2])
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
+    if scaling == "joints":
+        weights = _joint_effects(cycles, motions)
     return _mpca(cycles, weights, variance, n_components)
 
 
@@ -82,12 +85,6 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
         scales=singular[:d] / np.sqrt(m - 1), cycle_rate_hz=(float(rates.mean()), float(rates.std(ddof=1))),
         explained=float(share[d - 1]), n_cycles=m,
     )  # fmt: skip
-
-
-def _paper_weights(n_channels: int) -> FloatArray:
-    weights = np.ones(n_channels)
-    weights[0] = 1.0 / 30.0
-    return weights
 
 
 def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:

@@ -10,6 +10,7 @@ from workbench.arrays import FloatArray, IntArray
 WORLD_FROM_FILE = [2, 0, 1]
 """Motion files are y-up with the person facing z: (x, y, z) world = (z, x, y) file. The axes are permuted cyclically,
 so right-handed stays right-handed; a person who faces z in the file faces x in the world, with z up."""
+FILE_FROM_WORLD = [1, 2, 0]  # the inverse
 
 
 @dataclass(frozen=True, eq=False)

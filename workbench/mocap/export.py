@@ -11,7 +11,8 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.mocap.bvh_writer import FILE_FROM_WORLD, PER_METRE, bvh_text
+from workbench.mocap.bvh import PER_METRE, bvh_text
+from workbench.mocap.clip import FILE_FROM_WORLD
 
 SUFFIXES = (".bvh", ".trc", ".csv")
 _TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre

@@ -74,7 +74,9 @@ def full_skeleton(clip: Clip) -> Skeleton:
     Raises InputError for a clip in which another joint than the root travels in its parent's frame.
     """
     kept = _kept(clip)
-    parents, offsets = _new_parents(clip, kept), _neutral_offsets(clip, kept)
+    parents = _new_parents(clip, kept)
+    offsets = np.einsum("jab,jb->ja", _neutral(clip, kept)[parents], clip.offsets[kept])
+    offsets[0] = 0.0
     names = tuple(clip.joints[k] for k in kept)
     dofs = [(name, 0, axis) for name, axis in zip(POSE_NAMES, "xyzzyx", strict=False)]
     turned = np.abs(_turns(clip, kept) - np.eye(3)).max(axis=(0, 2, 3)) > _TURNED
@@ -167,15 +169,6 @@ def _neutral(clip: Clip, kept: IntArray) -> FloatArray:
             else:  # an end site's frame is its joint's
                 neutral[row] = neutral[_new_parents(clip, kept)[row]]
     return neutral
-
-
-def _neutral_offsets(clip: Clip, kept: IntArray) -> FloatArray:
-    """Places (J, 3), m, of the joints in their parents' frames, which are parallel to the body's when all angles are
-    zero; the root's is zero."""
-    parents, neutral = _new_parents(clip, kept), _neutral(clip, kept)
-    offsets: FloatArray = np.einsum("jab,jb->ja", neutral[parents], clip.offsets[kept])
-    offsets[0] = 0.0
-    return offsets
 
 
 def _turns(clip: Clip, kept: IntArray) -> FloatArray:

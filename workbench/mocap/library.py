@@ -40,7 +40,11 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, workbench_version=__version__)
         file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
         for number, motion in enumerate(motions):
-            _write_motion(file.create_group(f"motions/{number:06d}"), motion)
+            group = file.create_group(f"motions/{number:06d}")
+            group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
+            for name in ("poses", "velocities", "joint_error_mm"):
+                group[name] = getattr(motion, name)
+            group.create_group("shape").attrs.update(motion.shape.as_dict())
 
 
 def read_library(path: str | Path) -> tuple[Motion, ...]:
@@ -67,14 +71,6 @@ def _read_motions(path: Path, file: Any) -> tuple[Motion, ...]:
     if not isinstance(groups, h5py.Group) or len(groups) == 0:
         raise InputError(f"{path}: expected at least one motion under /motions, found none")
     return tuple(_read_motion(path, groups, key) for key in sorted(groups))
-
-
-def _write_motion(group: Any, motion: Motion) -> None:
-    group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
-    group["poses"] = motion.poses
-    group["velocities"] = motion.velocities
-    group["joint_error_mm"] = motion.joint_error_mm
-    group.create_group("shape").attrs.update(motion.shape.as_dict())
 
 
 def _read_motion(path: Path, groups: Any, key: str) -> Motion:

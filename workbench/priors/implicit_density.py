@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, Prediction
@@ -103,7 +103,8 @@ class ImplicitDensity:
         before = np.broadcast_to(previous[..., :known], (*shape, known)).reshape(-1, known)
         after = np.broadcast_to(state[..., :N_POSE], (*shape, N_POSE)).reshape(-1, N_POSE)
         density, _ = self._log_mixture(before, after)
-        same = (np.abs(after - before[:, :N_POSE])[:, self._held] <= SAME).all(axis=1)
+        held = ~np.isin(np.arange(N_POSE), self.prediction.moved)  # the columns that are not modelled
+        same = (np.abs(after - before[:, :N_POSE])[:, held] <= SAME).all(axis=1)
         return np.where(same, density, -np.inf).reshape(shape)
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -116,11 +117,6 @@ class ImplicitDensity:
     @cached_property
     def _ways(self) -> WindowWays:
         return WindowWays.of(self.prediction)
-
-    @cached_property
-    def _held(self) -> BoolArray:
-        """The pose's columns (P,) that are not modelled."""
-        return ~np.isin(np.arange(N_POSE), self.prediction.moved)
 
     def _probes(self, state: FloatArray) -> FloatArray:
         return state[:, N_POSE : N_POSE + self.tree.n_components]

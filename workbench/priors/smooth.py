@@ -118,7 +118,10 @@ class Smooth(AllFree):
 
         A parameter that starts outside its limits starts just inside, which is logged as a warning.
         """
-        self._warn_of_limits(pose)
+        for i, (name, (low, high)) in enumerate(zip(self.parameters, self.limits, strict=True)):
+            value = pose[self._moving[i]]
+            if i not in self._uniform and not low <= value <= high:
+                log.warning("start: %s is %.3f, outside its limits [%.3f, %.3f]; starts inside", name, value, low, high)
         state = self.enter(np.repeat(pose[None], n, axis=0), np.zeros((n, len(POSE_NAMES))))
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         low, high = self.limits.T
@@ -167,12 +170,6 @@ class Smooth(AllFree):
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         return np.take(state, self._pose_columns, axis=1)
-
-    def _warn_of_limits(self, pose: FloatArray) -> None:
-        for i, (name, (low, high)) in enumerate(zip(self.parameters, self.limits, strict=True)):
-            value = pose[self._moving[i]]
-            if i not in self._uniform and not low <= value <= high:
-                log.warning("start: %s is %.3f, outside its limits [%.3f, %.3f]; starts inside", name, value, low, high)
 
 
 def truncated_normal(

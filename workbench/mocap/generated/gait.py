@@ -239,7 +239,9 @@ def _low_pass(values: FloatArray, harmonics: int) -> FloatArray:
 
 def both_sides(published: Mapping[str, GaitCurve]) -> ComplexArray:
     """The curves (22, N_HARMONICS + 1) of a `Subject`, the right side's half a cycle after the left's."""
-    return np.stack([_coefficients(published[_base_name(name)]) * _side_shift(name) for name in _TURNS])
+    half_cycle = np.where(np.arange(N_HARMONICS + 1) % 2 == 1, -1.0, 1.0)  # factors of the harmonics
+    shifts = {True: half_cycle, False: np.ones(N_HARMONICS + 1)}
+    return np.stack([_coefficients(published[_base_name(n)]) * shifts[n.startswith("right_")] for n in _TURNS])
 
 
 def _coefficients(curve: GaitCurve) -> ComplexArray:
@@ -255,9 +257,3 @@ def _coefficients(curve: GaitCurve) -> ComplexArray:
 
 def _base_name(dof: str) -> str:
     return dof.removeprefix("left_").removeprefix("right_")
-
-
-def _side_shift(dof: str) -> FloatArray:
-    """Factors of the harmonics that move the right side's curves by half a cycle."""
-    k = np.arange(N_HARMONICS + 1)
-    return np.where(dof.startswith("right_") & (k % 2 == 1), -1.0, 1.0)
