@@ -76,7 +76,6 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
     with gaps chance agreement of the few that were seen twice makes false peaks. Twice the true period explains as
     much as the period itself, but spends more degrees of freedom; half of it (one step of a walk) fits neither the
     left nor the right side.
-
     Raises InputError when there are fewer than three candidates, or when the ratio is largest at the end of the
     range, so that the series has no period inside it.
     """

@@ -48,7 +48,6 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
     A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
     channels. Positions replace the joint's offset (of the root too: most files have its offset zero). End sites
     become joints called <parent>_end. A frame time that is 1/N s to the digits it is printed with means N Hz.
-
     Raises InputError, with the file and the line, for anything else, for truncated files, and for an unknown unit.
     """
     path = Path(path)
@@ -185,7 +184,6 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
     multiplies a joint's turns outermost first. Nothing is converted, so angles stay continuous and no pose is
     singular. Where a joint has fewer than three turns the others are zero, since readers expect three. A joint without
     children becomes the End Site of its parent, which has no name.
-
     Raises ValueError for another unit and for a skeleton that turns a joint about anything but three different axes
     of its frame.
     """

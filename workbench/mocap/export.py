@@ -42,7 +42,6 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
     Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
-
     Raises InputError for another extension, a BVH without poses, BVH or TRC of frames at uneven times or of fewer
     than two, and where the file cannot be written.
     """

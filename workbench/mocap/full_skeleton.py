@@ -70,7 +70,6 @@ def full_skeleton(clip: Clip) -> Skeleton:
     middle one reaches 90° (arms straight out to the side). A joint whose frame never turns in this clip is rigid. A
     Bandai clip gives 21 joints and 66 degrees of freedom, the same for all; a few have end sites with lengths, which
     are joints more.
-
     Raises InputError for a clip in which another joint than the root travels in its parent's frame.
     """
     kept = _kept(clip)

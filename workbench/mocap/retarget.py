@@ -102,7 +102,6 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     The shape has the clip's lengths, left and right averaged; the radii are those of an average person as tall as the
     legs and the trunk suggest. Angles are continuous in time and may leave the skeleton's limits. `joint_error_mm`
     is what the retargeting leaves. subject, activity, source, sha256 and licence are empty: the caller knows them.
-
     Raises InputError when the skeleton lacks joints, or is not of a person's size (a wrong unit).
     """
     landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))

@@ -79,7 +79,6 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
     licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
     `source` is the file's name with its folder's, never the whole path.
-
     Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
     """
     path = Path(path)

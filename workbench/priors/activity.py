@@ -31,7 +31,7 @@ class Activity(AllFree):
     sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
     starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
     heading, and a tenth of that sideways and upwards. penalty: what a fit lets change between frames at 14 Hz, by the
-    fields of `Smoothness`; the others keep their defaults.
+    fields of `Smoothness`.
 
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """
@@ -39,31 +39,20 @@ class Activity(AllFree):
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, ACTIVITY, SEPARABLE)
 
     def __init__(
-        self,
-        model: ActivityModel,
-        *,
-        sigma_coefficients: float = 0.2,
-        sigma_phase: float = 0.02,
-        sigma_phase_speed: float = 0.02,
-        sigma_position: float = 0.01,
-        sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        sigma_velocity: float = 0.1,
-        start_coefficients: float = 0.5,
-        start_phase: float = 0.03,
-        start_position: float = 0.02,
-        start_rotation: float = 0.03,
-        start_velocity: float = 2.0,
+        self, model: ActivityModel, *,
+        sigma_coefficients: float = 0.2, sigma_phase: float = 0.02, sigma_phase_speed: float = 0.02,
+        sigma_position: float = 0.01, sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
+        sigma_velocity: float = 0.1, start_coefficients: float = 0.5, start_phase: float = 0.03,
+        start_position: float = 0.02, start_rotation: float = 0.03, start_velocity: float = 2.0,
         penalty: Mapping[str, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.model, names = model, model.pose_names
         self.parameters = tuple(name for name in names if name in (*names[:N_ROOT], *model.angles))
-        self.space = StateSpace.of(
-            {
-                **cycle_groups(tuple(f"a{k + 1}" for k in range(len(model.scales))), "σ"),
-                "root_velocity": (tuple(f"{name}_velocity" for name in names[:3]), "m/s"),
-                "held": (tuple(name for name in names[N_ROOT:] if name not in model.angles), "rad"),
-            }
-        )
+        self.space = StateSpace.of({
+            **cycle_groups(tuple(f"a{k + 1}" for k in range(len(model.scales))), "σ"),
+            "root_velocity": (tuple(f"{name}_velocity" for name in names[:3]), "m/s"),
+            "held": (tuple(name for name in names[N_ROOT:] if name not in model.angles), "rad"),
+        })  # fmt: skip
         self._angles = [names.index(name) for name in model.angles]
         self._held = [names.index(name) for name in self.space.names[self.space.slices["held"]]]
         self._sigma = by_column(

@@ -35,8 +35,7 @@ class Cyclic(AllFree):
     sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
     start_*: standard deviations of the first states around the starting pose, in the same units;
     start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
-    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the others keep their
-    defaults.
+    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
@@ -48,20 +47,13 @@ class Cyclic(AllFree):
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
 
     def __init__(
-        self,
-        model: WalkingModel,
-        *,
-        sigma_coefficients: float = 0.05,
-        sigma_phase: float = 0.009,
-        sigma_phase_speed: float = 0.01,
+        self, model: WalkingModel, *,
+        sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        start_coefficients: float = 0.3,
-        start_phase: float = 0.015,
-        start_position: float = 0.01,
-        start_rotation: float = 0.02,
-        penalty: Mapping[str, float] | None = None,
-    ) -> None:
+        start_coefficients: float = 0.3, start_phase: float = 0.015,
+        start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
+    ) -> None:  # fmt: skip
         for name, given in (("sigma_position", sigma_position), ("sigma_rotation", sigma_rotation)):
             if len(given) != 3:
                 raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")

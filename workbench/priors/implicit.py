@@ -55,8 +55,7 @@ class Implicit:
     inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
     the next search looks for what goes on from there: with 0 a particle that noise has put on the true arm is thrown
     back to the database's speed every frame, and the onset of a motion is followed late.
-
-    Deviations. Nothing keeps the angles inside the skeleton's limits but the database.
+    Deviation: nothing keeps the angles inside the skeleton's limits but the database.
     """
 
     @staticmethod
@@ -65,25 +64,14 @@ class Implicit:
         return offering(DENSITY) if keys.get("search", "exact") == "exact" else offering()
 
     def __init__(
-        self,
-        windows: Windows,
-        *,
-        search: str = "exact",
-        beta: float = 0.05,
-        epsilon: float = 0.01,
-        leaf: str = "gaussian",
-        reweight: bool = False,
-        prediction: str = "blend",
-        pull: float = 0.1,
-        inertia: float = 1.0,
+        self, windows: Windows, *,
+        search: str = "exact", beta: float = 0.05, epsilon: float = 0.01, leaf: str = "gaussian",
+        reweight: bool = False, prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
-        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
-        sigma_angles: float | Sequence[float] = 0.02,
-        start_beta: float = 0.05,
-        start_position: float = 0.01,
-        start_rotation: float = 0.02,
+        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
+        start_beta: float = 0.05, start_position: float = 0.01, start_rotation: float = 0.02,
         start_angles: float = 0.02,
-    ) -> None:
+    ) -> None:  # fmt: skip
         for name, given, known in (
             ("search", search, tuple(TREES)), ("prediction", prediction, PREDICTIONS), ("leaf", leaf, LEAVES),
         ):  # fmt: skip
@@ -106,15 +94,11 @@ class Implicit:
         self._start_noise = self._deviations((start_position,) * 3, (start_rotation,) * 3, start_angles)
         b = len(windows.sigmas)
         ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
-        self.space = StateSpace.of(
-            {
-                "root_position": (POSE_NAMES[:3], "m"),
-                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
-                "angles": (POSE_NAMES[N_ROOT:], "rad"),
-                "coefficients": (tuple(f"c{k + 1}" for k in range(b)), "σ"),
-                "ahead": (ahead, "σ"),
-            }
-        )
+        self.space = StateSpace.of({
+            "root_position": (POSE_NAMES[:3], "m"), "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+            "angles": (POSE_NAMES[N_ROOT:], "rad"),
+            "coefficients": (tuple(f"c{k + 1}" for k in range(b)), "σ"), "ahead": (ahead, "σ"),
+        })  # fmt: skip
         self.tree = TREES[search](windows.coefficients)
         self._density = self._of_search()
 

@@ -32,11 +32,7 @@ SIGMA_VELOCITY = MappingProxyType({
     "root_position": 0.085, "root_rotation": 0.25, "neck": 0.45, "shoulder": 0.45, "shoulder_twist": 1.3,
     "elbow": 0.65, "hip": 0.70, "knee": 1.4,
 })  # fmt: skip
-"""σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change from frame to frame in CMU's recordings.
-
-Means over a sample of 24 clips at 30 Hz, half of them walks and half not. Legs change their speed more than arms
-there, for all their weight.
-"""
+"""σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change between frames in 24 of CMU's clips, half walks."""
 
 
 class Smooth(AllFree):
@@ -46,8 +42,7 @@ class Smooth(AllFree):
         V_i,t ~ N(e^(−damping Δt) V_i,t−1, (σ_i^V)²)
 
     A state holds the k moving parameters, their k velocities (m/s, rad/s) and, last, the P − k held ones, which keep
-    the values of the starting pose: the whole body has 25 + 25 numbers, an arm 4 + 4 and 21 that never change. The
-    held ones belong to the state so that a prior has no memory of its own and a state alone stands for a pose.
+    the values of the starting pose, so that a prior has no memory of its own and a state alone stands for a pose.
 
     parameters: names of the moving ones or of body parts (`skeleton.BODY_PARTS`), None for all of POSE_NAMES. sigma,
     sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
@@ -56,35 +51,25 @@ class Smooth(AllFree):
     velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
     sigma. start_pose, start_velocity: deviations of the first poses around the starting pose and of the first
     velocities around zero, in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere
-    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the
-    others keep their defaults.
+    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
-    them. We draw from it normalised, the truncated normal, exactly: the same as redrawing until a draw falls inside,
-    and not as clipping, which would pile draws up on the limit. (Taken literally, the density would also weigh every
-    particle by its chance to stay inside.) A mean beyond a limit is no special case: draws then lie just inside,
-    about σ²/distance from it. A limit leaves the velocity alone, as in the paper, where the V_i are independent of
-    φ: it goes on pressing against the limit until its own walk, the damping or the likelihood turns it round.
-
+    them. We draw from it normalised, the truncated normal: the same as redrawing until a draw falls inside, and not as
+    clipping, which would pile draws up on the limit. A mean beyond a limit is no special case: draws then lie just
+    inside, about σ²/distance from it. A limit leaves the velocity alone, as in the paper, where the V_i are independent
+    of φ: it goes on pressing against the limit until its own walk, the damping or the likelihood turns it round.
     Raises InputError for an unknown name, a negative deviation, or limits that are none.
     """
 
     traits: ClassVar[Traits] = offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS)
 
     def __init__(
-        self,
-        *,
-        parameters: Sequence[str] | None = None,
-        sigma: Mapping[str, float] | None = None,
-        sigma_velocity: Mapping[str, float] | None = None,
-        damping: float = 0.0,
-        lowest: Mapping[str, float] | None = None,
-        highest: Mapping[str, float] | None = None,
-        start_pose: float = 2.0,
-        start_velocity: float = 3.0,
-        start_uniform: Sequence[str] = (),
+        self, *, parameters: Sequence[str] | None = None,
+        sigma: Mapping[str, float] | None = None, sigma_velocity: Mapping[str, float] | None = None,
+        damping: float = 0.0, lowest: Mapping[str, float] | None = None, highest: Mapping[str, float] | None = None,
+        start_pose: float = 2.0, start_velocity: float = 3.0, start_uniform: Sequence[str] = (),
         penalty: Mapping[str, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         for name, value in (("damping", damping), ("start_pose", start_pose), ("start_velocity", start_velocity)):
             if not 0.0 <= value < np.inf:
                 raise InputError(f"prior: {name} must be zero or a positive number, found {value}")
@@ -220,13 +205,8 @@ def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArr
 
 
 def _space(parameters: tuple[str, ...], held: tuple[str, ...]) -> StateSpace:
-    plain = StateSpace.of(
-        {
-            "pose": (parameters, "rad"),
-            "velocity": (tuple(f"{name}_velocity" for name in parameters), "rad/s"),
-            "held": (held, "rad"),
-        }
-    )
+    velocities = tuple(f"{name}_velocity" for name in parameters)
+    plain = StateSpace.of({"pose": (parameters, "rad"), "velocity": (velocities, "rad/s"), "held": (held, "rad")})
     metres = [name.removesuffix("_velocity") in POSE_NAMES[:3] for name in plain.names]
     units = [unit.replace("rad", "m") if is_m else unit for unit, is_m in zip(plain.units, metres, strict=True)]
     return StateSpace(plain.names, tuple(units), plain.slices)
