@@ -5,8 +5,6 @@ root's in the neutral pose, which is the file's rest pose or, where that is noth
 lie along one line), upright with hanging arms. Only the way of counting angles changes: no joint moves by it.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,35 +27,26 @@ _DIRECTIONS = {
     "ahead": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0),
     "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
-_BANDAI: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "Hips": ("ahead", "up"), "Shoulder_L": ("ahead", "left"), "Shoulder_R": ("back", "left"),
-        **dict.fromkeys(("Spine", "Chest", "Neck", "Head"), ("left", "up")),
-        **dict.fromkeys(("UpperArm_L", "LowerArm_L", "Hand_L", "UpperLeg_L", "LowerLeg_L"), ("ahead", "down")),
-        **dict.fromkeys(("UpperArm_R", "LowerArm_R", "Hand_R", "UpperLeg_R", "LowerLeg_R"), ("back", "up")),
-        **dict.fromkeys(("Foot_L", "Toes_L"), ("up", "ahead")),
-        **dict.fromkeys(("Foot_R", "Toes_R"), ("down", "back")),
-    }
-)  # fmt: skip
-
+_BANDAI = {
+    "Hips": ("ahead", "up"), "Shoulder_L": ("ahead", "left"), "Shoulder_R": ("back", "left"),
+    **dict.fromkeys(("Spine", "Chest", "Neck", "Head"), ("left", "up")),
+    **dict.fromkeys(("UpperArm_L", "LowerArm_L", "Hand_L", "UpperLeg_L", "LowerLeg_L"), ("ahead", "down")),
+    **dict.fromkeys(("UpperArm_R", "LowerArm_R", "Hand_R", "UpperLeg_R", "LowerLeg_R"), ("back", "up")),
+    **dict.fromkeys(("Foot_L", "Toes_L"), ("up", "ahead")), **dict.fromkeys(("Foot_R", "Toes_R"), ("down", "back")),
+}  # fmt: skip
 # Half sizes and lengths, m, read off adult silhouettes, by the joint at a bone's far end.
-_BANDAI_RADII: Radii = MappingProxyType(
-    {
-        "Spine": (0.105, 0.15), "Chest": (0.10, 0.14), "Neck": (0.10, 0.15), "Head": (0.055, 0.055),
-        **dict.fromkeys(("Shoulder_L", "Shoulder_R"), (0.08, 0.06)),
-        **dict.fromkeys(("UpperArm_L", "UpperArm_R"), (0.06, 0.055)),
-        **dict.fromkeys(("LowerArm_L", "LowerArm_R"), (0.045, 0.045)),
-        **dict.fromkeys(("Hand_L", "Hand_R"), (0.034, 0.034)),
-        **dict.fromkeys(("UpperLeg_L", "UpperLeg_R"), (0.095, 0.085)),
-        **dict.fromkeys(("LowerLeg_L", "LowerLeg_R"), (0.072, 0.072)),
-        **dict.fromkeys(("Foot_L", "Foot_R"), (0.048, 0.048)),
-        **dict.fromkeys(("Toes_L", "Toes_R"), (0.035, 0.042)),
-    }
-)  # fmt: skip
-_BANDAI_ENDS: Ends = MappingProxyType({
-    "Head": (0.11, 0.09, 0.075), **dict.fromkeys(("Hand_L", "Hand_R"), (0.13, 0.035, 0.025)),
-    **dict.fromkeys(("Toes_L", "Toes_R"), (0.04, 0.022, 0.04)),
-})  # fmt: skip
+_LIMB_RADII = {
+    "Shoulder": (0.08, 0.06), "UpperArm": (0.06, 0.055), "LowerArm": (0.045, 0.045), "Hand": (0.034, 0.034),
+    "UpperLeg": (0.095, 0.085), "LowerLeg": (0.072, 0.072), "Foot": (0.048, 0.048), "Toes": (0.035, 0.042),
+}  # fmt: skip
+_LIMB_ENDS = {"Hand": (0.13, 0.035, 0.025), "Toes": (0.04, 0.022, 0.04)}
+_BANDAI_RADII: Radii = {
+    "Spine": (0.105, 0.15), "Chest": (0.10, 0.14), "Neck": (0.10, 0.15), "Head": (0.055, 0.055),
+    **{f"{name}_{side}": size for name, size in _LIMB_RADII.items() for side in "LR"},
+}  # fmt: skip
+_BANDAI_ENDS: Ends = {
+    "Head": (0.11, 0.09, 0.075), **{f"{name}_{side}": size for name, size in _LIMB_ENDS.items() for side in "LR"},
+}  # fmt: skip
 
 
 def full_skeleton(clip: Clip) -> Skeleton:

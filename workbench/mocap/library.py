@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench import __version__
 from workbench.arrays import FloatArray
-from workbench.body.shape import Shape, read_shape
+from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
@@ -83,10 +83,12 @@ def _read_motion(path: Path, groups: Any, key: str) -> Motion:
         raise InputError(f"{place} lacks the text {wrong[0]!r}")
     if not isinstance(rate_hz, float) or not 0.0 < rate_hz < np.inf:
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
+    if not isinstance(group.get("shape"), h5py.Group):
+        raise InputError(f"{place} lacks the group 'shape'")
     poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
     _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
     return Motion(
-        **words, rate_hz=float(rate_hz), poses=poses, shape=_read_shape(place, group.get("shape")),
+        **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, group["shape"].attrs),
         joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
     )  # fmt: skip
 
@@ -106,9 +108,3 @@ def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -
     if not np.isfinite(values).all():
         raise InputError(f"{place}: {name} holds numbers that are not finite")
     return values
-
-
-def _read_shape(place: str, group: Any) -> Shape:
-    if not isinstance(group, h5py.Group):
-        raise InputError(f"{place} lacks the group 'shape'")
-    return read_shape(place, group.attrs)

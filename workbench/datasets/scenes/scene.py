@@ -15,7 +15,7 @@ AT_LEAST: Mapping[str, float] = {"n_frames": 2, "first_frame": 0, "width": 32, "
 class Scene:
     """A person's motion in n_frames frames at rate_hz, and a camera that sees it.
 
-    motion: a name as `mocap.named.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
+    motion: a name as `mocap.sources.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
     data: the folder that holds cmu/ and bandai/. path: "straight" or "circle", of the builtin walker. first_frame: of
     the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
     view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of

@@ -15,8 +15,7 @@ from workbench.datasets.scenes.splice import splice
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
-from workbench.mocap.named import find_motion, motion_file
-from workbench.mocap.sources import UNKNOWN, read_clip
+from workbench.mocap.sources import UNKNOWN, find_motion, motion_file, read_clip
 
 STARTS = ("auto", "given")
 SKELETONS = ("person", "full")
