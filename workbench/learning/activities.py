@@ -21,7 +21,7 @@ from workbench.errors import InputError
 from workbench.learning.activity_cycles import ActivityCycles
 
 LEAST_SPREAD = 0.1
-"""Of an activity's examples about their mean, in standard deviations of all: a few examples may show none at all."""
+"""An activity's examples about their mean, in standard deviations of all: a few examples may show none at all."""
 
 COMPACT = 0.999  # components are sought within those of all cycles that hold this part of the variance, for speed
 
@@ -216,8 +216,7 @@ def _folds(
 ) -> Iterator[tuple[BoolArray, FloatArray, FloatArray, FloatArray]]:
     """Which rows (n, r) are left out (n,), and mean (r,), components (r, d) and scales (d,) of the others, by group.
 
-    The covariance of the others is that of all less what is left out, which is quicker than a decomposition of all
-    rows for every group.
+    The covariance of the others is that of all less what is left out, quicker than a decomposition for every group.
     """
     labels, n, r = np.array(groups), *rows.shape
     names, sizes = np.unique(labels, return_counts=True)

@@ -105,8 +105,7 @@ def cut(
     """The cycles between the events (K,), in frames, of poses (F, P) of any skeleton; perhaps none.
 
     The paper has four cycles of every person at every speed; of a clip with more, `most` of them spread evenly over it
-    are taken, so that long clips do not outweigh short ones. Raises InputError for fewer than one cycle or two phases,
-    and as `normalised`.
+    are taken, so that long clips outweigh none. Raises InputError below one cycle or two phases, and as `normalised`.
     """
     if n_phases < 2 or most < 1:
         raise InputError(f"activities: expected 2 phases and 1 cycle or more, found {n_phases} and {most}")

@@ -13,10 +13,10 @@ from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
 
 CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
-"""What one cycle holds (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
+"""One cycle's content (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
 ANGLES = slice(1, len(CHANNEL_NAMES))  # which channels are the joint angles
 ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
-"""What it may hold besides: how the root sways about its even way, m, and turns about its even direction, rad."""
+"""Further content: how the root sways about its even way, m, and turns about its even direction, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
 def motion_channels(motion: Motion) -> FloatArray:
     """The channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
-    The paper takes the speed's absolute value; the component along the heading is the same for a walk and does not
-    count sway as progress.
+    The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
     """
     ground = motion.velocities[:, :2]
     heading = motion.poses[:, POSE_NAMES.index("root_heading")]

@@ -14,7 +14,7 @@ from workbench.errors import InputError
 from workbench.learning.slices import Slices
 
 N_FOURIER = 20
-"""Of each slice the first 20 coefficients only (paper B, step 4): the constant, ten cosines and nine sines."""
+"""Coefficients kept of each slice (paper B, step 4): the constant, ten cosines and nine sines."""
 
 SHRINKAGE = 0.025
 MOST_PASSES = 1000
@@ -60,8 +60,7 @@ def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> Functiona
     passes. Raises InputError when there are not more slices than components.
 
     Deviations: the tolerance is relative, so that it does not depend on the units; the Fourier functions are real and
-    orthonormal; the returned mean is projected on them too, because the row mean of real cycles, which do not quite
-    close, jumps at their ends.
+    orthonormal; the returned mean is projected on them too, because real cycles' row mean jumps at their ends.
     """
     _check_size(slices, q)
     return _fpca(slices, q, partial(_keep_largest, q), tolerance)

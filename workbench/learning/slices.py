@@ -16,8 +16,7 @@ class Slices:
     """N cycles cut out of sequences of m angles and sampled at T phases 0, 1/T, ….
 
     values: (N, T, m), with a first guess where nothing was observed. observed: (N, T, m). sequence: (N,), the index
-    of the sequence each comes from, ascending. cycle: (N,), the whole part of the phase; slices of one sequence stand
-    in order without a break.
+    of the sequence each comes from, ascending. cycle: (N,), the whole part of the phase, in a sequence without a break.
     """
 
     values: FloatArray

@@ -37,8 +37,7 @@ def walking_model(
     subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
     n_components: int | None = 8, scaling: str = "joints",
 ) -> WalkingModel:  # fmt: skip
-    """Learn the walking model of paper A; motions, subjects and leave_out as for `training_motions`, the others as for
-    `learn_walking`.
+    """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
     The defaults are not the paper's, which are `learn_walking`'s: they follow the training people more closely.
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
@@ -88,8 +87,7 @@ def motion_windows(
     """Learn the database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
 
     rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is about it or not
-    known. length: None takes a third of a second. Raises InputError when the motions cannot be read or hold too few
-    windows.
+    known. length: None takes a third of a second. Raises InputError for motions that are unreadable or too short.
     """
     if rate_hz is None:  # to 5 %, which the prior takes for one row a frame
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
@@ -147,11 +145,10 @@ def _own_skeletons(
 def training_motions(
     motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, leave_out: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Walks: "builtin" (generated), "cmu" or "recorded" (CMU's walks of `subjects`, None: all, under `data`) or a
-    library FILE.h5.
+    """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
-    leave_out: names of clips, of their files or of whole subjects. Raises InputError when they cannot be read or none
-    is left.
+    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files or of whole subjects.
+    Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
         kept = None if subjects is None else [subject for subject in subjects if subject not in leave_out]
@@ -164,8 +161,7 @@ def training_motions(
 def database_motions(
     motions: str, *, data: str | None, cache: str, leave_out: Sequence[str] = (), activities: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Any motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" (generated walks and runs)
-    or a library FILE.h5.
+    """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
     leave_out: names of clips, of their files or of whole subjects. activities: keep only these; none keeps all.
     Raises InputError when they cannot be read or none is left.
@@ -183,7 +179,7 @@ def database_motions(
 
 
 def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
-    """Those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
+    """Keep those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion

@@ -154,7 +154,9 @@ def learn_windows(
             kept.append(motion)
     if short:
         log.warning("windows: %d clips are shorter than %d frames: %s", len(short), length + 2, ", ".join(short))
-    ends = _ends([len(clip) for clip in clips], length)
+    firsts = np.cumsum([0, *map(len, clips)])
+    spans = [np.arange(first + length - 1, last - 1) for first, last in pairwise(firsts)]  # with a successor
+    ends = np.concatenate([np.empty(0, dtype=np.int64), *spans])
     if len(ends) < 4:
         raise InputError(f"windows: expected motions with at least 4 windows of {length} frames, found {len(ends)}")
     rows = np.concatenate(clips)
@@ -162,7 +164,7 @@ def learn_windows(
     windows = Windows(
         angles=angles, root=root, rate_hz=rate_hz, rows=rows, ends=ends,
         clips=tuple(motion.name for motion in kept), activities=tuple(motion.activity for motion in kept),
-        firsts=np.cumsum([0, *map(len, clips)])[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
+        firsts=firsts[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
         coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
     )  # fmt: skip
     return _with_coefficients(windows)
@@ -206,13 +208,6 @@ def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, moved: A
             value = rows[i, channel]
             for k in range(size):
                 moved[i, k] += value * filters[channel, k]
-
-
-def _ends(lengths: Sequence[int], length: int) -> IntArray:
-    """The rows at which windows end that have a successor in their clip; `lengths` are the clips' rows."""
-    firsts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    spans = [np.arange(first + length - 1, last - 1) for first, last in pairwise(firsts)]
-    return np.concatenate([np.empty(0, dtype=np.int64), *spans])
 
 
 def _principal_components(

@@ -184,8 +184,7 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
     multiplies a joint's turns outermost first. Nothing is converted, so angles stay continuous and no pose is
     singular. Where a joint has fewer than three turns the others are zero, since readers expect three. A joint without
     children becomes the End Site of its parent, which has no name.
-    Raises ValueError for another unit and for a skeleton that turns a joint about anything but three different axes
-    of its frame.
+    Raises ValueError for another unit and for a joint that turns about anything but three different axes of its frame.
     """
     if unit not in ("cm", "m"):
         raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")

@@ -28,8 +28,7 @@ _WORDS = ("name", "subject", "activity", "source", "sha256", "licence")
 def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
     """Write motions to an HDF5 file; a file of that name is replaced at the end, when the new one is whole.
 
-    Raises InputError when there is no motion, a motion has fewer than two frames (and so no velocities), or the file
-    cannot be written.
+    Raises InputError when there is no motion, one has fewer than two frames, or the file cannot be written.
     """
     path = Path(path)
     if not motions:

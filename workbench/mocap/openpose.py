@@ -52,7 +52,7 @@ REACH = 0.5  # how far a person may be from where they were before, in heights i
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector found of one person. source: the folder. layout: in LAYOUTS.
+    """One person as a detector found them. source: the folder. layout: in LAYOUTS.
 
     frames: (M,) numbers of the frames, rising. joints: (M, J, 3) [u px, v px, confidence 0..1] in the order of
     JOINT_NAMES, NaN for a joint that was not found.
@@ -70,8 +70,7 @@ def read_openpose(folder: str | Path, person: int | None = None) -> Detections:
     A file's frame is the last number in its name. Detectors list people in any order: who is followed is the one
     numbered `person`, from 0, in the first file that shows anybody, by default the largest and surest there, and then
     whoever is nearest to where they were last seen. What the points are is told by their number, and where two layouts
-    have as many, by which of them makes the limbs shorter. Raises InputError, naming the file, for what is none of
-    this, and where nobody is found.
+    have as many, by which of them makes the limbs shorter. Raises InputError for other files and where nobody is found.
     """
     folder = Path(folder)
     files = _numbered(folder)

@@ -30,8 +30,7 @@ class Activity(AllFree):
     sigma_phase: cycles. sigma_phase_speed: cycles/s. sigma_position: m. sigma_rotation: rad, heading, pitch and roll.
     sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
     starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
-    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change between frames at 14 Hz, by the
-    fields of `Smoothness`.
+    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change, by the fields of `Smoothness`.
 
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """

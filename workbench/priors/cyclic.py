@@ -180,7 +180,7 @@ def motion_model(model: WalkingModel) -> ActivityModel:
 
 
 def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
-    """What ROOT_CHANNELS (N, 5) of walkers with headings (N,) add to the root's six numbers (N, 6) in the world."""
+    """Turn ROOT_CHANNELS (N, 5) by headings (N,) into what they add to the root's six numbers (N, 6) in the world."""
     aside, others = sway[:, :1], sway[:, 1:]
     return np.hstack([-np.sin(heading)[:, None] * aside, np.cos(heading)[:, None] * aside, others])
 

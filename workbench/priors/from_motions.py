@@ -36,7 +36,7 @@ def learned(name: str, learn: Callable[..., Any], prior: Callable[..., P]) -> Ca
 walking = learned("walking", walking_model, Cyclic)
 """Paper A, section 6.2: the cyclic prior over a model learned from whole walking cycles, found by gait events."""
 gait = learned("gait", gait_model, Cyclic)
-"""The same with how the root sways in a cycle learned, too, so that less is left to noise."""
+"""Paper A's, with how the root sways in a cycle learned, too, so that less is left to noise."""
 cyclic = learned("cyclic", cyclic_model, Cyclic)
 """Paper B: the same prior over a model learned from any cyclic motion with gaps."""
 implicit = learned("implicit", motion_windows, Implicit)

@@ -24,7 +24,7 @@ from workbench.priors.implicit_tree import LEAVES, Tree, draw, median_tree, sign
 TREES: dict[str, Callable[[Float32Array], KdTree | Tree]] = {
     "exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree,
 }  # fmt: skip
-"""What every search looks in."""
+"""How the data structure of every search is built."""
 PREDICTIONS = ("copy", "increment", "blend")
 MOST_EXAMPLES = 2000
 

@@ -66,8 +66,7 @@ class ImplicitDensity:
     The windows i are those that the exact search finds, with the probabilities that it draws them with, so that this is
     the density of what `Implicit.step` draws; all others together have the part `epsilon` of the mass of eq. 6 at most.
     Free are the pose's columns, of which those that are not modelled have no noise. The memory follows from which
-    window it was: `complete` draws that from p(i | pose_t, c_t−1) and slides the memory on by the noise that then led
-    to the pose.
+    window it was: `complete` draws that from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies.
 
     States must be one library frame apart: over several, the windows in between would have to be summed over.
     """

@@ -44,8 +44,7 @@ class KdTree:
 
     coefficients: (L, b, LANES) float32, where empty inf; b padded to whole STRIDEs. order: (n,) which entry each place
     is, leaf after leaf. leaf_boxes: (G, b, 2, LANES) float32, lowest and highest coefficients of the leaves of every
-    group; where empty inf. group_boxes: (⌈G / LANES⌉, b, 2, LANES), the same of the groups. n_components: b without
-    padding.
+    group; where empty inf. group_boxes: (⌈G / LANES⌉, b, 2, LANES), of the groups. n_components: b without padding.
     """
 
     coefficients: Float32Array

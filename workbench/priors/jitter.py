@@ -57,7 +57,7 @@ class Jitter(Appended):
 
     @property
     def powers(self) -> Powers:
-        """Those of the base: its density with the offsets', and its motion without them, which still finds a start.
+        """Pass on the base's: its density with the offsets', and its motion without them, which still finds a start.
 
         No smoothness, so that no fit takes the motion for all that this prior says.
         """

@@ -20,8 +20,7 @@ class Partwise:
         p(s_t | s_t−1) = Π_k p_k(s_k,t | s_k,t−1)
 
     Motions of the parts then combine as they were never recorded together, at the price of losing what couples them.
-    A state is the columns of every prior side by side, called "<part>.<column>". Parameters that no prior moves stay
-    as they start.
+    A state is the columns of every prior side by side, called "<part>.<column>". Parameters that none moves stay.
 
     priors: by the part's name. Raises InputError when there is none or two move the same parameter.
     """

@@ -163,8 +163,7 @@ def truncated_normal(
     """Quantiles at `uniforms`, in (0, 1), of normal distributions restricted to [low, high]; all broadcast together.
 
     x = mean + deviation Φ⁻¹(Φ(a) + u (Φ(b) − Φ(a))), a and b the standardised limits, computed with log Φ in the lower
-    tail, where it keeps its digits however far the limits lie from the mean. A deviation of zero gives the mean, or
-    the limit next to it.
+    tail, where it keeps its digits however far limits are. A deviation of zero gives the mean, or the nearest limit.
     """
     a, b, upper = _lower_tail(mean, deviation, low, high)
     u = np.where(upper, 1.0 - uniforms, uniforms)
