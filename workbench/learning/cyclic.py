@@ -9,11 +9,9 @@ import numpy as np
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.alignment import Alignment, align
-from workbench.learning.cycles import CHANNEL_NAMES, motion_channels
-from workbench.learning.functional_pca import fpca_shrunk
+from workbench.learning.functional_pca import Slices, cut, fpca_shrunk
 from workbench.learning.period import find_period
-from workbench.learning.slices import Slices, cut
-from workbench.learning.walking import SPEED_WEIGHT, WalkingModel
+from workbench.learning.walking import CHANNEL_NAMES, SPEED_WEIGHT, WalkingModel, motion_channels
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S
 from workbench.mocap.motion import Motion
 

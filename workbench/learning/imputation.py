@@ -7,8 +7,7 @@ from scipy.interpolate import PchipInterpolator
 
 from workbench.arrays import FloatArray
 from workbench.learning.alignment import Alignment, fit_periodic, periodic_basis
-from workbench.learning.functional_pca import fourier_basis, fpca_paper, fpca_shrunk
-from workbench.learning.slices import Slices, cut, fill_linear
+from workbench.learning.functional_pca import Slices, cut, fill_linear, fourier_basis, fpca_paper, fpca_shrunk
 
 PERIODIC_KNOTS = 16
 ROUGHNESS = 1.0

@@ -17,8 +17,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.activities import ActivityModel
-from workbench.learning.cycles import ANGLES, CHANNEL_NAMES
-from workbench.learning.walking import WalkingModel
+from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
 
 HEADING = POSE_NAMES.index("root_heading")
@@ -41,7 +40,7 @@ class Cyclic(AllFree):
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
     leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
     torso's own axis (A eq. 16), so that a torso that leans does not sink. Where the model has learned how the root
-    sways and turns in a cycle (`cycles.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
+    sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
     """
 
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
