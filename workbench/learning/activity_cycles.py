@@ -24,8 +24,7 @@ log = logging.getLogger(__name__)
 class ActivityCycles:
     """n cycles of C joint angles at T phases 0, 1/T, … (one cycle is 1).
 
-    angles: the C names of degrees of freedom. curves: (n, T, C), rad, periodic. durations_s: (n,). activities: n
-    labels. sources: the n motions they were cut from.
+    angles: C names. curves: (n, T, C), rad, periodic. durations_s: (n,). activities: n labels. sources: n motions.
     """
 
     angles: tuple[str, ...]
@@ -53,10 +52,8 @@ class ActivityCycles:
         wanted = {name: {name, *PARTS.get(name, ())} & set(self.angles) for name in names}
         unknown = [name for name in names if not wanted[name]]
         if unknown or not wanted:
-            raise InputError(
-                f"activities: angles: expected parts of the body ({', '.join(PARTS)}) or some of "
-                f"{', '.join(self.angles)}, found {unknown[0] if unknown else 'none'!r}"
-            )
+            known, found = f"({', '.join(PARTS)}) or some of {', '.join(self.angles)}", [*unknown, "none"][0]
+            raise InputError(f"activities: angles: expected parts of the body {known}, found {found!r}")
         chosen = set[str]().union(*wanted.values())
         columns = [k for k, name in enumerate(self.angles) if name in chosen]
         return replace(self, angles=tuple(self.angles[k] for k in columns), curves=self.curves[:, :, columns])

@@ -57,8 +57,7 @@ def full_skeleton(clip: Clip) -> Skeleton:
     person's; the others are "<joint>_x", "_y", "_z", rad, about the body's axes in the neutral pose, the turn about
     the bone last and, but for bones to the side, that about y, the flexion, first: angles are singular where the
     middle one reaches 90° (arms straight out to the side). A joint whose frame never turns in this clip is rigid. A
-    Bandai clip gives 21 joints and 66 degrees of freedom, the same for all; a few have end sites with lengths, which
-    are joints more.
+    Bandai clip gives 21 joints and 66 degrees of freedom; a few have end sites with lengths, which are joints more.
     Raises InputError for a clip in which another joint than the root travels in its parent's frame.
     """
     kept = _kept(clip)

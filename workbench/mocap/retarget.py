@@ -91,9 +91,8 @@ TORSO_JOINTS = ("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hi
 _MIRRORED = [0, 2, 1, 4, 3]  # the torso's joints with left and right exchanged
 _BELOW = {"shoulder": ("elbow", "wrist"), "hip": ("knee", "ankle")}
 _HOLD_M_PER_RAD = 0.1
-"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On every third CMU walk
-this takes the mean error from 9.9 to 6.9 mm and leaves the twists' accelerations within 4 % of what they were. A tenth
-of it gains less than another 0.5 mm, but multiplies the accelerations of a straight limb's twist by up to five."""
+"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On CMU's walks this
+takes the mean error from 9.9 to 6.9 mm; a tenth of it gains 0.5 mm more, but makes a straight limb's twist unsteady."""
 
 
 def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:

@@ -33,13 +33,12 @@ BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
 UNKNOWN = "unknown"
 _BUILTIN_SECONDS = 60.0
 _BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`
-_INDEX_COLUMNS = ("clip", "subject", "activity", "rate_hz")
 
 
 class CmuClip(NamedTuple):
     """One row of the index of a copy of the CMU database."""
 
-    name: str
+    clip: str
     subject: str
     activity: str
     rate_hz: float
@@ -78,11 +77,11 @@ def motion_file(name: str, data: str | None) -> Path:
     if name.lower().endswith(SUFFIXES):
         return Path(name).expanduser()
     if data is None:
-        raise InputError(
-            f"dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
-            f"recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
-            f"found {name!r}"
+        kinds = (
+            "builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a recorded clip such as 35_02"
         )
+        folder = "the folder with recordings (paths.data or $WORKBENCH_DATA)"
+        raise InputError(f"dataset: motion must be {kinds}, which needs {folder}; found {name!r}")
     try:
         return find_clip(data, name)
     except InputError as error:
@@ -229,7 +228,7 @@ def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = 
     subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
     if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
         raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
-    clips = [folder / row.subject / f"{row.name}.amc" for row in rows if row.subject in subjects]
+    clips = [folder / row.subject / f"{row.clip}.amc" for row in rows if row.subject in subjects]
     if missing := [clip for clip in clips if not clip.is_file()]:
         raise InputError(f"{missing[0]}: no such file, though the index lists it")
     return clips
@@ -247,8 +246,8 @@ def _read_index(path: Path) -> dict[str, CmuClip]:
     rows = {}
     reader = csv.DictReader(read_lines(path))
     columns = reader.fieldnames or ()
-    if not set(_INDEX_COLUMNS) <= set(columns):
-        fail(path, 1, f"expected the columns {', '.join(_INDEX_COLUMNS)} among others, found {', '.join(columns)!r}")
+    if not set(CmuClip._fields) <= set(columns):
+        fail(path, 1, f"expected the columns {', '.join(CmuClip._fields)} among others, found {', '.join(columns)!r}")
     for row in reader:
         try:
             rate_hz = float(row["rate_hz"])

@@ -71,10 +71,8 @@ class Flipping:
         self.space, self.parameters = base.space, base.parameters
         self.limbs = [limb for limb in LIMBS if all(self._column(name) is not None for name in angles(limb))]
         if not self.limbs:
-            raise InputError(
-                "prior: flips need a base with columns of its own for the twist and the bend of a limb, as smooth and "
-                f"jitter have; it has {', '.join(self.space.slices)}"
-            )
+            columns = "columns of its own for the twist and the bend of a limb, as smooth and jitter have"
+            raise InputError(f"prior: flips need a base with {columns}; it has {', '.join(self.space.slices)}")
         self._camera = camera
         self._skeleton = person_skeleton(from_height(1.75))
 

@@ -53,8 +53,7 @@ class Implicit:
     windows to start with. Angles that are not modelled, and the root where it is not, stay as they start.
 
     inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
-    the next search looks for what goes on from there: with 0 a particle that noise has put on the true arm is thrown
-    back to the database's speed every frame, and the onset of a motion is followed late.
+    the next search looks for what goes on from there: with 0 the onset of a motion is followed late.
     Deviation: nothing keeps the angles inside the skeleton's limits but the database.
     """
 
