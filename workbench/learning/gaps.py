@@ -130,10 +130,7 @@ class ClipPeriods:
 
     @property
     def errors_pct(self) -> tuple[float, float]:
-        """Deviation from the events' period, in percent: of the period found, and of that found with gaps.
-
-        Infinite for a period that was not found.
-        """
+        """Deviations from the events' period, %, of that found without and with gaps; infinite for one not found."""
         full, gappy = (np.inf if np.isnan(period) else period for period in (self.found, self.found_gappy))
         return 100.0 * (full / self.events - 1.0), 100.0 * (gappy / self.events - 1.0)
 

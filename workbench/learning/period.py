@@ -43,9 +43,8 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
     """
     candidates = np.asarray(periods, dtype=np.float64)
     if series.ndim != 2 or not len(series) or candidates.ndim != 1 or not (candidates >= 2.0).all():
-        raise InputError(
-            f"period: expected series (F, m) and periods of 2 samples or more, found {series.shape} and {candidates}"
-        )
+        found = f"{series.shape} and {candidates}"
+        raise InputError(f"period: expected series (F, m) and periods of 2 samples or more, found {found}")
     valid = np.isfinite(series)
     n_valid = valid.sum(axis=0)
     mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n_valid, 1)
@@ -78,9 +77,8 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
     n = min(len(series), int(np.ceil(HEAD_PERIODS * longest)))
     most = min(longest, len(series) / 2.0)
     if shortest < 2.0 or most <= shortest:
-        raise InputError(
-            f"period: expected at least two periods of {shortest:g} samples (and those 2 at least), found {len(series)}"
-        )
+        wanted = f"two periods of {shortest:g} samples (and those 2 at least)"
+        raise InputError(f"period: expected at least {wanted}, found {len(series)}")
     n_steps = max(3, int(np.ceil(n * np.log(most / shortest))))
     candidates = shortest * (most / shortest) ** (np.arange(n_steps + 1) / n_steps)  # spaced by p / n
     ratios = snr(series[:n], candidates)

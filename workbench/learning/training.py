@@ -57,8 +57,8 @@ def gait_model(
 
 
 def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
-    provenance = _provenance(training, code_digest(walking), **options)
-    return _cached(WalkingModel, cache, "walking", provenance, lambda: learn_walking(training, **options))
+    code, learn = code_digest(walking), lambda: learn_walking(training, **options)
+    return _learned(WalkingModel, "walking", cache, training, code, learn, **options)
 
 
 def cyclic_model(
@@ -70,13 +70,12 @@ def cyclic_model(
     Otherwise as `walking_model`.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    provenance = _provenance(training, code_digest(cyclic, gaps), q=q, missing=missing)
 
     def learn() -> WalkingModel:
         rng = np.random.default_rng(GAP_SEED)
         return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
 
-    return _cached(WalkingModel, cache, "cyclic", provenance, learn)
+    return _learned(WalkingModel, "cyclic", cache, training, code_digest(cyclic, gaps), learn, q=q, missing=missing)
 
 
 def motion_windows(
@@ -94,8 +93,8 @@ def motion_windows(
     length = max(2, round(rate_hz / 3.0)) if length is None else length
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
     options: dict[str, Any] = {"root": root, "rate_hz": rate_hz, "length": length}
-    provenance = _provenance(chosen, code_digest(windows), angles=",".join(angles), **options)
-    return _cached(Windows, cache, "windows", provenance, lambda: learn_windows(chosen, angles=angles, **options))
+    code, learn = code_digest(windows), lambda: learn_windows(chosen, angles=angles, **options)
+    return _learned(Windows, "windows", cache, chosen, code, learn, angles=",".join(angles), **options)
 
 
 def activity_model(
@@ -111,17 +110,17 @@ def activity_model(
     """
     followed = followed_person if skeleton == "person" else _own_skeletons(skeleton, motions, data, angles)
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    provenance = _provenance(
-        chosen, code_digest(activity_models, full_skeleton), angles=",".join(angles), variance=variance,
-        n_components=n_components, most_per_clip=most_per_clip, skeleton=skeleton,
-    )  # fmt: skip
 
     def learn() -> ActivityModel:
         whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
         modelled = angles if skeleton == "person" else whole.angles
         return learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
 
-    return _cached(ActivityModel, cache, "activities", provenance, learn)
+    return _learned(
+        ActivityModel, "activities", cache, chosen, code_digest(activity_models, full_skeleton), learn,
+        angles=",".join(angles), variance=variance, n_components=n_components, most_per_clip=most_per_clip,
+        skeleton=skeleton,
+    )  # fmt: skip
 
 
 def _own_skeletons(
@@ -225,17 +224,14 @@ def _digest(paths: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _provenance(training: Sequence[Motion], code: str, **parameters: str | float | int | None) -> Provenance:
-    return Provenance(
-        sources={f"{motion.source}#{motion.name}": motion.sha256 for motion in training},
-        parameters=parameters,
-        licences=tuple(sorted({motion.licence for motion in training})),
-        code=code,
-    )
-
-
-def _cached(kind: type[Stored], cache: str, name: str, provenance: Provenance, learn: Callable[[], Stored]) -> Stored:
-    """The model of this provenance from the folder `cache`, learned and written there where it is not."""
+def _learned(
+    kind: type[Stored], name: str, cache: str, training: Sequence[Motion], code: str, learn: Callable[[], Stored],
+    **parameters: str | float | int | None,
+) -> Stored:  # fmt: skip
+    """Take the model of these motions, code and parameters from the folder `cache`; else learn it and keep it there."""
+    sources = {f"{motion.source}#{motion.name}": motion.sha256 for motion in training}
+    licences = tuple(sorted({motion.licence for motion in training}))
+    provenance = Provenance(sources, parameters, licences, code)
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
         return load(kind, path)

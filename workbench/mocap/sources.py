@@ -77,11 +77,11 @@ def motion_file(name: str, data: str | None) -> Path:
     if name.lower().endswith(SUFFIXES):
         return Path(name).expanduser()
     if data is None:
-        kinds = (
-            "builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a recorded clip such as 35_02"
+        raise InputError(
+            "dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
+            "recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
+            f"found {name!r}"
         )
-        folder = "the folder with recordings (paths.data or $WORKBENCH_DATA)"
-        raise InputError(f"dataset: motion must be {kinds}, which needs {folder}; found {name!r}")
     try:
         return find_clip(data, name)
     except InputError as error:

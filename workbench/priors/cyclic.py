@@ -139,10 +139,7 @@ class Cyclic(AllFree):
         )  # fmt: skip
 
 
-Groups = dict[str, tuple[tuple[str, ...], str]]
-
-
-def cycle_groups(coefficients: tuple[str, ...], unit: str) -> Groups:
+def cycle_groups(coefficients: tuple[str, ...], unit: str) -> dict[str, tuple[tuple[str, ...], str]]:
     """Name the columns that states of a cycle begin with, see `StateSpace.of`; unit: of the coefficients."""
     return {
         "coefficients": (coefficients, unit), "phase": (("phase",), "cycle"),

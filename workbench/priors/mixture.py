@@ -67,11 +67,8 @@ class Mixture:
         found = [prior.powers.density for prior in self.priors.values()]
         densities = [density for density in found if density is not None]
         same = len(densities) == len(found) and all(np.array_equal(d.free, densities[0].free) for d in densities)
-        return Powers(
-            density=MixtureDensity(densities, self.weights) if same else None,
-            smoothness=common_smoothness(self.priors),
-            examples=all_examples(self.priors),
-        )
+        density = MixtureDensity(densities, self.weights) if same else None
+        return Powers(density, smoothness=common_smoothness(self.priors), examples=all_examples(self.priors))
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
@@ -99,7 +96,7 @@ class Mixture:
         correction = np.full(len(self.weights), -np.inf)
         possible = self.weights > 0.0
         correction[possible] = np.log(self.weights[possible] / self.shares[possible])
-        return correction[_component(state)]
+        return correction[state[:, -1].astype(np.int64)]
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -232,7 +229,7 @@ class Switching:
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the proposals of the priors that have one, and the log weights (N,) that correct for it."""
         velocity = self.space.slices["velocity"]
-        before, poses = _component(state), self.pose(state)
+        before, poses = state[:, -1].astype(np.int64), self.pose(state)
         stays = rng.random(len(state)) < (1.0 - self.switching) ** (dt_s * REFERENCE_RATE_HZ)
         component = np.where(stays, before, deal(self.weights, len(state), rng))
         moved, log_weights = np.zeros_like(state), np.zeros(len(state))
@@ -249,7 +246,7 @@ class Switching:
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         poses = np.empty((len(state), len(POSE_NAMES)))
-        for _, name, prior, own in _groups(self.priors, _component(state)):
+        for _, name, prior, own in _groups(self.priors, state[:, -1].astype(np.int64)):
             poses[own] = prior.pose(np.ascontiguousarray(state[own, self.space.slices[name]]))
         return poses
 
@@ -298,10 +295,6 @@ def _enter(prior: Prior, poses: FloatArray, velocities: FloatArray, rng: np.rand
 def _union(priors: Mapping[str, Prior]) -> tuple[str, ...]:
     moved = {name for prior in priors.values() for name in prior.parameters}
     return tuple(name for name in POSE_NAMES if name in moved)
-
-
-def _component(state: FloatArray) -> IntArray:
-    return state[:, -1].astype(np.int64)
 
 
 def side_by_side(priors: Mapping[str, Prior]) -> StateSpace:

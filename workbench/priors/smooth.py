@@ -88,7 +88,11 @@ class Smooth(AllFree):
                 name = self.parameters[i]
                 raise InputError(f"prior: start_uniform: {name} has no limits; give it lowest and highest")
         held = tuple(name for name in POSE_NAMES if name not in self.parameters)
-        self.space = _space(self.parameters, held)
+        units = {name: "m" if name in POSE_NAMES[:3] else "rad" for name in POSE_NAMES}
+        moving, speeds = (tuple(units[name] + per for name in self.parameters) for per in ("", "/s"))
+        space = StateSpace.of({}).appended("pose", self.parameters, moving)
+        space = space.appended("velocity", tuple(f"{name}_velocity" for name in self.parameters), speeds)
+        self.space = space.appended("held", held, tuple(units[name] for name in held))
         self._moving = [POSE_NAMES.index(name) for name in self.parameters]
         self._taken = [*self._moving, *(len(POSE_NAMES) + i for i in self._moving), *map(POSE_NAMES.index, held)]
         self._pose_columns = [self.space.names.index(name) for name in POSE_NAMES]
@@ -201,14 +205,6 @@ def _lower_tail(
 def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
     """Uniform numbers in (0, 1): zero, an unlimited parameter's minus infinity, gives way to its neighbour 2⁻⁵³."""
     return np.maximum(rng.random(shape), 2.0**-53)
-
-
-def _space(parameters: tuple[str, ...], held: tuple[str, ...]) -> StateSpace:
-    velocities = tuple(f"{name}_velocity" for name in parameters)
-    plain = StateSpace.of({"pose": (parameters, "rad"), "velocity": (velocities, "rad/s"), "held": (held, "rad")})
-    metres = [name.removesuffix("_velocity") in POSE_NAMES[:3] for name in plain.names]
-    units = [unit.replace("rad", "m") if is_m else unit for unit, is_m in zip(plain.units, metres, strict=True)]
-    return StateSpace(plain.names, tuple(units), plain.slices)
 
 
 def _keys(parameter: str) -> tuple[str, str, str]:

@@ -180,8 +180,7 @@ def _root_path(subject: Subject, phases: FloatArray, curvature: float) -> tuple[
     heel to toe and carries its ankle along, and a body on pinned ankles would lurch. The means sideways are left out
     too, so that the path is straight, or a circle that the heading follows; on a circle of 2 m, feet then skid by 3 cm.
     """
-    feet, heights = _feet(subject)
-    load = _load(_CYCLE)
+    (feet, heights), load = _feet(subject), _load(_CYCLE)
     pinned = -(CubicSpline(_CYCLE, feet, bc_type="periodic")(_CYCLE, 1) * load).sum(axis=1)
     stride = pinned[:-1, 0].mean()
     omega = curvature * stride
