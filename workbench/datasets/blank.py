@@ -10,7 +10,7 @@ from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.traits import START, Traits, offering
 from workbench.errors import InputError
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 
 @dataclass(eq=False)

@@ -28,7 +28,7 @@ from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import PATHS
 from workbench.mocap.motion import Motion
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 

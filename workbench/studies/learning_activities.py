@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from workbench.arrays import FloatArray
 from workbench.core.study import Curves, Figure, Scatter, StudyResult
-from workbench.learning.activities import ActivityModel, fewest, learn_activities
-from workbench.learning.activity_classes import accuracy_left_out, error_left_out_deg, mean_rates_hz
+from workbench.learning.activities import (
+    ActivityModel,
+    accuracy_left_out,
+    error_left_out_deg,
+    fewest,
+    learn_activities,
+    mean_rates_hz,
+)
 from workbench.learning.activity_cycles import ActivityCycles, activity_cycles
 from workbench.learning.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title

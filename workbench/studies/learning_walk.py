@@ -7,8 +7,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.core.study import Bars, Curves, Figure, StudyResult
-from workbench.learning.cycles import CHANNEL_NAMES, Cycles, walking_cycles
-from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.learning.walking import CHANNEL_NAMES, Cycles, WalkingModel, learn_walking, walking_cycles
 from workbench.studies.learning import ANGLES, closed, degrees, phases, title, walks
 
 EIGENCURVES = 3

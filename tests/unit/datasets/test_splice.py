@@ -10,7 +10,7 @@ from workbench.datasets.scenes.splice import gait_phases, splice
 from workbench.datasets.scenes.take import Scene, find_take, given_start
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import average_subject, subjects, walker
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 RATE = 60.0
 WALK = walker(average_subject(), 6.0, RATE)

@@ -15,8 +15,7 @@ from workbench.datasets.scenes.splice import splice
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
-from workbench.mocap.named import find_motion, motion_file
-from workbench.mocap.sources import UNKNOWN, read_clip
+from workbench.mocap.sources import UNKNOWN, find_motion, motion_file, read_clip
 
 STARTS = ("auto", "given")
 SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
@@ -33,7 +32,7 @@ _RANGES = {
 class Scene:
     """A person's motion in n_frames frames at rate_hz, and a camera that sees it.
 
-    motion: a name as `mocap.named.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
+    motion: a name as `mocap.sources.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
     data: the folder that holds cmu/ and bandai/. path: "straight" or "circle", of the builtin walker. first_frame: of
     the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
     view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of

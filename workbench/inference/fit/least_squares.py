@@ -24,7 +24,7 @@ from workbench.errors import InputError
 from workbench.inference.fit.motion_fit import MotionFit
 from workbench.inference.fit.smooth_fit import SmoothFit
 from workbench.inference.fit.task import Fit, Problem, Task
-from workbench.learning.activity_classes import classify
+from workbench.learning.activities import classify
 
 FEW_INLIERS = 0.3
 """Where fewer of a frame's points and keypoints are near the body, the step says so."""
