@@ -24,7 +24,8 @@ from workbench.experiment.build import build, check_targets
 from workbench.experiment.identity import identity
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 log = logging.getLogger(__name__)
@@ -71,12 +72,12 @@ def _study(config: DictConfig, summary: Summary) -> None:
         with _timed(summary, "prior_learning"):
             prior = build(config.prior)
     study: Study = build(config.study, prior=prior)
-    with StudyRecorder(summary.recording, **_labels(config, summary)) as recorder:
+    with RecordingFile(summary.recording, **_labels(config, summary)) as file:
         with _timed(summary, "study"):
             result = study.run(rng_streams(int(config.seed))["study"])
         summary.study = result.metrics
-        recorder.log(result)
-        recorder.set_cost(summary.cost)
+        record_study(file, result)
+        file.send_property("cost", summary.cost)
 
 
 def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool) -> None:

@@ -23,7 +23,8 @@ from workbench.errors import InputError
 from workbench.recording.read.frames import activities, flexions, pictures, scenes
 from workbench.recording.read.reader import Run, read
 from workbench.recording.study.drawing import STYLE
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 ROOT = Path(__file__).parents[3]
@@ -162,8 +163,8 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     found = {}
     for name, (metrics, figures) in STUDIES.items():
-        with StudyRecorder(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
-            recorder.log(StudyResult(metrics, tuple(figures), "note"))
+        with RecordingFile(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
+            record_study(recorder, StudyResult(metrics, tuple(figures), "note"))
         found[name] = read(folder / name / "run.rrd")
     images, points = tracked(folder / "images.rrd", False), tracked(folder / "points.rrd", True)
     others = EXPERIMENTS - STUDIES.keys()

@@ -1,8 +1,5 @@
 """Where the truth lies among the particles, over a whole run, as bars: even where the posterior is calibrated."""
 
-from collections.abc import Iterator
-from typing import TypeAlias
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -11,8 +8,7 @@ from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
 from workbench.evaluation.errors import pose_ranks
 from workbench.recording.write import colours
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+from workbench.recording.write.columns import Entities
 
 PATH = "evaluation/ranks"
 _BINS = 10
@@ -32,8 +28,7 @@ class Ranks:
         self._began = True
 
     def pictures(self) -> Entities:
-        """Shares of all ranks so far in each tenth, to be logged static, and before them even ones; without truth
-        nothing."""
+        """Yield each tenth's share of all ranks so far, to be logged static, before even ones; without truth none."""
         if (total := self._counts.sum()) == 0:
             return
         left = np.arange(_BINS) / _BINS
@@ -44,6 +39,6 @@ class Ranks:
 
 
 def view() -> rrb.BarChartView:
-    """Its place in the layout."""
+    """Lay out the bars."""
     name = "ranks of the truth (even: right, U: too sure)"
     return rrb.BarChartView(origin=f"/{PATH}", name=name, plot_legend=rrb.PlotLegend(visible=False))
