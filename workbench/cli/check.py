@@ -20,9 +20,8 @@ from workbench.experiment.rerun import again, same_but_for_seeds, with_other_see
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import own_defaults, runnable, tolerances
 from workbench.files import whole_file
-from workbench.recording.compare.compare import Finding, compare, exactly_comparable
+from workbench.recording.compare.compare import Finding, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense
-from workbench.recording.compare.seeds import compare_seeds
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import Run, find_recordings, read

@@ -12,8 +12,8 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.errors import InputError
 from workbench.mocap.export import Track, check_output, export
+from workbench.recording.read.chunks import timed_poses, timed_true_joints
 from workbench.recording.read.reader import Run, read
-from workbench.recording.read.track import timed_poses, timed_true_joints
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,8 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from workbench.errors import InputError
-from workbench.recording.compare.side_by_side import write_side_by_side
-from workbench.recording.read.naming import write_names
+from workbench.recording.compare.side_by_side import write_names, write_side_by_side
 from workbench.recording.read.reader import Run, open_runs
 from workbench.recording.write.file import HOST
 from workbench.report.variation import flat, label, what_varied

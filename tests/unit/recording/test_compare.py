@@ -8,9 +8,8 @@ from recording_steps import BODY, SPACE, errors, steps
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, StudyResult
-from workbench.recording.compare.compare import EXACT, Tolerance, compare, exactly_comparable
+from workbench.recording.compare.compare import EXACT, Tolerance, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense
-from workbench.recording.compare.seeds import compare_seeds
 from workbench.recording.read.reader import read
 from workbench.recording.study.recorder import record_study
 from workbench.recording.write import file

@@ -59,9 +59,9 @@ def layout(shown: Shown) -> rrb.Blueprint:
     return page(rrb.Horizontal(rrb.Vertical(*left, _world(shown, key), row_shares=shares), _numbers(shown)))
 
 
-def page(content: rrb.Container, timeline: str = "frame", fps: float | None = 15.0) -> rrb.Blueprint:
+def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
     """Return a layout of nothing but the content and, below it, the time line."""
-    panel = rrb.TimePanel(timeline=timeline, state="collapsed", fps=fps)
+    panel = rrb.TimePanel(timeline="frame", state="collapsed", fps=fps)
     return rrb.Blueprint(content, panel, auto_views=False, collapse_panels=True)
 
 
@@ -98,7 +98,7 @@ def _errors(shown: Shown) -> list[rrb.View]:
     The heaviest particle is drawn once, and not of a fit, where it is the expected pose.
     """
     groups = {"error_abs_mm": styles.errors_mm(shown.metrics), "error_px": styles.errors_px(shown.metrics)}
-    views = []
+    views: list[rrb.View] = []
     for first, names in groups.items():
         drawn = [
             name for name in names

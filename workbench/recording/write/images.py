@@ -90,7 +90,7 @@ def truth_marks(shown: Picture, known: Truth | None, names: tuple[str, ...]) -> 
     """Yield the marked joints as points in the straightened image, dark where hidden; none where there are no marks."""
     marks = np.full((len(names), 2), np.nan) if known is None or known.marks is None else known.marks
     visible = np.ones(len(names), bool) if known is None or known.marks_visible is None else known.marks_visible
-    marked: BoolArray = np.isfinite(marks).all(axis=1)
+    marked: BoolArray = np.all(np.isfinite(marks), axis=1)
     shades = np.where(visible[marked, None], colours.TRUTH, colours.TRUTH_HIDDEN).astype(np.uint8)
     yield _points(shown, "truth_marks", marks, names, 2.5, shades, 40.0)
 
@@ -106,7 +106,7 @@ def _points(
     shown: Picture, entity: str, places: FloatArray, names: tuple[str, ...], radii: Any, colors: Any, order: float
 ) -> tuple[str, rr.Points2D]:
     """Named points where all numbers in a row of `places` (J, 2 or more) are known; radii and colors: of these."""
-    known: BoolArray = np.isfinite(places).all(axis=1)
+    known: BoolArray = np.all(np.isfinite(places), axis=1)
     labels = [name for name, there in zip(names, known, strict=True) if there]
     points = rr.Points2D(
         straightened(shown.source, places[known, :2]), colors=colors, radii=rr.Radius.ui_points(radii), labels=labels,
