@@ -7,19 +7,10 @@ from typing import Any
 
 from workbench.errors import InputError
 from workbench.recording.read.reader import Run, Unreadable
-from workbench.report.variation import (
-    EXPERIMENT,
-    Settings,
-    Variation,
-    comparable,
-    flat,
-    label,
-    seeds_of_parts,
-    shown,
-    what_varied,
-)
+from workbench.report import variation as varied
+from workbench.report.variation import EXPERIMENT, Settings, Variation
 
-_STATUS = {"failed": "failed", "running": "cut off or still running"}
+STATUS = {"failed": "failed", "running": "cut off or still running"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +51,7 @@ class Grouping:
         for group in self.groups:
             for run in group.incomplete:
                 again = "; a complete one is there" if seed_of(run) in map(seed_of, group.runs) else ""
-                status = _STATUS.get(run.status, run.status)
+                status = STATUS.get(run.status, run.status)
                 found.append(f"{group.label}, seed {seed_of(run)}: {status}, not counted{again} ({run.path})")
             found += [
                 f"{group.label}, seed {seed_of(run)}: recorded more than once, not counted again ({run.path})"
@@ -73,7 +64,7 @@ class Grouping:
 
 
 def seed_of(run: Run) -> int:
-    """The run's seed; raises InputError when its configuration has none."""
+    """Return the run's seed; raises InputError when its configuration has none."""
     seed = run.settings.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{run.path}: expected a configuration with a whole number as its seed, found {seed!r}")
@@ -81,21 +72,21 @@ def seed_of(run: Run) -> int:
 
 
 def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
-    """The runs by what varied in their configurations; one whose configuration cannot be read joins the unreadable."""
+    """Group the runs by what varied in their configurations; one without a readable one joins the unreadable."""
     readable: list[tuple[Run, dict[str, Any]]] = []
     problems = list(unreadable)
     for run in runs:
         try:
             seed_of(run)
-            readable.append((run, flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
+            readable.append((run, varied.flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
         except InputError as error:
             problems.append(Unreadable(Path(run.path), str(error)))
-    repeated = seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
+    repeated = varied.seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
     readable = [(run, {k: v for k, v in settings.items() if k not in repeated}) for run, settings in readable]
-    variation = what_varied([settings for _, settings in readable])
+    variation = varied.what_varied([settings for _, settings in readable])
     members: dict[tuple[str, ...], list[tuple[Run, dict[str, Any]]]] = {}
     for run, settings in readable:
-        values = tuple(comparable(settings, key) for key in variation.keys)
+        values = tuple(varied.comparable(settings, key) for key in variation.keys)
         members.setdefault(values, []).append((run, settings))
     seeds = {seed_of(run) for run, _ in readable}
     groups = [_group([run for run, _ in found], found[0][1], variation, seeds) for found in members.values()]
@@ -110,7 +101,7 @@ def _group(runs: Sequence[Run], settings: Settings, variation: Variation, seeds:
         if run.status == "complete" and complete.setdefault(seed_of(run), run) is not run:
             repeats.append(run)
     return Group(
-        label=label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
+        label=varied.label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
         values={key: settings[key] for key in variation.keys if key in settings},
         settings=settings,
         runs=tuple(complete[seed] for seed in sorted(complete)),
@@ -125,4 +116,4 @@ def _rank(group: Group, key: str) -> tuple[int, float, str]:
     if key not in group.values:
         return 2, 0.0, ""
     value = group.values[key]
-    return (0, float(value), "") if isinstance(value, int | float) else (1, 0.0, shown(key, value))
+    return (0, float(value), "") if isinstance(value, int | float) else (1, 0.0, varied.shown(key, value))

@@ -43,36 +43,36 @@ class Statistic:
 
 
 def numbers(run: Run) -> dict[str, float]:
-    """A complete run's metrics and its cost, by name."""
+    """Return a complete run's metrics and its cost, by name."""
     return {**run.result, **run.properties.get("cost", {})}
 
 
 def metric_names(groups: Sequence[Group]) -> list[str]:
-    """The metrics that any of the runs has: the chief ones first, the others by the alphabet."""
+    """Name the metrics that any of the runs has: the chief ones first, the others by the alphabet."""
     found = {name for group in groups for run in group.runs for name in numbers(run)}
     return [name for name in CHIEF if name in found] + sorted(found - CHIEF.keys())
 
 
 def chief_names(groups: Sequence[Group]) -> list[str]:
-    """The chief metrics, and all of those that only studies have."""
+    """Name the chief metrics, and all of those that only studies have."""
     tracked = {name for group in groups for run in group.runs if not run.is_study for name in numbers(run)}
     return [name for name in metric_names(groups) if name in CHIEF or name not in tracked]
 
 
 def headline(groups: Sequence[Group]) -> str | None:
-    """The error that the runs are ranked by; None where there is none, as in studies."""
+    """Name the error that the runs are ranked by; None where there is none, as in studies."""
     found = metric_names(groups)
     return next((name for name in HEADLINES if name in found), None)
 
 
 def values(group: Group, metric: str) -> list[tuple[Run, float]]:
-    """The group's runs with their value of a metric, where it is finite."""
+    """Return the group's runs with their value of a metric, where it is finite."""
     found = [(run, float(numbers(run).get(metric, np.nan))) for run in group.runs]
     return [(run, value) for run, value in found if np.isfinite(value)]
 
 
 def statistic(group: Group, metric: str) -> Statistic | None:
-    """The metric over the group's runs; None when no run has it.
+    """Sum up the metric over the group's runs; None when no run has it.
 
     The resampling has a generator of its own, so that a group's interval does not depend on the other groups.
     """
@@ -85,12 +85,12 @@ def statistic(group: Group, metric: str) -> Statistic | None:
 
 
 def interval(sample: FloatArray) -> FloatArray:
-    """The interval (2, ...) of the mean of a sample (n, ...)."""
+    """Return the interval (2, ...) of the mean of a sample (n, ...)."""
     return bootstrap_interval(sample, np.random.default_rng(0), LEVEL)
 
 
 def joint_errors(run: Run) -> Mapping[str, float]:
-    """Mean distance of every joint from its true place, mm, over the frames after the first that have a true one.
+    """Return every joint's mean distance from its true place, mm, over the frames after the first that have truth.
 
     Empty for studies and without truth. The first frame is given, not tracked.
     """

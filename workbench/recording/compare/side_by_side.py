@@ -14,6 +14,7 @@ from workbench.core.study import Sticks
 from workbench.recording.read.chunks import read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.study.recorder import entity
+from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import page
 from workbench.recording.write.scene import ESTIMATE
 
