@@ -3,8 +3,8 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,9 +16,15 @@ from tqdm import tqdm
 from workbench.cli.check_report import Check, exit_code, moved, table, write_junit
 from workbench.errors import InputError
 from workbench.experiment.parts import name_parts, parts_in
-from workbench.experiment.rerun import again, same_but_for_seeds, with_other_seeds
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable, tolerances
+from workbench.experiment.stored import (
+    again,
+    own_defaults,
+    runnable,
+    same_but_for_seeds,
+    tolerances,
+    with_other_seeds,
+)
 from workbench.files import whole_file
 from workbench.recording.compare.compare import Finding, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense
@@ -31,9 +37,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 130 when interrupted."""
     arguments = _parser().parse_intermixed_args(argv)
     try:
-        _refuse_contradictions(arguments)
-        with _folder(arguments.keep) as folder:
-            checks = _checks(arguments, folder)
+        if arguments.seeds is not None and arguments.seeds < 2:
+            raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
+        if arguments.seeds is not None and (arguments.update or arguments.record is not None):
+            raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
+        keep = arguments.keep
+        with nullcontext(keep) if keep else TemporaryDirectory(prefix="workbench-check-") as folder:
+            checks = _checks(arguments, Path(folder))
             print(moved(checks) if arguments.update else table(checks, arguments.verbose))
             code = _renew(checks) if arguments.update else exit_code(checks)
             if arguments.junit is not None:
@@ -63,7 +73,8 @@ def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
     if pair and not arguments.run:
         if overrides or arguments.seeds or arguments.update:
             raise InputError("two recordings are compared without running; give --run to run each of them again")
-        return refused or [_compared(f"{places[0]} → {places[1]}", *_in_order(runs, places), own)]
+        found = {run.path: run for run in runs}
+        return refused or [_compared(f"{places[0]} → {places[1]}", found[places[0]], found[places[1]], own)]
     if arguments.seeds:
         return refused + _by_seeds(runs, overrides, own, arguments.seeds, folder)
     bar = tqdm(runs, unit="recording", disable=None)
@@ -81,11 +92,6 @@ def _read(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
         except InputError as error:
             refused.append(Check(str(path), refused=str(error)))
     return runs, refused
-
-
-def _in_order(runs: Sequence[Run], places: Sequence[Path]) -> tuple[Run, Run]:
-    by_path = {run.path: run for run in runs}
-    return by_path[places[0]], by_path[places[1]]
 
 
 def _compared(name: str, was: Run, now: Run, own: DictConfig) -> Check:
@@ -154,30 +160,10 @@ def _is_override(text: str) -> bool:
     return "=" in text and not Path(text).exists()
 
 
-def _refuse_contradictions(arguments: argparse.Namespace) -> None:
-    if arguments.seeds is not None and arguments.seeds < 2:
-        raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
-    if arguments.seeds is not None and (arguments.update or arguments.record is not None):
-        raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
-
-
-@contextmanager
-def _folder(keep: Path | None) -> Iterator[Path]:
-    """Give the folder for new runs: `keep`, or one that is removed."""
-    if keep is not None:
-        yield keep
-        return
-    with TemporaryDirectory(prefix="workbench-check-") as folder:
-        yield Path(folder)
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="workbench-check",
-        description=__doc__,
-        epilog="Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may "
-        "move by what the recording's configuration allows it (check:).",
-    )
+    end = """Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may move
+        by what the recording's configuration allows it (check:)."""
+    parser = argparse.ArgumentParser(prog="workbench-check", description=__doc__, epilog=end)
     parser.add_argument(
         "what", metavar="FOLDER|RUN.rrd|key=value", nargs="+",
         help="recordings to run again, and overrides such as paths.data=DATA; exactly two recordings are compared "

@@ -18,7 +18,14 @@ from workbench.recording.read.reader import Run, read
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Export one recording. Returns 0 when all is well, 2 after an error, which is printed; then nothing is written."""
-    arguments = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="workbench-export", description=__doc__)
+    parser.add_argument(
+        "recording", metavar="RUN.rrd", type=Path, help="a run's recording, or the .part of one cut off"
+    )
+    parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
+    parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
+    parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
+    arguments = parser.parse_args(argv)
     try:
         check_output(arguments.output)  # before the work, not after it
         run = read(arguments.recording)
@@ -66,14 +73,3 @@ def _skeleton(run: Run) -> Skeleton:
     if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
         raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")
     return person_skeleton(read_shape(str(run.path), run.properties.get("shape", {})))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-export", description=__doc__)
-    parser.add_argument(
-        "recording", metavar="RUN.rrd", type=Path, help="a run's recording, or the .part of one cut off"
-    )
-    parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
-    parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
-    parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
-    return parser

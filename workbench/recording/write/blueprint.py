@@ -8,9 +8,9 @@ import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
 from workbench.recording.write import point_fit_views as fit
-from workbench.recording.write import ranks
 from workbench.recording.write import series_styles as styles
 from workbench.recording.write.images import OVERLAYS, Picture
+from workbench.recording.write.posterior import ranks_view
 from workbench.recording.write.scene import ESTIMATE
 
 MOST_BESIDE = 4
@@ -111,7 +111,7 @@ def _errors(shown: Shown) -> list[rrb.View]:
 def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
     warnings = [rrb.TextLogView(origin="/log", name="warnings")] if shown.warned else []
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
-    ranked = [ranks.view()] if "log_score" in shown.metrics else []
+    ranked = [ranks_view()] if "log_score" in shown.metrics else []
     coefficients = [  # samples, and the model as thin bars before them
         rrb.BarChartView(origin=f"/coefficients/{k}", name=f"coefficient {k}, model white", plot_legend=_NO_LEGEND)
         for k in range(1, shown.n_coefficients + 1)

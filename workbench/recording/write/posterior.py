@@ -1,14 +1,17 @@
-"""The posterior over frames: marginals as brightness plots, 5–95 % bands, histograms of coefficients."""
+"""The posterior over frames: marginals as brightness plots, 5–95 % bands, coefficients, and the ranks of the truth."""
 
 from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
+from workbench.evaluation.calibration import rank_histogram
+from workbench.evaluation.errors import pose_ranks
 from workbench.evaluation.posterior import weighted_quantiles
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities, Row, Rows
@@ -25,6 +28,8 @@ _BAND = (0.05, 0.95)
 _MOST_SORTED = 1000
 _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
+RANKS = "evaluation/ranks"
+_RANK_BINS = 10
 _CURVES = (  # row, name in the viewer, colour, width
     ("mean", "estimate", colours.ESTIMATE, 2.5),
     ("low", "5 %", colours.BAND, 1.0),
@@ -122,6 +127,36 @@ class Posterior:
         tensor = rr.Tensor(log_mass.astype(np.float32), dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         return iter([("posterior/marginals", tensor), ("posterior/legend", legend)]), axes
+
+
+class Ranks:
+    """Counts the ranks of the true pose's numbers, frame by frame; not of the first frame, which is given."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_RANK_BINS, dtype=np.int64)
+        self._began = False
+
+    def add(self, step: Step) -> None:
+        """Take one step in."""
+        if self._began:
+            self._counts += rank_histogram(pose_ranks(step), _RANK_BINS)
+        self._began = True
+
+    def pictures(self) -> Entities:
+        """Yield each tenth's share of all ranks so far, to be logged static, before even ones; without truth none."""
+        if (total := self._counts.sum()) == 0:
+            return
+        left = np.arange(_RANK_BINS) / _RANK_BINS
+        wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
+        yield RANKS, rr.BarChart(self._counts / total, abscissa=left, widths=wide, color=colours.ESTIMATE)
+        even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=colours.MODEL)
+        yield f"{RANKS}/even", even
+
+
+def ranks_view() -> rrb.BarChartView:
+    """Lay out the bars."""
+    name = "ranks of the truth (even: right, U: too sure)"
+    return rrb.BarChartView(origin=f"/{RANKS}", name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:

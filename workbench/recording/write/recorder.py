@@ -26,8 +26,7 @@ from workbench.recording.write import series_styles as styles
 from workbench.recording.write.columns import Columns, Rows, curves
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.marginals import systematic
-from workbench.recording.write.posterior import Posterior
-from workbench.recording.write.ranks import Ranks
+from workbench.recording.write.posterior import Posterior, Ranks
 from workbench.recording.write.trails import Trails
 
 FLUSH_EVERY = 10  # frames
