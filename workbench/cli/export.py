@@ -43,10 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def estimated_track(run: Run) -> Track:
-    """The expected poses of a recording; raises InputError when it has none, or of another body than ours."""
-    if not _has_poses(run):
-        raise InputError(f"{run.path}: expected a recording with poses (estimate/pose), found none")
-    skeleton = _skeleton(run)
+    """Read the expected poses of a recording; raises InputError when it has none, or of another body than ours."""
+    skeleton = _skeleton(run, "with poses")
     frames, times_s, poses = timed_poses(run.path)
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
@@ -54,21 +52,18 @@ def estimated_track(run: Run) -> Track:
 
 
 def true_track(run: Run) -> Track:
-    """The true joints of a recording, without poses; raises InputError when it has none."""
-    if not _has_poses(run):
-        raise InputError(f"{run.path}: expected a recording of a tracked person (estimate/pose), found none")
+    """Read the true joints of a recording, without poses; raises InputError when it has none."""
+    skeleton = _skeleton(run, "of a tracked person")
     frames, times_s, positions = timed_true_joints(run.path)
     if len(frames) == 0:
         raise InputError(f"{run.path}: expected a recording with true joints (world/truth/joints), found none")
-    return Track(_skeleton(run), frames, times_s, positions)
+    return Track(skeleton, frames, times_s, positions)
 
 
-def _has_poses(run: Run) -> bool:
-    return "estimate/pose" in run.scalars
-
-
-def _skeleton(run: Run) -> Skeleton:
+def _skeleton(run: Run, wanted: str) -> Skeleton:
     """The tracked person's skeleton, from the properties `body` and `shape`."""
+    if "estimate/pose" not in run.scalars:
+        raise InputError(f"{run.path}: expected a recording {wanted} (estimate/pose), found none")
     body = run.properties.get("body", {})
     if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
         raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")

@@ -77,14 +77,11 @@ def _described(place: str) -> str:
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    return f"{place}: {option.about}\n\n{_paragraph(option)}\n\n{_table(_keys(option))}"
-
-
-def _paragraph(option: Option) -> str:
     from workbench.experiment.build import resolved  # here and below, so that a list of options imports none of them
 
-    said = inspect.getdoc(resolved(str(option.target))) or ""
-    return f"{option.target}: {' '.join(said.partition(chr(10) * 2)[0].split())}"
+    first, _, _ = (inspect.getdoc(resolved(option.target)) or "").partition("\n\n")
+    paragraph = f"{option.target}: {' '.join(first.split())}"
+    return f"{place}: {option.about}\n\n{paragraph}\n\n{_table(_keys(option))}"
 
 
 def _keys(option: Option) -> dict[str, str]:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from workbench.evaluation.intervals import N_RESAMPLES
-from workbench.report.groups import STATUS, Group, Grouping, seed_of
-from workbench.report.statistics import CHIEF, LEVEL, chief_names, headline, metric_names, numbers, statistic, values
+from workbench.report import groups as runs
+from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, headline, metric_names, statistic
 from workbench.report.tables import Table, comma_separated, number
 from workbench.report.variation import short_names, shown
 
@@ -30,7 +30,7 @@ class Contents:
 
 def contents(grouping: Grouping) -> Contents:
     """Collect all that is to be said about the groups."""
-    chief = chief_names(grouping.groups)
+    chief = runs.chief_names(grouping.groups)
     others = [name for name in metric_names(grouping.groups) if name not in chief]
     return Contents(
         summary=_summary(grouping),
@@ -87,9 +87,9 @@ def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:
         return None
     rows = []
     for group in groups:
-        ranked = sorted(values(group, metric), key=lambda pair: pair[1])
+        ranked = sorted(runs.values(group, metric), key=lambda pair: pair[1])
         for name, (run, value) in zip(("best", "worst"), (ranked[0], ranked[-1]) if ranked else (), strict=False):
-            rows.append((group.label, name, number(value), str(seed_of(run)), str(run.path)))
+            rows.append((group.label, name, number(value), str(runs.seed_of(run)), str(run.path)))
     header = ("group", "run", metric, "seed", "recording")
     return f"best and worst runs by {metric}", Table(header, tuple(rows), frozenset((metric, "seed")))
 
@@ -112,10 +112,10 @@ def run_csv(grouping: Grouping) -> str:
     keys = grouping.variation.keys
     header = ("recording", "group", *short_names(keys).values(), "seed", "metric", "value")
     rows = [
-        (str(run.path), group.label, *_cells(group, keys), seed_of(run), metric, value)
+        (str(run.path), group.label, *_cells(group, keys), runs.seed_of(run), metric, value)
         for group in grouping.groups
         for run in group.runs
-        for metric, value in sorted(numbers(run).items())
+        for metric, value in sorted(runs.numbers(run).items())
     ]
     return comma_separated(header, rows)
 

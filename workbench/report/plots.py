@@ -14,9 +14,8 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray
 from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
-from workbench.report.groups import Group, Grouping
+from workbench.report.groups import CHIEF, Group, Grouping, headline, interval, joint_errors, statistic, values
 from workbench.report.page import Picture
-from workbench.report.statistics import CHIEF, headline, interval, joint_errors, statistic, values
 from workbench.report.variation import label
 
 _STYLE = STYLE | {

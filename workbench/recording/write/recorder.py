@@ -146,7 +146,7 @@ class Recorder:
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)
-        yield from scene.truth(figure, true)
+        yield from scene.bones(figure, scene.TRUTH, true)
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
         for view in views:
             shown = self._picture(view.camera)

@@ -67,7 +67,7 @@ def fixed(drawn: Figure) -> Entities:
 def estimate(drawn: Figure, pose: FloatArray) -> Rows:
     """Yield the expected pose (P,) as joints, skeleton and solid body."""
     frames = forward(drawn.skeleton, pose[None])
-    yield from _bones(drawn, ESTIMATE, frames.positions)
+    yield from bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
     quaternions = Rotation.from_matrix(rotations @ drawn.axes).as_quat()
@@ -114,11 +114,6 @@ def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
     return np.empty((0, len(skeleton.names), 3))
 
 
-def truth(drawn: Figure, positions: FloatArray) -> Rows:
-    """Yield joints (n, J, 3), m, of one true person or of none, which clears what an earlier frame showed."""
-    yield from _bones(drawn, TRUTH, positions)
-
-
 def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Rows:
     """Yield particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
     colors = np.repeat(shades, len(drawn.chains), axis=0)
@@ -143,7 +138,8 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
     return np.rint(low + height * (high - low)).astype(np.uint8)
 
 
-def _bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
+def bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
+    """Yield joints (n, J, 3), m, of one person or of none, which clears what an earlier frame showed, and skeletons."""
     strips = _strips(drawn, positions)
     known = np.isfinite(strips).all(axis=(1, 2))  # of the truth, not every joint is always
     yield f"{path}/skeleton", Row(rr.LineStrips3D, {"strips": strips[known]})
