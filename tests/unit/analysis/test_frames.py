@@ -16,12 +16,12 @@ from matplotlib.style import context
 from matplotlib.text import Text
 from recording_steps import BODY, CAMERA, steps
 
+from analysis.figures.frames import activities, flexions, pictures, scenes
 from analysis.figures.recordings import VARIANTS
 from workbench.body.kinematics import joints
 from workbench.core.state_space import StateSpace
 from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.errors import InputError
-from workbench.recording.read.frames import activities, flexions, pictures, scenes
 from workbench.recording.read.reader import Run, read
 from workbench.recording.study.drawing import STYLE
 from workbench.recording.study.recorder import record_study
