@@ -1,4 +1,4 @@
-"""What goes with what: refuse parts that cannot work together before any of them is built."""
+"""What goes with what, told by the parts' classes before any of them is built."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,25 +8,19 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.traits import Traits
-from workbench.errors import InputError
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
 
 
-def refuse_incompatible(config: DictConfig, names: Mapping[str, str] | None = None) -> None:
-    """Raise InputError where a part needs of another what that does not offer, in one sentence that names both.
+def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
+    """Say the first thing that a part needs and does not get, in one sentence; None where all goes together.
 
     names: the options chosen, by group; the classes' names stand for those that are not given.
     """
-    if sentence := incompatibility(config, names or {}):
-        raise InputError(sentence)
-
-
-def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
-    """Say the first thing that a part needs and does not get; None where all goes together."""
     looked_at = [group for group in GROUPS if config.get(group) is not None and group not in unread(config)]
     traits = {group: traits_of(config[group]) for group in looked_at}
-    called = {group: f"{group}={names.get(group) or _class_name(config[group])}" for group in traits}
+    classes = {group: str(config[group]["_target_"]).rpartition(".")[2] for group in traits}
+    called = {group: f"{group}={names.get(group) or classes[group]}" for group in traits}
     for group, part in reversed(traits.items()):
         if part.lacks:
             return f"config: {called[group]}: {part.lacks}"
@@ -66,10 +60,6 @@ def _value(node: DictConfig, key: str) -> Any:
     if "_target_" in value:
         return traits_of(value)
     return {str(name): _value(value, str(name)) for name in value}
-
-
-def _class_name(node: DictConfig) -> str:
-    return str(node["_target_"]).rpartition(".")[2]
 
 
 PAIRS = (
