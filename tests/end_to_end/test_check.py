@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from workbench.cli.check import main
 from workbench.errors import InputError
-from workbench.experiment import rerun as again_module
+from workbench.experiment import stored as again_module
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import own_defaults, runnable, tolerances
 from workbench.recording.read.reader import read
