@@ -25,6 +25,7 @@ from workbench.datasets.scenes.stereo_matching import empty_disparity, nearer_po
 from workbench.datasets.scenes.take import Take, given_start, take_of
 from workbench.digest import code_digest
 from workbench.errors import InputError
+from workbench.streams import stream
 
 N_EMPTY = 5
 """Pairs of images of the empty room."""
@@ -113,7 +114,7 @@ class Stereo(Scene):
         clouds = []
         for i in range(self.n_frames):
             points = nearer_points(seen[i], empty, self.cameras[0], self.baseline_m)
-            chosen = np.random.default_rng([self.seed, 1, i]).permutation(len(points))[: self.n_points]
+            chosen = stream(self.seed, "points", i).permutation(len(points))[: self.n_points]
             clouds.append(points[chosen])
         return clouds
 
@@ -132,7 +133,7 @@ class Stereo(Scene):
 
     def _render(self) -> ByteArray:
         """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
-        outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
+        outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
         body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
         room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
         scenes = [

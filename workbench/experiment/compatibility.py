@@ -7,7 +7,7 @@ from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.core.traits import Traits
+from workbench.core.traits import EVIDENCE, Traits
 from workbench.errors import InputError
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
@@ -43,6 +43,18 @@ def unread(config: DictConfig) -> tuple[str, ...]:
     declared = hasattr(get_object(config.inference["_target_"]), "traits")
     ignored = declared and "likelihood" not in traits_of(config.inference).needs
     return ("likelihood",) if ignored and config.get("likelihood") is not None else ()
+
+
+def no_evidence(config: DictConfig, names: Mapping[str, str] | None = None) -> str | None:
+    """Say why the likelihood's evidence cannot be compared between runs; None where it can.
+
+    A likelihood that is averaged, flattened, weighted or made from the run's own estimates is no density of the data.
+    """
+    if config.get("likelihood") is None or unread(config):
+        return "there is no likelihood"
+    if EVIDENCE in traits_of(config.likelihood).offers:
+        return None
+    return f"likelihood={(names or {}).get('likelihood') or _class_name(config.likelihood)} is not {EVIDENCE}"
 
 
 def traits_of(node: DictConfig) -> Traits:

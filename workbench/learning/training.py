@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-import numpy as np
-
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import activities as activity_models
@@ -25,6 +23,7 @@ from workbench.mocap.generated.running import builtin_runs
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
+from workbench.streams import stream
 
 Parameters: TypeAlias = dict[str, str | float | int | None]
 
@@ -103,10 +102,10 @@ def cyclic_model(
     Otherwise as `walking_model`.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    provenance = _provenance(training, code_digest(cyclic, gaps), q=q, missing=missing)
+    provenance = _provenance(training, code_digest(cyclic, gaps), q=q, missing=missing, gap_seed=GAP_SEED)
 
     def learn() -> WalkingModel:
-        rng = np.random.default_rng(GAP_SEED)
+        rng = stream(GAP_SEED, "gaps")
         return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
 
     return _cached(WalkingModel, cache, "cyclic", provenance, learn)

@@ -1,9 +1,9 @@
 """How well a pose explains the 2-D joints that a detector found, or somebody marked, in every view."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.observation_residuals import keypoint_residual
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, stacked
-from workbench.core.traits import KEYPOINTS, RESIDUALS, Traits, offering
+from workbench.core.traits import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.errors import InputError
 from workbench.likelihoods.constants import POSITIVE, TEMPER, check, check_choice
 from workbench.likelihoods.looks import PoseLook
@@ -49,7 +49,10 @@ class KeypointLikelihood:
     not there.
     """
 
-    traits: ClassVar[Traits] = offering(RESIDUALS, dataset=KEYPOINTS)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare residuals, and a density of the data where nothing flattens it."""
+        return offering(RESIDUALS, *((EVIDENCE,) if keys.get("temper") == 1.0 else ()), dataset=KEYPOINTS)
 
     body: Body
     sigma_px: float = 4.0

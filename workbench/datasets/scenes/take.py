@@ -17,6 +17,7 @@ from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
 from workbench.mocap.named import find_motion, motion_file
 from workbench.mocap.sources import UNKNOWN, read_clip
+from workbench.streams import stream
 
 STARTS = ("auto", "given")
 SKELETONS = ("person", "full")
@@ -56,7 +57,7 @@ class Take:
         skeleton, pose = self.body.skeleton, self.motion.poses[0]
         sigma = np.full(len(pose), START_SIGMA_RAD)
         sigma[:3] = START_SIGMA_M
-        error = sigma * np.random.default_rng([seed, 0x57A27]).standard_normal(len(pose))
+        error = sigma * stream(seed, "rough start").standard_normal(len(pose))
         rough: FloatArray = np.clip(pose + error, *skeleton.limits.T)
         return rough
 

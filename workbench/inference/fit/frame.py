@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
+from workbench.body.turns import nearest_turn
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.core.smoothness import PACE_HZ, Smoothness
 from workbench.inference.fit.arrowhead import Pattern
@@ -161,12 +162,16 @@ def track_poses(
     """No motion model: poses (T, P), their covariances (T, P, P) and the searches, each from the pose of the frame
     before (paper D, section 4.1), the first from `start` (P,), with a Gaussian `prior` over poses or without.
 
-    A covariance is the inverse of the Gauss–Newton matrix; what neither points nor prior tell has the deviation FLAT.
+    A joint's angles come out within half a turn of the middle of their limits: a straight arm's twist, which no point
+    tells, may have gone round. A covariance is the inverse of the Gauss–Newton matrix; what neither points nor prior
+    tell has the deviation FLAT.
     """
     poses, covariances, searches, pose = [], [], [], start
+    middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
     for residual in tqdm(residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
         searches.append(fit_frame(decoder, residual, loss, pose, prior=prior, max_iterations=40))
-        pose = searches[-1].x
+        found = searches[-1].x
+        pose = nearest_turn(found, np.concatenate([pose[:N_ROOT], middle]))
         poses.append(pose)
         covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(pose)) / FLAT**2))
     return np.array(poses), np.array(covariances), searches

@@ -11,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.body.turns import nearest_turn
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.step import Step
@@ -237,7 +238,7 @@ def _log_prob(
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
     """The step with some of its particles, weighted anew."""
-    poses = step.poses[picked]
+    poses = nearest_turn(step.poses[picked], step.poses[picked[best]])
     return replace(
         step,
         particles=step.particles[picked],

@@ -27,6 +27,7 @@ from workbench.likelihoods.image_motion.kernel import (
     view_log_prob,
 )
 from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
+from workbench.streams import stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ class ImageMotion:
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch, see `patch_samples`."""
-        return patch_samples(self.n_samples, np.random.default_rng(self.seed))
+        return patch_samples(self.n_samples, stream(self.seed, "image motion samples"))
 
     @property
     def model(self) -> LimbModel:

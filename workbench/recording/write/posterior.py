@@ -8,7 +8,7 @@ import rerun as rr
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
-from workbench.core.frame import Truth
+from workbench.body.turns import nearest_turn
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.posterior import weighted_quantiles
@@ -82,7 +82,7 @@ class Posterior:
         low, high = _band_ends(values, weights)
         rows = {"mean": weights @ values, "low": low, "high": high}
         numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
-        return numbers | self._true(step.frame.truth)
+        return numbers | self._true(step)
 
     def begin(self, step: Step) -> Entities:
         """What stays as the first step finds it: looks of the favourites' curves, bins and model of each coefficient.
@@ -127,11 +127,12 @@ class Posterior:
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         return iter([("posterior/marginals", tensor), ("posterior/legend", legend)]), axes
 
-    def _true(self, known: Truth | None) -> dict[str, float]:
-        if known is None or known.pose is None:
+    def _true(self, step: Step) -> dict[str, float]:
+        """The true pose's numbers, on the turn of the estimate's."""
+        if step.frame.truth is None or step.frame.truth.pose is None:
             return {}
-        dofs = self._skeleton.dof_names
-        return {_band(name, "truth"): known.pose[dofs.index(name)] for name in self.names if name in dofs}
+        dofs, pose = self._skeleton.dof_names, nearest_turn(step.frame.truth.pose, step.expected_pose)
+        return {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
 
 
 def _estimated(space: StateSpace) -> list[int]:

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
-from workbench.evaluation.errors import pose_ranks
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import colours
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
