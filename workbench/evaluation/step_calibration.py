@@ -50,7 +50,7 @@ def pose_calibration(step: Step, skeleton: Skeleton, pose: FloatArray) -> dict[s
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none where it is unknown."""
+    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown."""
     truth = step.frame.truth
     if truth is None or truth.pose is None:
         return np.zeros(0)
