@@ -38,11 +38,11 @@ def made(monkeypatch):
     "words",
     [
         ["experiment=walk_straight"],
-        ["experiment=walk_cyclic", "likelihood=product"],
+        pytest.param(["experiment=walk_cyclic", "likelihood=product"], marks=pytest.mark.slow),  # learns what edges are
         ["experiment=points_run_steady"],
         ["experiment=points_particle_filter", "dataset.images=true"],
         ["experiment=walk_keypoints_synthetic"],
-        ["experiment=stereo_walk", "dataset.images=true"],
+        ["experiment=stereo_walk"],
     ],
     ids=" ".join,
 )
