@@ -23,17 +23,16 @@ from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.timing import fastest_s
 from workbench.arrays import FloatArray
 from workbench.body.surface import Surface, person_surface
-from workbench.core.observation_residuals import surface_residual
-from workbench.core.residual import Loss, ResidualFunction, robust
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
+from workbench.core.residual import Loss, ResidualFunction, robust, surface_residual
 from workbench.datasets.person import of_dataset
 from workbench.datasets.points import Points
-from workbench.inference.fit.decoding import MotionDecoder
-from workbench.inference.fit.first_guess import START_LOSS, START_POINTS
-from workbench.inference.fit.motion import FitProblem, fit_problem
-from workbench.inference.fit.motion_fit import find_states, fit_batch
+from workbench.inference.fit.decoding import FitData, MotionDecoder
+from workbench.inference.fit.hypotheses import START_LOSS, START_POINTS
+from workbench.inference.fit.motion import FitProblem, fit_motion, fit_problem
+from workbench.inference.fit.motion_fit import find_states
 from workbench.inference.fit.phase_grid import roots_from_points
-from workbench.inference.fit.task import Fit
+from workbench.inference.fit.task import Fit, fit_of
 from workbench.priors.from_motions import activity
 
 CLIP, N_COMPONENTS = "dataset-2_walk_normal_001", 30
@@ -61,15 +60,20 @@ class Scene:
         """States (T, D) found in some of the points, as `LeastSquares` finds them."""
         roots = roots_from_points(self.decoder.skeleton, self.points, self.times_s)
         some = self.residuals(every=max(1, len(self.points[0]) // START_POINTS))
-        return find_states(self.decoder, some, self.times_s, START_LOSS, SMOOTHNESS, roots)
+        return find_states(self.decoder, FitData(some, self.times_s, START_LOSS, SMOOTHNESS), roots)
 
     def problem(self) -> FitProblem:
         """With a style for every frame."""
-        return fit_problem(self.decoder, self.residuals(), self.times_s, LOSS, SMOOTHNESS, frames_per_style=1)
+        return fit_problem(self.decoder, self.data(), frames_per_style=1)
+
+    def data(self) -> FitData:
+        """All points."""
+        return FitData(self.residuals(), self.times_s, LOSS, SMOOTHNESS)
 
     def fit(self, states: FloatArray) -> Fit:
         """From points to poses with their covariances, near states (T, D)."""
-        return fit_batch(self.problem(), states, tolerance=TOLERANCE)
+        states, covariances, search = fit_motion(self.problem(), states, tolerance=TOLERANCE)
+        return fit_of(self.decoder, self.data(), states, covariances, search.iterations, search.costs)
 
 
 def figures() -> list[Figure]:

@@ -21,7 +21,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.errors import InputError
 from workbench.learning.alignment import Alignment, align
-from workbench.learning.functional_pca import fourier_basis, fpca_paper, fpca_shrunk
+from workbench.learning.functional_pca import cut, fourier_basis, fpca_paper, fpca_shrunk
 from workbench.learning.gaps import (
     METHODS,
     gap_study,
@@ -33,7 +33,6 @@ from workbench.learning.gaps import (
 )
 from workbench.learning.imputation import reconstructed
 from workbench.learning.period import find_period
-from workbench.learning.slices import cut
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import cmu_clips, import_sources
 

@@ -26,7 +26,8 @@ from workbench.core.likelihood import Look
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.image_motion import reference as image_motion_reference
-from workbench.likelihoods.image_motion.kernel import PosedView, packed, place_points
+from workbench.likelihoods.image_motion.kernel import PosedView, packed
+from workbench.likelihoods.limb_points import limb_points
 
 N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
 CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
@@ -107,7 +108,7 @@ def on_threads(threads: int, look: Look, poses_before: FloatArray, poses_now: Fl
 def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, Float32Array]:
     """Where the kernel looks in the present image for some particles, px, in its order."""
     body = likelihood.body
-    pixels, _, _ = place_points(body.limbs, likelihood.samples, CAMERA, forward(body.skeleton, poses[:N_PLACED]), False)
+    pixels = limb_points(body, likelihood.samples, CAMERA, forward(body.skeleton, poses[:N_PLACED])).pixels
     pixels = pixels.reshape(-1, LANES, *pixels.shape[1:]).transpose(4, 0, 2, 3, 1)
     x, y = pixels.reshape(2, -1)
     return np.clip(x, 0.0, CAMERA.width - 2.0), np.clip(y, 0.0, CAMERA.height - 2.0)

@@ -34,7 +34,7 @@ from workbench.core.prior import Prior
 from workbench.datasets.points import Points
 from workbench.errors import InputError
 from workbench.inference.fit.least_squares import LeastSquares
-from workbench.likelihoods.image_motion import ImageMotion, packed_levels
+from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.from_motions import activity
 from workbench.priors.implicit_search import kd_tree, search
@@ -97,7 +97,7 @@ def pixels(scales: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 3.0), n_particles: in
         likelihood, before, now = scene(np.random.default_rng(0), N_SAMPLES, scale)
         view = now.views[0]
         looking = _likelihood(likelihood, before, now, n_particles)
-        times.append(_fastest_ms([looking, partial(packed_levels, view, likelihood.blur_px)], REPEATS))
+        times.append(_fastest_ms([looking, partial(likelihood.look, None, now)], REPEATS))
         sizes.append(1e-6 * view.image.size)
     size, (looking_ms, preparing_ms) = "image size, 10⁶ px", zip(*times, strict=True)
     return [

@@ -20,17 +20,17 @@ from analysis.benchmarks.machine import processor, versions
 from workbench.arrays import FloatArray
 from workbench.body import surface_reference
 from workbench.body.kinematics import forward
-from workbench.body.limbs import person
+from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.body.surface import (
     KINDS,
     Surface,
     attach,
+    limbs_surface,
     person_surface,
     residual_jacobian,
     residuals,
-    skeleton_surface,
 )
 
 N_POINTS, REPEATS = 400, 300
@@ -42,7 +42,7 @@ def main() -> None:
     print(f"{processor()}, 1 thread; {versions()}")
     print(f"{N_POINTS} points; µs, minimum of {REPEATS} repeats (of the reference: {REPEATS // 100})\n")
     print("dofs  ellipsoids  kind          F   F and J   ratio   attach   ratio with attach   reference F and J")
-    for skeleton, surface in ((body.skeleton, person_surface(body)), (many, skeleton_surface(many))):
+    for skeleton, surface in ((body.skeleton, person_surface(body)), (many, limbs_surface(skeleton_limbs(many)))):
         _print_rows(skeleton, surface, np.random.default_rng(0))
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from analysis.figures.frames import scenes
 from analysis.figures.studies import seen
 from analysis.figures.style import bare, canvas
-from workbench.recording.read.frames import scenes
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES
 

@@ -1,6 +1,6 @@
 """Paper C, fig. 6: tracking an arm with few particles.
 
-From arm_implicit, arm_smooth_300 and arm_smooth_3000, which section 6 of the paper describes.
+From arm_smooth_300, and with a choice each, arm_implicit and arm_smooth_3000, which section 6 of the paper describes.
 """
 
 from collections.abc import Mapping

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.frames import activities
 from analysis.figures.panels import activity_lanes, bodies, evenly
 from analysis.figures.style import canvas, rows
 from analysis.figures.told import accuracy, setup
-from workbench.recording.read.frames import activities
 from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_transition",)

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.frames import flexions
 from analysis.figures.panels import flexion
 from analysis.figures.style import canvas
 from analysis.figures.told import legs, setup
-from workbench.recording.read.frames import flexions
 from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_walk_steady",)

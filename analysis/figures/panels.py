@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
+from analysis.figures.frames import Picture, Scene, pictures, scenes
 from analysis.figures.studies import seen
 from analysis.figures.style import ON_IMAGE, POINTS, bare
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
 from workbench.recording.read.chunks import Curve
-from workbench.recording.read.frames import Picture, Scene, pictures, scenes
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import ESTIMATE, FAINT, SERIES, TRUTH, label_ends
 

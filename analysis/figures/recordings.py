@@ -61,6 +61,12 @@ GENERATED: Mapping[str, Sequence[str]] = {
 }
 """What lets an experiment that needs recorded motion do with generated people. For trying out, not for the paper."""
 
+VARIANTS: Mapping[str, tuple[str, ...]] = {
+    "arm_implicit": ("arm_smooth_300", "prior=implicit"),
+    "arm_smooth_3000": ("arm_smooth_300", "inference.n_particles=3000"),
+}
+"""Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
+
 _NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep")
 _PLACES = ("data", "cache")
 
@@ -94,7 +100,8 @@ def recording(experiment: str, source: Source, known: Sequence[Run]) -> Run:
 
     Raises InputError when it cannot be made.
     """
-    candidates = [run for run in known if run.status == "complete" and run.provenance.get("experiment") == experiment]
+    name = VARIANTS.get(experiment, (experiment,))[0]
+    candidates = [run for run in known if run.status == "complete" and run.provenance.get("experiment") == name]
     candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
     for overrides in source.variants(experiment) if candidates else ():
         wanted = what_matters(_composed(experiment, overrides))
@@ -130,7 +137,7 @@ def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
 def _made(experiment: str, source: Source) -> Run:
     overrides = source.variants(experiment)[-1]
     folder = source.folder / experiment / f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
-    print(f"  {' '.join(['workbench', f'experiment={experiment}', *overrides])}", flush=True)
+    print(f"  {' '.join(['workbench', *_command(experiment, overrides)[3:]])}", flush=True)
     done = subprocess.run(
         [*_command(experiment, overrides), f"hydra.run.dir={folder}"], stdout=subprocess.PIPE, check=False
     )
@@ -140,4 +147,5 @@ def _made(experiment: str, source: Source) -> Run:
 
 
 def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "workbench", f"experiment={experiment}", *overrides]
+    name, *choice = VARIANTS.get(experiment, (experiment,))
+    return [sys.executable, "-m", "workbench", f"experiment={name}", *choice, *overrides]

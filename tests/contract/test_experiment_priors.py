@@ -96,11 +96,11 @@ def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_beg
     chosen = ["experiment=coverage", "inference=gauss_newton"]
     assert composed(*chosen).inference.n_particles == 1400
     assert composed(*chosen, "inference.n_particles=7").inference.n_particles == 7
-    assert composed("experiment=arm_smooth_300").inference.n_particles == 300
-    assert composed("experiment=arm_smooth_3000").inference.n_particles == 3000
+    assert composed("experiment=points_walk_variable").prior.n_components == 30
+    assert composed("experiment=points_hybrid").prior.n_components == 8
     assert composed("experiment=balance_1cam").inference.problem.ground_m == 0.14
     assert composed("experiment=balance_1cam").likelihood.loss == "huber"
 
 
 def test_there_are_few_files():
-    assert len(list(folder("workbench").rglob("*.yaml"))) <= 94
+    assert len(list(folder("workbench").rglob("*.yaml"))) <= 90

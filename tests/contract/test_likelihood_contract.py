@@ -43,7 +43,8 @@ def edges():
     likelihood, rng = Edges(BODY), np.random.default_rng(0)
     counts = rng.integers(1, 100, (2, 2, 7, BINS)).astype(float)
     parts = ("torso", "head", "upper_arm", "forearm", "hand", "thigh", "calf")
-    likelihood.__dict__["model"] = EdgeModel(parts, counts[0], counts[1])  # instead of that of rendered people
+    model = EdgeModel(parts, counts[0], counts[1])  # instead of that of rendered people
+    likelihood.__dict__["log_ratio"] = model.log_ratio(BODY.limbs.names)
     return likelihood
 
 

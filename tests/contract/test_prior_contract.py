@@ -17,7 +17,7 @@ from workbench.learning.windows import learn_windows
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.following import Following, Trajectory
-from workbench.priors.implicit import PREDICTIONS, SEARCHES, Implicit
+from workbench.priors.implicit import PREDICTIONS, TREES, Implicit
 from workbench.priors.mixture import Enterable, Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
@@ -72,7 +72,7 @@ MADE = {
 } | {
     f"implicit {where}, {search}, {prediction}": lambda folder, how=(parts, root, search, prediction): implicit(*how)
     for (where, parts, root), search, prediction in product(
-        [("body", ("body",), True), ("arm", ("left_arm",), False)], SEARCHES, PREDICTIONS
+        [("body", ("body",), True), ("arm", ("left_arm",), False)], TREES, PREDICTIONS
     )
 }
 

@@ -24,8 +24,8 @@ from workbench.core.frame import Truth
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
 from workbench.recording.read.reader import read
+from workbench.recording.write import file
 from workbench.recording.write import recorder as module
-from workbench.recording.write import viewer
 from workbench.recording.write.recorder import Recorder
 
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
@@ -427,24 +427,23 @@ def free_port():
 
 
 def test_live_without_a_viewer_says_so_and_records(run, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(viewer, "PORT", free_port())
+    monkeypatch.setattr(file, "PORT", free_port())
     with caplog.at_level(logging.WARNING):
         path = record(tmp_path / "run.rrd", run[:2], live=True)
     assert "no viewer listens" in caplog.text
     (sentence,) = told(path)
-    assert str(viewer.PORT) in sentence
+    assert str(file.PORT) in sentence
     assert read(path).status == "complete"
 
 
 def test_a_viewer_that_leaves_does_not_end_the_run(run, tmp_path, monkeypatch, caplog):
     port = free_port()
-    monkeypatch.setattr(viewer, "PORT", port)
-    monkeypatch.setattr(viewer, "URL", f"rerun+http://127.0.0.1:{port}/proxy")
+    monkeypatch.setattr(file, "PORT", port)
     command = [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, env={**os.environ, "RERUN_ANALYTICS": "false"}, **quiet) as server:
         try:
-            while not viewer.listens():
+            while not file.viewer_listens():
                 assert server.poll() is None
             with caplog.at_level(logging.WARNING), recorder(tmp_path / "run.rrd", live=True) as recording:
                 recording.log(run[0], {})

@@ -34,8 +34,7 @@ STUDIES = (
     "temperature",
 )  # fmt: skip
 WITH_DATA = (
-    "balance_1cam", "balance_4cam", "balance_arm", "balance_arm_implicit", "balance_filter", "points_full",
-    "walk_keypoints", "walk_video", "walk_video_best",
+    "balance_1cam", "balance_4cam", "balance_arm", "points_full", "walk_keypoints", "walk_video", "walk_video_best",
 )  # fmt: skip
 """Those that show nobody without recordings; the others show generated people here."""
 FEW = ("walk_straight", "points_walk_variable", "walk_keypoints_synthetic")

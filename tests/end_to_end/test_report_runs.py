@@ -7,7 +7,7 @@ import pytest
 
 from workbench.cli import report
 from workbench.recording.read.reader import read
-from workbench.report.statistics import joint_errors
+from workbench.report.groups import joint_errors
 from workbench.report.tables import number
 
 SMALL = ("experiment=custom", "dataset.n_frames=4", "dataset.width=160", "dataset.height=120")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT
-from workbench.learning.activities import learn_activities
-from workbench.learning.activity_classes import accuracy_left_out, mean_rates_hz
+from workbench.learning.activities import accuracy_left_out, learn_activities, mean_rates_hz
 from workbench.learning.activity_cycles import activity_cycles, cut, joined
 from workbench.mocap.bvh import read_bvh
 from workbench.mocap.full_skeleton import full_poses, full_skeleton

@@ -5,7 +5,7 @@ import pytest
 
 from workbench.core.clip import Clip
 from workbench.datasets.video import Video
-from workbench.likelihoods.still_scene import log_ratio, still_scenes
+from workbench.likelihoods.image_levels import log_ratio, still_scenes
 
 
 @pytest.mark.slow  # it decodes a hundred frames
@@ -13,12 +13,12 @@ def test_the_woman_is_foreground_and_the_rest_is_not(data):
     folder = data / "sports2d_walk"
     files = {"eval_marks": str(folder / "keypoints.csv"), "first_frame": 64, "last_frame": 160, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
-    scene = next(iter(still_scenes(Clip(video), 60, 0.7, 3.0).values()))
+    scenes = still_scenes(Clip(video), 60, 0.7, 3.0)
     shares = []
     for frame in video.frames():
         if frame.truth is None:
             continue
-        ratio = log_ratio(frame.views[0], scene, 0.7, 0.05)
+        ratio = log_ratio(frame.views[0], scenes, 0.7, 0.05)
         marks = frame.truth.marks[np.isfinite(frame.truth.marks).all(axis=1)]
         column, row = np.rint(marks).astype(int).T
         away = np.ones(ratio.shape, dtype=bool)

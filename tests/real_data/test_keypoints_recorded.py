@@ -6,7 +6,7 @@ from least_squares_scenes import Knowing
 
 from workbench.body import person
 from workbench.body.kinematics import joints
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
 from workbench.datasets.video import Video
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.motion_fit import MotionFit

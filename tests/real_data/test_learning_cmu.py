@@ -6,8 +6,8 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, person_skeleton
 from workbench.errors import InputError
-from workbench.learning.cycles import walking_cycles
 from workbench.learning.training import training_motions, walking_model
+from workbench.learning.walking import walking_cycles
 from workbench.mocap.sources import load_motion
 from workbench.priors.cyclic import Cyclic
 

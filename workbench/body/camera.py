@@ -8,16 +8,14 @@ import cv2
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.body.shape import Triple
 from workbench.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One calibrated camera.
-
-    width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1, p2, k3.
-    rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t.
-    """
+    """One calibrated camera. width, height: image size, px. matrix: (3, 3) K, px. distortion: (5,) OpenCV's k1, k2, p1,
+    p2, k3. rotation (3, 3) and translation (3,), m, take world points to the camera: x_camera = R x_world + t."""
 
     name: str
     width: int
@@ -30,37 +28,27 @@ class Camera:
     @property
     def position(self) -> FloatArray:
         """The camera's centre in the world, (3,) m."""
-        centre: FloatArray = -self.rotation.T @ self.translation
-        return centre
+        return -self.rotation.T @ self.translation
 
     def to_camera(self, points: FloatArray) -> FloatArray:
         """World points (..., 3) in the camera's frame, m; the last coordinate is the depth."""
-        seen: FloatArray = points @ self.rotation.T + self.translation
-        return seen
+        return points @ self.rotation.T + self.translation
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Pixels (..., 2) of world points (..., 3); the centre of the top left pixel is (0, 0).
+        """Pixels (..., 2) of world points (..., 3), (0, 0) being the centre of the top left one; NaN behind the
+        camera's plane."""
+        return self.pixels(self.to_camera(points), 1e-6)
 
-        Points at or behind the camera's plane give NaN.
-        """
-        seen = self.to_camera(points)
-        depth = np.where(seen[..., 2:] > 1e-6, seen[..., 2:], np.nan)
-        bent = self.distort(seen[..., :2] / depth)
-        return bent * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
-
-    def distort(self, normalised: FloatArray) -> FloatArray:
-        """Distorted coordinates (..., 2) of normalised ones, OpenCV's radial and tangential model."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = normalised[..., 0], normalised[..., 1]
+    def pixels(self, seen: FloatArray, least_depth: float) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in the camera's frame by OpenCV's radial and tangential distortion; NaN up
+        to a depth, m."""
+        depth = np.where(seen[..., 2] > least_depth, seen[..., 2], np.nan)
+        (k1, k2, p1, p2, k3), x, y = self.distortion, seen[..., 0] / depth, seen[..., 1] / depth
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return np.stack(
-            [
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ],
-            axis=-1,
-        )
+        bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return np.stack([bent_x, bent_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
 
     def scaled(self, factor: float) -> "Camera":
         """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
@@ -72,17 +60,10 @@ class Camera:
 
 
 def plain_camera(
-    width: int,
-    height: int,
-    focal_px: float,
-    position: tuple[float, float, float],
-    look_at: tuple[float, float, float],
-    name: str = "camera",
+    width: int, height: int, focal_px: float, position: Triple, look_at: Triple, name: str = "camera"
 ) -> Camera:
-    """An undistorted camera at `position` that looks at a point, both in the world (m), with the world's z up.
-
-    Raises InputError when the two points coincide or one lies straight above the other.
-    """
+    """Return an undistorted camera at `position` that looks at a point, both in the world (m), its z up; raises
+    InputError when the points coincide or one lies straight above the other."""
     forward = np.subtract(look_at, position).astype(np.float64)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-9:
@@ -95,11 +76,9 @@ def plain_camera(
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file.
-
-    Each table but [metadata] holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector)
-    and translation (m). Raises InputError when the file is missing, is not TOML or a camera is incomplete.
-    """
+    """The cameras of a TOML file of the Pose2Sim and Sports2D form, in the order of the file. Each table but [metadata]
+    holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation (m). Raises
+    InputError when the file is missing, is not TOML or a camera is incomplete."""
     path = Path(path)
     try:
         tables = tomllib.loads(path.read_text())
@@ -133,15 +112,8 @@ def _camera(path: Path, key: str, table: object) -> Camera:
         raise InputError(f"{path}: camera [{key}] is a fisheye, expected a pinhole camera")
     width, height = numbers("size", (2,))
     rotation = cv2.Rodrigues(numbers("rotation", (3,)))[0].astype(np.float64)
-    distortion = np.zeros(5)
-    given = numbers("distortions", (4,), (5,))
-    distortion[: len(given)] = given
+    distortion = np.resize(np.append(numbers("distortions", (4,), (5,)), 0.0), 5)
     return Camera(
-        name=str(table.get("name", key)),
-        width=int(width),
-        height=int(height),
-        matrix=numbers("matrix", (3, 3)),
-        rotation=rotation,
-        translation=numbers("translation", (3,)),
-        distortion=distortion,
-    )
+        name=str(table.get("name", key)), width=int(width), height=int(height), matrix=numbers("matrix", (3, 3)),
+        rotation=rotation, translation=numbers("translation", (3,)), distortion=distortion,
+    )  # fmt: skip

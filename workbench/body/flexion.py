@@ -18,12 +18,12 @@ FLEXIONS: Mapping[str, Mapping[str, float]] = {
 
 def flexions(skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
     """Degrees, from −180 to 180, of those of FLEXIONS that a skeleton has, in a pose (P,)."""
-    found = {}
-    for name, known in FLEXIONS.items():
-        for dof, sign in known.items():
-            if dof in skeleton.dof_names:
-                found[name] = wrapped_deg(sign * float(np.degrees(pose[skeleton.dof(dof)])))
-    return found
+    return {
+        name: wrapped_deg(sign * float(np.degrees(pose[skeleton.dof(dof)])))
+        for name, signs in FLEXIONS.items()
+        for dof, sign in signs.items()
+        if dof in skeleton.dof_names
+    }
 
 
 def wrapped_deg(angle: float) -> float:

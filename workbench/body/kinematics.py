@@ -21,8 +21,8 @@ class JointFrames:
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
     """World frames of every joint; poses: (N, P), rad and m. The numba kernel; see `forward_reference`."""
     poses = _checked(skeleton, poses)
-    n, n_joints = len(poses), len(skeleton.names)
-    rotations, positions = np.empty((n, n_joints, 3, 3)), np.empty((n, n_joints, 3))
+    size = (len(poses), len(skeleton.names), 3)
+    rotations, positions = np.empty((*size, 3)), np.empty(size)
     _forward(poses, skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes, rotations, positions)
     return JointFrames(rotations, positions)
 
@@ -35,8 +35,8 @@ def joints(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
 def forward_reference(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
     """Compute `forward` in plain NumPy: T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
     poses = _checked(skeleton, poses)
-    rotations = np.zeros((len(poses), len(skeleton.names), 3, 3))
-    positions = np.zeros((len(poses), len(skeleton.names), 3))
+    size = (len(poses), len(skeleton.names), 3)
+    rotations, positions = np.zeros((*size, 3)), np.zeros(size)
     for j, parent in enumerate(skeleton.parents):
         if parent < 0:
             rotations[:, j], positions[:, j] = np.eye(3), poses[:, :3]
@@ -54,21 +54,17 @@ def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    rotations: FloatArray = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
-    return rotations
+    return np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
 
 
 def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
-    """Derivative of the joint positions with respect to the pose, (N, J, 3, P), m/rad (1 for the translations).
-
-    A turn about the world axis w through the point o moves a joint x below it by w × (x − o).
-    """
+    """Differentiate the joint positions by the pose, (N, J, 3, P), m/rad (1 for the translations): a turn about the
+    world axis w through the point o moves a joint x below it by w × (x − o)."""
     poses = _checked(skeleton, poses)
     frames = forward(skeleton, poses)
-    axes = world_axes(skeleton, poses, frames)
     arms = frames.positions[:, :, None] - frames.positions[:, None, skeleton.dof_joints]  # (N, J, P, 3)
     below = descendants(skeleton)[skeleton.dof_joints].T[..., None]
-    jacobian = np.where(below, np.cross(axes[:, None], arms), 0.0)
+    jacobian = np.where(below, np.cross(world_axes(skeleton, poses, frames)[:, None], arms), 0.0)
     jacobian[:, :, :3] = skeleton.dof_axes[:3]
     return np.ascontiguousarray(jacobian.swapaxes(-1, -2))
 

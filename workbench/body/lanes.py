@@ -14,8 +14,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 LANES = 16
 """Poses handled at once: two vectors of float32 or four of float64 on common processors, which hides latencies."""
-FAST = {"reassoc", "contract", "nsz", "arcp"}
-"""Every reordering of sums that keeps NaN and infinity meaningful."""
+FAST = {"reassoc", "contract", "nsz", "arcp"}  # every reordering of sums that keeps NaN and infinity meaningful
 inlined: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
     error_model="numpy", fastmath=FAST, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )
@@ -29,11 +28,9 @@ ROTATION, POSITION, FRAME = 0, 9 * LANES, 12 * LANES
 
 @inlined
 def lane_frames(poses: Any, first: int, skeleton: Any, values: Any, frames: Any) -> None:
-    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on; beyond the last, the last again.
-
-    The same as `kinematics.forward`, but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes.
-    values: ((P + 9) · LANES,) is overwritten.
-    """
+    """Write the joints' world frames (J, FRAME) of poses (N, P) from `first` on, beyond the last the last again, as
+    `kinematics.forward` but for rounding. skeleton: its parents, offsets, dof_joints and dof_axes. values: ((P + 9) ·
+    LANES,) is overwritten."""
     n_dofs, (parents, offsets, dof_joints, dof_axes) = poses.shape[1], skeleton
     turn, numbers = values[: 9 * LANES], values[9 * LANES :]
     for lane in range(LANES):
@@ -113,11 +110,9 @@ def _multiply(frame: Any, turn: Any) -> None:
 
 @inlined
 def _sine_cosine(angle: float) -> Any:
-    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs.
-
-    The error is that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which
-    no float64 tells apart, the result is merely finite.
-    """
+    """Taylor's series on −π/4..π/4, where the terms left out are below 5e-17, and the quadrant's signs. The error is
+    that of π/2 times the number of quadrants: of no account for people, and for angles of 1e15 rad, which no float64
+    tells apart, the result is merely finite."""
     quarter = np.floor(angle * (2.0 / np.pi) + 0.5)
     r = min(max(angle - quarter * (np.pi / 2.0), -1.0), 1.0)
     q = r * r

@@ -15,12 +15,10 @@ from workbench.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint.
-
-    names: L names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points
-    (equal for a sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section.
-    spheres: (L,) bool. A limb that is not a sphere is a truncated cone with elliptical section.
-    """
+    """L limbs as a structure of arrays; lengths in metres, coordinates in the frame of the limb's joint. names: L
+    names. joints: (L,), the joint whose frame carries the limb. starts, ends: (L, 3), the axis' end points (equal for a
+    sphere). radii: (L, 2, 2), [start or end, (along the limb's x, along its y)] semi-axes of the section. spheres: (L,)
+    bool. A limb that is not a sphere is a truncated cone with elliptical section."""
 
     names: tuple[str, ...]
     joints: IntArray
@@ -35,8 +33,7 @@ class Limbs:
     @cached_property
     def lengths(self) -> FloatArray:
         """(L,), m; 0 for a sphere."""
-        lengths: FloatArray = np.linalg.norm(self.ends - self.starts, axis=1)
-        return lengths
+        return np.linalg.norm(self.ends - self.starts, axis=1)
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -62,11 +59,8 @@ class Body:
         """Multiply every length by `factor`, which keeps the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
-        return Body(
-            skeleton=self.skeleton.with_offsets(factor * self.skeleton.offsets),
-            shape=self.shape.scaled(factor),
-            limbs=replace(limbs, starts=starts, ends=ends, radii=radii),
-        )
+        skeleton = replace(self.skeleton, offsets=factor * self.skeleton.offsets)
+        return Body(skeleton, self.shape.scaled(factor), replace(limbs, starts=starts, ends=ends, radii=radii))
 
 
 def person(shape: Shape) -> Body:
@@ -86,9 +80,8 @@ def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO
     thickness: half size across a bone as a part of its length. radii: half sizes (m) across the bone that ends at the
     named joint, fore and aft (upwards where the bone points ahead) and sideways. ends: length and the two half sizes,
     m, of what goes on beyond a joint in the direction of its bone, such as a head or a hand; its limb is "<joint>_end".
-    Bones without a length, such as those between a joint and another at its place, have no limb.
-
-    Raises InputError for a joint that does not exist and for a skeleton without bones.
+    Bones without a length, such as those between a joint and another at its place, have no limb. Raises InputError for
+    a joint that does not exist and for a skeleton without bones.
     """
     if unknown := sorted(({*radii} | {*ends}) - set(skeleton.names)):
         raise InputError(f"limbs: the skeleton has no joint {unknown[0]!r}, it has {', '.join(skeleton.names)}")
@@ -106,13 +99,9 @@ def skeleton_limbs(skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO
         raise InputError("limbs: expected a skeleton with bones")
     names, joints, bones, sizes = zip(*rows, strict=True)
     return Limbs(
-        names=names,
-        joints=np.array(joints),
-        starts=np.zeros((len(rows), 3)),
-        ends=np.array(bones),
-        radii=np.repeat(np.array(sizes)[:, None], 2, axis=1),
-        spheres=np.zeros(len(rows), dtype=bool),
-    )
+        names=names, joints=np.array(joints), starts=np.zeros((len(rows), 3)), ends=np.array(bones),
+        radii=np.repeat(np.array(sizes)[:, None], 2, axis=1), spheres=np.zeros(len(rows), dtype=bool),
+    )  # fmt: skip
 
 
 def _person_limbs(shape: Shape) -> Limbs:
@@ -124,8 +113,7 @@ def _person_limbs(shape: Shape) -> Limbs:
         ("head", "neck", shape.head, shape.head, _round(shape.head_radius, shape.head_radius), True),
     ]
     for side in ("left", "right"):
-        wrist = (0.0, 0.0, -shape.forearm)
-        hand = (0.0, 0.0, -shape.forearm - 1.2 * shape.hand_radius)
+        wrist, hand = (0.0, 0.0, -shape.forearm), (0.0, 0.0, -shape.forearm - 1.2 * shape.hand_radius)
         rows += [
             (f"{side}_upper_arm", f"{side}_shoulder", origin, (0.0, 0.0, -shape.upper_arm),
              _round(*shape.upper_arm_radii), False),
@@ -136,13 +124,9 @@ def _person_limbs(shape: Shape) -> Limbs:
         ]  # fmt: skip
     names, joints, starts, ends, radii, spheres = zip(*rows, strict=True)
     return Limbs(
-        names=names,
-        joints=np.array([JOINT_NAMES.index(joint) for joint in joints]),
-        starts=np.array(starts),
-        ends=np.array(ends),
-        radii=np.array(radii),
-        spheres=np.array(spheres),
-    )
+        names=names, joints=np.array([JOINT_NAMES.index(joint) for joint in joints]), starts=np.array(starts),
+        ends=np.array(ends), radii=np.array(radii), spheres=np.array(spheres),
+    )  # fmt: skip
 
 
 def _round(start: float, end: float) -> tuple[FloatArray, FloatArray]:

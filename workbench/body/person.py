@@ -8,15 +8,12 @@ from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.errors import InputError
 
-Lengths = Mapping[str, float]
-NO_LENGTHS: Lengths = MappingProxyType({})
+NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
 
-def of_height(*, height_m: float, lengths: Lengths = NO_LENGTHS) -> Body:
-    """An average person of a height, m, with single lengths (m) given by name, e.g. {thigh: 0.40}.
-
-    Raises InputError for an unknown length and what `from_height` refuses.
-    """
+def of_height(*, height_m: float, lengths: Mapping[str, float] = NO_LENGTHS) -> Body:
+    """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}; raises InputError
+    for an unknown length and what `from_height` refuses."""
     plain = {field.name for field in fields(Shape) if field.type is float}
     if unknown := sorted(set(lengths) - plain):
         raise InputError(f"body: unknown length {unknown[0]!r}, expected one of {', '.join(sorted(plain))}")

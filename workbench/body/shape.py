@@ -47,10 +47,9 @@ class Shape:
 
     def scaled(self, factor: float) -> "Shape":
         """Multiply every length by `factor`, which keeps the proportions."""
-        lengths: dict[str, Any] = {
-            name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
-            for name, value in self.as_dict().items()
-        }
+        lengths: dict[str, Any] = self.as_dict()
+        for name, value in lengths.items():
+            lengths[name] = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
         return Shape(**lengths)
 
     def as_dict(self) -> dict[str, float | tuple[float, ...]]:
@@ -66,7 +65,6 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
     0.818 H; upper arm 0.186, forearm 0.146 H; shoulder joints 0.129 H from the midline). The distance between the hip
     joints, 0.10 H, is that of joint centres (Bell, Pedersen & Brand 1990), not Winter's breadth over the trochanters.
     The neck (C7) and the centre of the head at 0.85 and 0.93 H, and the radii, are ours, read off adult silhouettes.
-
     Raises InputError when the height is not between 0.5 and 2.5 m or a name is unknown.
     """
     if not 0.5 <= height_m <= 2.5:
@@ -74,31 +72,17 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
     if unknown := set(given) - {field.name for field in fields(Shape)}:
         raise InputError(f"shape: unknown length {sorted(unknown)[0]!r}")
     average = Shape(
-        neck=(0.0, 0.0, 0.320),
-        shoulder=(0.0, 0.115, 0.288),
-        hip=(0.0, 0.050, 0.0),
-        head=(0.012, 0.0, 0.080),
-        upper_arm=0.186,
-        forearm=0.146,
-        thigh=0.245,
-        calf=0.246,
-        head_radius=0.060,
-        hand_radius=0.030,
-        torso_radii_low=(0.062, 0.095),
-        torso_radii_high=(0.058, 0.100),
-        upper_arm_radii=(0.030, 0.025),
-        forearm_radii=(0.026, 0.018),
-        thigh_radii=(0.050, 0.035),
-        calf_radii=(0.034, 0.023),
-    ).scaled(height_m)
+        neck=(0.0, 0.0, 0.320), shoulder=(0.0, 0.115, 0.288), hip=(0.0, 0.050, 0.0), head=(0.012, 0.0, 0.080),
+        upper_arm=0.186, forearm=0.146, thigh=0.245, calf=0.246, head_radius=0.060, hand_radius=0.030,
+        torso_radii_low=(0.062, 0.095), torso_radii_high=(0.058, 0.100), upper_arm_radii=(0.030, 0.025),
+        forearm_radii=(0.026, 0.018), thigh_radii=(0.050, 0.035), calf_radii=(0.034, 0.023),
+    ).scaled(height_m)  # fmt: skip
     return Shape(**{**average.as_dict(), **given})  # type: ignore[arg-type]
 
 
 def read_shape(place: str, found: Mapping[str, Any]) -> Shape:
-    """The shape whose lengths, m, a file holds by name as `Shape.as_dict` gives them.
-
-    Raises InputError, which names the place, for a length that is missing, not finite, or not one a person can have.
-    """
+    """Read the shape whose lengths, m, a file holds by name as `Shape.as_dict` gives them; raises InputError, naming
+    the place, for one that is missing, not finite, or not one a person can have."""
     lengths: dict[str, Any] = {}
     for name, average in from_height(1.7).as_dict().items():  # for the names, and which of them are vectors
         value = np.asarray(found.get(name))

@@ -7,19 +7,22 @@ The world's z axis points up.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.body.shape import Shape
+from workbench.body.shape import Shape, Triple
 from workbench.errors import InputError
 
-JOINT_NAMES = (
-    "pelvis", "neck", "head_centre",
-    "left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist",
-    "left_hip", "left_knee", "left_ankle", "right_hip", "right_knee", "right_ankle",
-)  # fmt: skip
+_PARENTS = {
+    "pelvis": None, "neck": "pelvis", "head_centre": "neck",
+    "left_shoulder": "pelvis", "left_elbow": "left_shoulder", "left_wrist": "left_elbow",
+    "right_shoulder": "pelvis", "right_elbow": "right_shoulder", "right_wrist": "right_elbow",
+    "left_hip": "pelvis", "left_knee": "left_hip", "left_ankle": "left_knee",
+    "right_hip": "pelvis", "right_knee": "right_hip", "right_ankle": "right_knee",
+}  # fmt: skip
+JOINT_NAMES = tuple(_PARENTS)
 ERROR_JOINTS = JOINT_NAMES[1:]
 """The 14 joints whose mean distance is a run's error: all but the pelvis, which is the root itself."""
 
@@ -58,38 +61,21 @@ class Skeleton:
         children = np.flatnonzero(self.parents >= 0)
         return np.stack([self.parents[children], children], axis=1)
 
-    def with_offsets(self, offsets: FloatArray) -> "Skeleton":
-        """Exchange the bones' offsets for others, (J, 3) m."""
-        return replace(self, offsets=offsets)
-
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_PARENTS = {
-    "pelvis": None, "neck": "pelvis", "head_centre": "neck",
-    "left_shoulder": "pelvis", "left_elbow": "left_shoulder", "left_wrist": "left_elbow",
-    "right_shoulder": "pelvis", "right_elbow": "right_shoulder", "right_wrist": "right_elbow",
-    "left_hip": "pelvis", "left_knee": "left_hip", "left_ankle": "left_knee",
-    "right_hip": "pelvis", "right_knee": "right_hip", "right_ankle": "right_knee",
-}  # fmt: skip
-
 # (name, joint, axis, lower, upper). Signs are anatomical: flexion and abduction are positive on both sides, so that
 # mirrored poses have equal numbers. The root turns as Rz Ry Rx (paper A, section 3). A shoulder abducts first so that
 # its singular direction is straight ahead, a hip flexes first so that its singular direction is straight to the side.
 _FREE = 1e6
 _ROOT_DOFS = (
-    ("root_x", "pelvis", X, -_FREE, _FREE),
-    ("root_y", "pelvis", Y, -_FREE, _FREE),
-    ("root_z", "pelvis", Z, -_FREE, _FREE),
-    ("root_heading", "pelvis", Z, -_FREE, _FREE),
-    ("root_pitch", "pelvis", Y, -_FREE, _FREE),
-    ("root_roll", "pelvis", X, -_FREE, _FREE),
-    ("neck_turn", "neck", Z, -1.4, 1.4),
-    ("neck_nod", "neck", Y, -1.2, 1.2),
-    ("neck_tilt", "neck", X, -0.8, 0.8),
-)
+    ("root_x", "pelvis", X, -_FREE, _FREE), ("root_y", "pelvis", Y, -_FREE, _FREE),
+    ("root_z", "pelvis", Z, -_FREE, _FREE), ("root_heading", "pelvis", Z, -_FREE, _FREE),
+    ("root_pitch", "pelvis", Y, -_FREE, _FREE), ("root_roll", "pelvis", X, -_FREE, _FREE),
+    ("neck_turn", "neck", Z, -1.4, 1.4), ("neck_nod", "neck", Y, -1.2, 1.2), ("neck_tilt", "neck", X, -0.8, 0.8),
+)  # fmt: skip
 
 
-def _arm_dofs(side: str, left: float) -> tuple[tuple[str, str, tuple[float, float, float], float, float], ...]:
+def _arm_dofs(side: str, left: float) -> tuple[tuple[str, str, Triple, float, float], ...]:
     return (
         (f"{side}_shoulder_abduction", f"{side}_shoulder", (left, 0.0, 0.0), -0.8, 3.1),
         (f"{side}_shoulder_flexion", f"{side}_shoulder", (0.0, -1.0, 0.0), -1.4, 3.1),
@@ -98,7 +84,7 @@ def _arm_dofs(side: str, left: float) -> tuple[tuple[str, str, tuple[float, floa
     )
 
 
-def _leg_dofs(side: str, left: float) -> tuple[tuple[str, str, tuple[float, float, float], float, float], ...]:
+def _leg_dofs(side: str, left: float) -> tuple[tuple[str, str, Triple, float, float], ...]:
     return (
         (f"{side}_hip_flexion", f"{side}_hip", (0.0, -1.0, 0.0), -0.9, 2.2),
         (f"{side}_hip_abduction", f"{side}_hip", (left, 0.0, 0.0), -0.7, 1.2),
@@ -125,15 +111,11 @@ PARTS = {
 
 
 def parameters(option: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The names of a pose's parameters that `names`, names and keys of PARTS, stand for, in the pose's order.
-
-    Raises InputError, naming the `option` they were given for, when one is unknown.
-    """
+    """Return, in the pose's order, the names of the parameters that `names`, these or keys of PARTS, stand for; raises
+    InputError, naming the `option` they were given for, when one is unknown."""
     if unknown := [name for name in names if name not in POSE_NAMES and name not in PARTS]:
-        raise InputError(
-            f"{option}: {unknown[0]!r} is unknown, expected parts of the body ({', '.join(PARTS)}) or some of "
-            f"{', '.join(POSE_NAMES)}"
-        )
+        expected = f"expected parts of the body ({', '.join(PARTS)}) or some of {', '.join(POSE_NAMES)}"
+        raise InputError(f"{option}: {unknown[0]!r} is unknown, {expected}")
     wanted = {parameter for name in names for parameter in PARTS.get(name, (name,))}
     return tuple(name for name in POSE_NAMES if name in wanted)
 
@@ -143,12 +125,10 @@ def person_skeleton(shape: Shape) -> Skeleton:
     return Skeleton(
         names=JOINT_NAMES,
         parents=np.array([-1 if (p := _PARENTS[n]) is None else JOINT_NAMES.index(p) for n in JOINT_NAMES]),
-        offsets=_person_offsets(shape),
-        dof_names=POSE_NAMES,
+        offsets=_person_offsets(shape), dof_names=POSE_NAMES,
         dof_joints=np.array([JOINT_NAMES.index(dof[1]) for dof in _PERSON_DOFS]),
-        dof_axes=np.array([dof[2] for dof in _PERSON_DOFS]),
-        limits=np.array([dof[3:] for dof in _PERSON_DOFS]),
-    )
+        dof_axes=np.array([dof[2] for dof in _PERSON_DOFS]), limits=np.array([dof[3:] for dof in _PERSON_DOFS]),
+    )  # fmt: skip
 
 
 def _person_offsets(shape: Shape) -> FloatArray:
@@ -157,8 +137,6 @@ def _person_offsets(shape: Shape) -> FloatArray:
         mirror = np.array([1.0, left, 1.0])
         offsets[f"{side}_shoulder"] = tuple(mirror * shape.shoulder)
         offsets[f"{side}_hip"] = tuple(mirror * shape.hip)
-        for joint, length in (
-            ("elbow", shape.upper_arm), ("wrist", shape.forearm), ("knee", shape.thigh), ("ankle", shape.calf),
-        ):  # fmt: skip
-            offsets[f"{side}_{joint}"] = (0.0, 0.0, -length)
+        lengths = {"elbow": shape.upper_arm, "wrist": shape.forearm, "knee": shape.thigh, "ankle": shape.calf}
+        offsets |= {f"{side}_{joint}": (0.0, 0.0, -length) for joint, length in lengths.items()}
     return np.array([offsets[name] for name in JOINT_NAMES])

@@ -36,7 +36,7 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body import surface_kernel
 from workbench.body.kinematics import JointFrames
-from workbench.body.limbs import NO_ENDS, NO_RADII, Body, Ends, Limbs, Radii, skeleton_limbs
+from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 from workbench.threads import over_threads
@@ -52,15 +52,11 @@ _TOGETHER = 16  # poses at least that one thread takes
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """E ellipsoids in B parts; lengths in metres.
-
-    names: E names. joints: (E,), the joint whose frame carries an ellipsoid. centers: (E, 3) in that frame.
-    half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which turn the ellipsoid's axes to the joint's frame.
-    parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once and in this order.
-    part_names: B names. sharpness: a. level: C.
-
-    Raises InputError when a half size, a or C is not positive, or the parts are not in order.
-    """
+    """E ellipsoids in B parts; lengths in metres. names: E names. joints: (E,), the joint whose frame carries an
+    ellipsoid. centers: (E, 3) in that frame. half_sizes: (E, 3) along the columns of `axes`, (E, 3, 3), which turn the
+    ellipsoid's axes to the joint's frame. parts: (E,), the body part of each ellipsoid, 0 to B − 1, each at least once
+    and in this order. part_names: B names. sharpness: a. level: C. Raises InputError when a half size, a or C is not
+    positive, or the parts are not in order."""
 
     names: tuple[str, ...]
     joints: IntArray
@@ -82,11 +78,6 @@ class Surface:
     def __len__(self) -> int:
         return len(self.names)
 
-    @property
-    def strength(self) -> float:
-        """b of every ellipsoid, which makes the skin of a lone ellipsoid that ellipsoid."""
-        return float(self.level * np.exp(self.sharpness))
-
     @cached_property
     def table(self) -> FloatArray:
         """The kernel's table (E, 19): centre, the axes over the half sizes as rows, 1 / half size² and half size² along
@@ -102,10 +93,8 @@ class Surface:
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """The part (K,) that each point (K, 3), m, belongs to in one pose: the smallest |distance| or |log(f / C)|.
-
-    frames: of one pose, (1, J, ...). Of equals it is the first part. Raises InputError for a point that is not finite.
-    """
+    """Find the part (K,) that each point (K, 3), m, belongs to in one pose, that of frames (1, J, ...): the first of
+    those with the smallest |distance| or |log(f / C)|; raises InputError for a point that is not finite."""
     points = np.ascontiguousarray(_finite(points), dtype=np.float64)
     attachment = np.empty(len(points), dtype=np.int64)
     surface_kernel.attach(
@@ -118,10 +107,7 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,).
-
-    "field": f − C, dimensionless; "distance": m. See the module for both.
-    """
+    """Residuals (K,) of points (K, 3), m, attached to parts (K,), in one pose (P,), in the unit of their kind."""
     found = np.empty(len(points))
     surface_kernel.residuals(*_arguments(skeleton, surface, pose, points, kind, attachment, found))
     return found
@@ -147,10 +133,8 @@ def nearest_residual_jacobian(
 
 
 def nearest_distances(skeleton: Skeleton, surface: Surface, poses: FloatArray, points: FloatArray) -> FloatArray:
-    """Distances (N, K), m, of points (K, 3), m, to the parts that `attach` finds in each of the poses (N, P).
-
-    Raises as `attach` does. It runs on as many threads as numba is set to.
-    """
+    """Distances (N, K), m, of points (K, 3), m, to the parts that `attach` finds in each of the poses (N, P), on as
+    many threads as numba is set to; raises as `attach` does."""
     points = np.ascontiguousarray(_finite(points), dtype=np.float64)
     found = np.empty((len(poses), len(points)))
     arguments = (
@@ -183,38 +167,30 @@ def _arguments(
 
 
 def person_surface(body: Body) -> Surface:
-    """The skin of a body: a part for each limb, cones as chains of ellipsoids, spheres as spheres."""
+    """Return the skin of a body, see `limbs_surface`."""
     return limbs_surface(body.limbs)
 
 
-def skeleton_surface(
-    skeleton: Skeleton, thickness: float = 0.2, radii: Radii = NO_RADII, ends: Ends = NO_ENDS
-) -> Surface:
-    """A skin for any skeleton, along its bones: that of `limbs.skeleton_limbs`, which see."""
-    return limbs_surface(skeleton_limbs(skeleton, thickness, radii, ends))
-
-
 def limbs_surface(limbs: Limbs) -> Surface:
-    """The skin of limbs, each a part."""
-    return _assembled(
-        [
-            (name, joint, _ball(start, radii[0]) if sphere else _chain(start, end, radii, axes))
-            for name, joint, start, end, radii, axes, sphere in zip(
-                limbs.names, limbs.joints, limbs.starts, limbs.ends, limbs.radii, limbs.axes, limbs.spheres, strict=True
-            )
-        ]
-    )
+    """Return the skin of limbs: a part for each, cones as chains of ellipsoids, spheres as spheres."""
+    ellipsoids = [
+        (start[None], np.full((1, 3), radii[0, 0])) if sphere else _chain(start, end, radii)
+        for start, end, radii, sphere in zip(limbs.starts, limbs.ends, limbs.radii, limbs.spheres, strict=True)
+    ]
+    sizes = [len(centers) for centers, _ in ellipsoids]
+    numbered = zip(limbs.names, sizes, strict=True)
+    return Surface(
+        names=tuple(name if n == 1 else f"{name}_{i + 1}" for name, n in numbered for i in range(n)),
+        joints=np.repeat(limbs.joints, sizes), centers=np.concatenate([centers for centers, _ in ellipsoids]),
+        half_sizes=np.concatenate([half_sizes for _, half_sizes in ellipsoids]),
+        axes=np.repeat(limbs.axes, sizes, axis=0), parts=np.repeat(np.arange(len(sizes)), sizes),
+        part_names=limbs.names,
+    )  # fmt: skip
 
 
-_Ellipsoids = tuple[FloatArray, FloatArray, FloatArray]
-"""Centres (n, 3), half sizes (n, 3) and axes (3, 3) of the ellipsoids of one part, all alike in direction."""
-
-
-def _chain(start: FloatArray, end: FloatArray, radii: FloatArray, axes: FloatArray) -> _Ellipsoids:
-    """Ellipsoids along a truncated cone; radii (2, 2): [start or end, (along x, along y)], m, of axes (3, 3).
-
-    Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring.
-    """
+def _chain(start: FloatArray, end: FloatArray, radii: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return centres and half sizes (n, 3) of ellipsoids along a truncated cone of radii (2, 2), as in `Limbs`, m.
+    Their number makes them about as long as thick; the spaces and half lengths are those of the module's docstring."""
     length, thickness = float(np.linalg.norm(end - start)), float(radii.mean(axis=0).min())
     covered = length + 2.0 * OVERHANG * thickness
     n = max(2, round(covered / (2.0 * thickness)))
@@ -223,26 +199,4 @@ def _chain(start: FloatArray, end: FloatArray, radii: FloatArray, axes: FloatArr
     centers = start + along[:, None] * (end - start)
     across = radii[0] + along[:, None] * (radii[1] - radii[0])
     half_length = space * np.sqrt(SHARPNESS / np.pi)
-    return centers, np.column_stack([across, np.full(n, half_length)]), axes
-
-
-def _ball(centre: FloatArray, radii: FloatArray) -> _Ellipsoids:
-    return centre[None], np.full((1, 3), radii[0]), np.eye(3)
-
-
-def _assembled(parts: list[tuple[str, int, _Ellipsoids]]) -> Surface:
-    sizes = [len(ellipsoids[0]) for _, _, ellipsoids in parts]
-    names = [
-        name if size == 1 else f"{name}_{i + 1}"
-        for (name, _, _), size in zip(parts, sizes, strict=True)
-        for i in range(size)
-    ]
-    return Surface(
-        names=tuple(names),
-        joints=np.repeat([joint for _, joint, _ in parts], sizes),
-        centers=np.concatenate([ellipsoids[0] for _, _, ellipsoids in parts]),
-        half_sizes=np.concatenate([ellipsoids[1] for _, _, ellipsoids in parts]),
-        axes=np.repeat(np.stack([ellipsoids[2] for _, _, ellipsoids in parts]), sizes, axis=0),
-        parts=np.repeat(np.arange(len(parts)), sizes),
-        part_names=tuple(name for name, _, _ in parts),
-    )
+    return centers, np.column_stack([across, np.full(n, half_length)])

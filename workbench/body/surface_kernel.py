@@ -15,12 +15,9 @@ import numpy as np
 from workbench.body.lanes import FAST, inlined
 
 FIELD, DISTANCE = 0, 1
-MARGIN = 1e-9
-"""Bounds may be above the nearest by this part, so that rounding never hides a part."""
-NEGLIGIBLE = -40.0
-"""log(f_i / f) below which an ellipsoid's share is zero to double precision."""
-POINTS = 32
-"""Points whose lower bounds are computed at once; 16 would be unrolled too early for vector square roots."""
+MARGIN = 1e-9  # bounds may be above the nearest by this part, so that rounding never hides a part
+NEGLIGIBLE = -40.0  # log(f_i / f) below which an ellipsoid's share is zero to double precision
+POINTS = 32  # points whose lower bounds are computed at once; 16 would be unrolled too early for vector square roots
 
 # Columns of the ellipsoids' table on their joints, and in the world: the centre, the axes over the half sizes (rows of
 # three, which take a point to where the ellipsoid is the unit sphere), 1 / half size² and half size² along each, and
@@ -138,10 +135,8 @@ def _looseness(table: Any, parts: Any) -> Any:
 def _lower_bounds(
     world: Any, parts: Any, most: Any, thinnest: Any, sharpness: float, kind: int, points: Any, first: int, least: Any
 ) -> None:
-    """least (B, POINTS): what |log(f / C)| or |pseudo-distance| of POINTS points from `first` on are at least.
-
-    Innermost loops run over points without a branch, so that the compiler makes vector instructions of them.
-    """
+    """least (B, POINTS): lower bounds of |log(f / C)| or |pseudo-distance| of POINTS points from `first` on. Innermost
+    loops run over points without a branch, so that the compiler makes vector instructions of them."""
     x, y, z = np.empty(POINTS), np.empty(POINTS), np.empty(POINTS)
     for lane in range(POINTS):
         k = min(first + lane, points.shape[0] - 1)
@@ -175,11 +170,8 @@ def _nearer(ellipsoid: Any, x: Any, y: Any, z: Any, d: Any) -> None:
 def _nearest(
     world: Any, parts: Any, least: Any, lane: int, point: Any, sharpness: float, kind: int, terms: Any
 ) -> Any:  # fmt: skip
-    """The nearest part of a point, its log(f / C) and scale, and which half of `terms` (2, …) they were weighed in.
-
-    The likeliest part is weighed first, and is it where squares overflow; then those that may be as near by their
-    bounds.
-    """
+    """The nearest part of a point, its log(f / C), its scale, and which half of `terms` (2, …) they were weighed in:
+    the likeliest is weighed first, and is it where squares overflow; then those as near by their bounds."""
     likely = 0
     for part in range(1, least.shape[0]):
         if least[part, lane] < least[likely, lane]:
@@ -281,10 +273,8 @@ def _part_scale(world: Any, low: int, high: int, terms: Any) -> float:
 
 @inlined
 def _scale(ellipsoid: Any, terms: Any) -> Any:
-    """Metres per unit of one ellipsoid's normalised radius, and its derivatives by d, n and m.
-
-    With q = y / h: d = Σ q², n = Σ q² / h², m = Σ q² h². Who asks for the first alone does not pay for the others.
-    """
+    """Metres per unit of one ellipsoid's normalised radius, and its derivatives by d, n and m. With q = y / h: d = Σ
+    q², n = Σ q² / h², m = Σ q² h². Who asks for the first alone does not pay for the others."""
     d, n, m = terms[D], 0.0, 0.0
     for axis in range(3):
         square = terms[Q + axis] ** 2

@@ -11,8 +11,7 @@ from workbench.body.surface import Surface
 from workbench.body.surface_reference import log_field
 from workbench.errors import InputError
 
-_OUTSIDE = -100.0
-"""The log field far from every part; only its sign matters."""
+_OUTSIDE = -100.0  # the log field far from every part; only its sign matters
 
 
 def can_mesh() -> bool:
@@ -21,20 +20,14 @@ def can_mesh() -> bool:
 
 
 def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3), m, and triangles (T, 3), seen counter-clockwise from outside, of the skin in one pose.
-
-    frames: of one pose, (1, J, ...). The skin of all parts together: what is inside any part is inside. By marching
-    cubes on a grid of `spacing_m` (Lewiner et al. 2003, as scikit-image has it). Each part's field is computed in a box
-    around it only: 12 ms for a person at 25 mm, 40 ms at 15 mm.
-
-    Raises InputError when scikit-image, the optional extra "mesh", is not installed.
-    """
-    try:
-        measure = importlib.import_module("skimage.measure")
-    except ImportError:
-        raise InputError(
-            "the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'"
-        ) from None
+    """Vertices (V, 3), m, and triangles (T, 3), seen counter-clockwise from outside, of the skin in one pose. frames:
+    of one pose, (1, J, ...). The skin of all parts together: what is inside any part is inside. By marching cubes on a
+    grid of `spacing_m` (Lewiner et al. 2003, as scikit-image has it). Each part's field is computed in a box around it
+    only: 12 ms for a person at 25 mm, 40 ms at 15 mm. Raises InputError when scikit-image, the optional extra "mesh",
+    is not installed."""
+    if not can_mesh():
+        raise InputError("the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'")
+    measure = importlib.import_module("skimage.measure")
     lows, highs = _boxes(surface, frames)
     corner = lows.min(axis=0) - 3.0 * spacing_m
     # Two more points on every side, so that each edge of the grid that the skin cuts has both ends in the part's box.
@@ -46,9 +39,8 @@ def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015
         points = corner + spacing_m * np.moveaxis(np.mgrid[block], 0, -1)
         field = log_field(surface, frames, part, points.reshape(-1, 3)).reshape(points.shape[:3])
         np.maximum(fields[block], field, out=fields[block])
-    vertices, triangles, _, _ = measure.marching_cubes(
-        fields, 0.0, spacing=(spacing_m,) * 3, gradient_direction="ascent"
-    )
+    spacing = (spacing_m,) * 3
+    vertices, triangles, _, _ = measure.marching_cubes(fields, 0.0, spacing=spacing, gradient_direction="ascent")
     return corner + vertices.astype(np.float64), triangles.astype(np.int64)
 
 

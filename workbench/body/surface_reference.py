@@ -4,8 +4,6 @@ The formulas stand in `surface`. Here every point meets every part, so that one 
 and meshes alike.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
@@ -21,9 +19,7 @@ def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> Flo
 
 def log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
     """log(f / C) of one part at points (K, 3) in one pose, (K,)."""
-    members = range(surface.bounds[part], surface.bounds[part + 1])
-    field: FloatArray = np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in members])
-    return field
+    return np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in _members(surface, part)])
 
 
 def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
@@ -31,44 +27,42 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
     fields = log_fields(surface, frames, points)
     found = np.empty_like(fields)
     for part in range(len(surface.part_names)):
-        members = range(surface.bounds[part], surface.bounds[part + 1])
+        members = _members(surface, part)
         shares = np.stack([_exponent(surface, frames, i, points) - fields[:, part] for i in members])
-        scales = np.stack([_scale(surface, i, _local(surface, frames, i, points)) for i in members])
+        scales = np.stack([_scale(surface, i, _local(surface, frames, i, points))[0] for i in members])
         found[:, part] = _steps(surface, fields[:, part]) * np.sum(np.exp(shares) * scales, axis=0)
     return found
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """As `surface.attach`."""
+    """Compute `surface.attach`."""
     away = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
-    nearest: IntArray = np.abs(away).argmin(axis=1)
-    return nearest
+    return np.abs(away).argmin(axis=1)
 
 
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """As `surface.residuals`."""
+    """Compute `surface.residuals`."""
     frames = forward_reference(skeleton, pose[None])
     if kind == "distance":
         every = distances(surface, frames, points)
     else:
         every = surface.level * np.expm1(log_fields(surface, frames, points))
-    found: FloatArray = every[np.arange(len(points)), attachment]
-    return found
+    return every[np.arange(len(points)), attachment]
 
 
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """As `surface.residual_jacobian`, one ellipsoid and one degree of freedom after the other."""
+    """Compute `surface.residual_jacobian`, one ellipsoid and one degree of freedom after the other."""
     frames = forward_reference(skeleton, pose[None])
     axes, below = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
     jacobian = np.zeros((len(points), len(pose)))
     for part in range(len(surface.part_names)):
         mine = attachment == part
         gradients = _gradients(surface, frames, part, points[mine], kind)
-        for i, gradient in zip(range(surface.bounds[part], surface.bounds[part + 1]), gradients, strict=True):
+        for i, gradient in zip(_members(surface, part), gradients, strict=True):
             for p, moved in enumerate(skeleton.dof_joints):
                 if p < 3:
                     velocity = np.broadcast_to(axes[p], gradient.shape)
@@ -83,29 +77,32 @@ def residual_jacobian(
 def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatArray, kind: Kind) -> list[FloatArray]:
     """Compute what each ellipsoid of a part adds to the gradient (K, 3) of the residual with respect to the point."""
     field = log_fields(surface, frames, points)[:, part]
-    members = range(surface.bounds[part], surface.bounds[part + 1])
+    members = _members(surface, part)
     shares = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
-    scales = [_scale_gradient(surface, i, _local(surface, frames, i, points)) for i in members]
-    mean_scale = sum(share * scale.value for share, scale in zip(shares, scales, strict=True))
+    scales = [_scale(surface, i, _local(surface, frames, i, points)) for i in members]
+    mean_scale = sum(share * scale for share, (scale, _) in zip(shares, scales, strict=True))
     steps, slope = _steps(surface, field), _slope(surface, field)
     gradients = []
-    for i, share, scale in zip(members, shares, scales, strict=True):
+    for i, share, (scale, scale_gradient) in zip(members, shares, scales, strict=True):
         local = _local(surface, frames, i, points)
         by_exponent = -2.0 * surface.sharpness * local / surface.half_sizes[i] ** 2
         if kind == "field":
             inner = (surface.level * np.exp(field) * share)[:, None] * by_exponent
         else:
-            inner = (share * (slope * mean_scale + steps * (scale.value - mean_scale)))[:, None] * by_exponent
-            inner = inner + (share * steps)[:, None] * scale.gradient
+            inner = (share * (slope * mean_scale + steps * (scale - mean_scale)))[:, None] * by_exponent
+            inner = inner + (share * steps)[:, None] * scale_gradient
         gradients.append(inner @ (frames.rotations[0, surface.joints[i]] @ surface.axes[i]).T)
     return gradients
+
+
+def _members(surface: Surface, part: int) -> range:
+    return range(surface.bounds[part], surface.bounds[part + 1])
 
 
 def _local(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:
     """Points (K, 3) in the axes of ellipsoid i, m from its centre."""
     rotation, position = frames.rotations[0, surface.joints[i]], frames.positions[0, surface.joints[i]]
-    local: FloatArray = ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
-    return local
+    return ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
 
 
 def _exponent(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:
@@ -124,20 +121,8 @@ def _slope(surface: Surface, field: FloatArray) -> FloatArray:
     return np.asarray(-0.5 / (surface.sharpness * np.sqrt(1.0 - np.minimum(field, 0.0) / surface.sharpness)))
 
 
-def _scale(surface: Surface, i: int, local: FloatArray) -> FloatArray:
-    """Metres per unit of the normalised radius of ellipsoid i, (K,), at points (K, 3) in its axes."""
-    return _scale_gradient(surface, i, local).value
-
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """value: (K,), m. gradient: (K, 3) with respect to the point in the ellipsoid's axes."""
-
-    value: FloatArray
-    gradient: FloatArray
-
-
-def _scale_gradient(surface: Surface, i: int, local: FloatArray) -> _Scale:
+def _scale(surface: Surface, i: int, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Metres per unit of the normalised radius of ellipsoid i, (K,), at points (K, 3) in its axes; its gradient."""
     half = surface.half_sizes[i]
     d, d_slope = np.sum((local / half) ** 2, axis=1), 2.0 * local / half**2
     n, n_slope = np.sum((local / half**2) ** 2, axis=1), 2.0 * local / half**4
@@ -157,4 +142,4 @@ def _scale_gradient(surface: Surface, i: int, local: FloatArray) -> _Scale:
     far_slope = far[:, None] * (local / np.where(m > 0.0, m, 1.0)[:, None] - 0.5 * d_slope / outside)
     weight_slope = ((1.0 - 1.0 / radius) / radius**3)[:, None] * d_slope
     slope = near_slope + weight[:, None] * (far_slope - near_slope) + (far - near)[:, None] * weight_slope
-    return _Scale(near + weight * (far - near), slope)
+    return near + weight * (far - near), slope

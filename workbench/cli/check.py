@@ -3,8 +3,10 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,28 +15,64 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
 
-from workbench.cli.check_report import Check, exit_code, moved, table, write_junit
 from workbench.errors import InputError
 from workbench.experiment.parts import name_parts, parts_in
-from workbench.experiment.rerun import again, same_but_for_seeds, with_other_seeds
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable, tolerances
+from workbench.experiment.stored import (
+    again,
+    own_defaults,
+    runnable,
+    same_but_for_seeds,
+    tolerances,
+    with_other_seeds,
+)
 from workbench.files import whole_file
-from workbench.recording.compare.compare import Finding, compare, exactly_comparable
+from workbench.recording.compare.compare import Finding, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense
-from workbench.recording.compare.seeds import compare_seeds
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import Run, find_recordings, read
+from workbench.report.tables import Table, printable, text
+
+_COLUMNS = ("recording", "metric", "was", "is", "tolerance", "verdict")
+_NUMBERS = frozenset(("was", "is"))
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """One recording's outcome.
+
+    refused: why it was not checked, where it was not. was, now: what was compared, where there are two recordings.
+    """
+
+    name: str
+    findings: Sequence[Finding] = field(default_factory=tuple)
+    refused: str | None = None
+    was: Run | None = None
+    now: Run | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether it was checked and nothing in it failed."""
+        return self.refused is None and all(finding.passed for finding in self.findings)
+
+    @property
+    def unmoved(self) -> bool:
+        """Tell whether it passed and every number is what it was."""
+        return self.passed and not any(map(_moved, self.findings))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 130 when interrupted."""
     arguments = _parser().parse_intermixed_args(argv)
     try:
-        _refuse_contradictions(arguments)
-        with _folder(arguments.keep) as folder:
-            checks = _checks(arguments, folder)
+        if arguments.seeds is not None and arguments.seeds < 2:
+            raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
+        if arguments.seeds is not None and (arguments.update or arguments.record is not None):
+            raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
+        keep = arguments.keep
+        with nullcontext(keep) if keep else TemporaryDirectory(prefix="workbench-check-") as folder:
+            checks = _checks(arguments, Path(folder))
             print(moved(checks) if arguments.update else table(checks, arguments.verbose))
             code = _renew(checks) if arguments.update else exit_code(checks)
             if arguments.junit is not None:
@@ -64,7 +102,8 @@ def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
     if pair and not arguments.run:
         if overrides or arguments.seeds or arguments.update:
             raise InputError("two recordings are compared without running; give --run to run each of them again")
-        return refused or [_compared(f"{places[0]} → {places[1]}", *_in_order(runs, places), own)]
+        found = {run.path: run for run in runs}
+        return refused or [_compared(f"{places[0]} → {places[1]}", found[places[0]], found[places[1]], own)]
     if arguments.seeds:
         return refused + _by_seeds(runs, overrides, own, arguments.seeds, folder)
     bar = tqdm(runs, unit="recording", disable=None)
@@ -82,11 +121,6 @@ def _read(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
         except InputError as error:
             refused.append(Check(str(path), refused=str(error)))
     return runs, refused
-
-
-def _in_order(runs: Sequence[Run], places: Sequence[Path]) -> tuple[Run, Run]:
-    by_path = {run.path: run for run in runs}
-    return by_path[places[0]], by_path[places[1]]
 
 
 def _compared(name: str, was: Run, now: Run, own: DictConfig) -> Check:
@@ -151,34 +185,73 @@ def _record(path: Path, checks: Sequence[Check]) -> None:
     print(f"{pairs[0].name}: look at both: rerun {os.path.relpath(path)}")
 
 
+def exit_code(checks: Iterable[Check]) -> int:
+    """2 when a recording was refused, else 1 when anything failed, else 0."""
+    checks = list(checks)
+    if any(check.refused is not None for check in checks):
+        return 2
+    return 0 if all(check.passed for check in checks) else 1
+
+
+def table(checks: Sequence[Check], verbose: bool = False) -> str:
+    """A row for every number that failed, and one for every recording that passed; verbose: for every number."""
+    return text(Table(_COLUMNS, tuple(row for check in checks for row in _rows(check, verbose)), _NUMBERS))
+
+
+def moved(checks: Sequence[Check]) -> str:
+    """A row for every number that is not what it was."""
+    rows = tuple((check.name, *_cells(finding)) for check in checks for finding in check.findings if _moved(finding))
+    return text(Table(_COLUMNS, rows, _NUMBERS)) if rows else "nothing moved"
+
+
+def _moved(finding: Finding) -> bool:
+    return finding.was != finding.now or not finding.passed
+
+
+def write_junit(path: Path, checks: Sequence[Check]) -> None:
+    """A test suite with one test case for every number. Raises InputError when the file cannot be written."""
+    cases = [(check, finding) for check in checks for finding in check.findings]
+    failures = sum(not finding.passed for _, finding in cases)
+    refused = [check for check in checks if check.refused is not None]
+    counts = {"tests": str(len(cases) + len(refused)), "failures": str(failures), "errors": str(len(refused))}
+    suite = ET.Element("testsuite", {"name": "workbench-check", **counts})
+    for check, finding in cases:
+        names = {"classname": printable(check.name), "name": printable(finding.quantity)}
+        case = ET.SubElement(suite, "testcase", names)
+        if not finding.passed:
+            was, now, tolerance, verdict = map(printable, _cells(finding)[1:])
+            ET.SubElement(case, "failure", {"message": f"was {was}, is {now}, tolerance {tolerance}: {verdict}"})
+    for check in refused:
+        case = ET.SubElement(suite, "testcase", {"classname": printable(check.name), "name": "recording"})
+        ET.SubElement(case, "error", {"message": printable(check.refused or "")})
+    with whole_file(path) as part:
+        ET.ElementTree(suite).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def _rows(check: Check, verbose: bool) -> list[tuple[str, ...]]:
+    if check.refused is not None:
+        return [(check.name, "", "", "", "", f"REFUSED {check.refused}")]
+    if check.passed and not verbose:
+        tolerances = {finding.tolerance for finding in check.findings}
+        tolerance = tolerances.pop() if len(tolerances) == 1 else "by metric"
+        return [(check.name, f"all {len(check.findings)}", "", "", tolerance, "ok")]
+    return [(check.name, *_cells(finding)) for finding in check.findings if verbose or not finding.passed]
+
+
+def _cells(finding: Finding) -> tuple[str, ...]:
+    was, now = ("" if value is None else f"{value:.6g}" for value in (finding.was, finding.now))
+    verdict = "ok" if finding.passed else "FAILED"
+    return finding.quantity, was, now, finding.tolerance, f"{verdict} {finding.detail}".rstrip()
+
+
 def _is_override(text: str) -> bool:
     return "=" in text and not Path(text).exists()
 
 
-def _refuse_contradictions(arguments: argparse.Namespace) -> None:
-    if arguments.seeds is not None and arguments.seeds < 2:
-        raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
-    if arguments.seeds is not None and (arguments.update or arguments.record is not None):
-        raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
-
-
-@contextmanager
-def _folder(keep: Path | None) -> Iterator[Path]:
-    """Give the folder for new runs: `keep`, or one that is removed."""
-    if keep is not None:
-        yield keep
-        return
-    with TemporaryDirectory(prefix="workbench-check-") as folder:
-        yield Path(folder)
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="workbench-check",
-        description=__doc__,
-        epilog="Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may "
-        "move by what the recording's configuration allows it (check:).",
-    )
+    end = """Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may move
+        by what the recording's configuration allows it (check:)."""
+    parser = argparse.ArgumentParser(prog="workbench-check", description=__doc__, epilog=end)
     parser.add_argument(
         "what", metavar="FOLDER|RUN.rrd|key=value", nargs="+",
         help="recordings to run again, and overrides such as paths.data=DATA; exactly two recordings are compared "

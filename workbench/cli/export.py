@@ -12,13 +12,20 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.errors import InputError
 from workbench.mocap.export import Track, check_output, export
+from workbench.recording.read.chunks import timed_poses, timed_true_joints
 from workbench.recording.read.reader import Run, read
-from workbench.recording.read.track import timed_poses, timed_true_joints
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Export one recording. Returns 0 when all is well, 2 after an error, which is printed; then nothing is written."""
-    arguments = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="workbench-export", description=__doc__)
+    parser.add_argument(
+        "recording", metavar="RUN.rrd", type=Path, help="a run's recording, or the .part of one cut off"
+    )
+    parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
+    parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
+    parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
+    arguments = parser.parse_args(argv)
     try:
         check_output(arguments.output)  # before the work, not after it
         run = read(arguments.recording)
@@ -36,10 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def estimated_track(run: Run) -> Track:
-    """The expected poses of a recording; raises InputError when it has none, or of another body than ours."""
-    if not _has_poses(run):
-        raise InputError(f"{run.path}: expected a recording with poses (estimate/pose), found none")
-    skeleton = _skeleton(run)
+    """Read the expected poses of a recording; raises InputError when it has none, or of another body than ours."""
+    skeleton = _skeleton(run, "with poses")
     frames, times_s, poses = timed_poses(run.path)
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
@@ -47,33 +52,19 @@ def estimated_track(run: Run) -> Track:
 
 
 def true_track(run: Run) -> Track:
-    """The true joints of a recording, without poses; raises InputError when it has none."""
-    if not _has_poses(run):
-        raise InputError(f"{run.path}: expected a recording of a tracked person (estimate/pose), found none")
+    """Read the true joints of a recording, without poses; raises InputError when it has none."""
+    skeleton = _skeleton(run, "of a tracked person")
     frames, times_s, positions = timed_true_joints(run.path)
     if len(frames) == 0:
         raise InputError(f"{run.path}: expected a recording with true joints (world/truth/joints), found none")
-    return Track(_skeleton(run), frames, times_s, positions)
+    return Track(skeleton, frames, times_s, positions)
 
 
-def _has_poses(run: Run) -> bool:
-    return "estimate/pose" in run.scalars
-
-
-def _skeleton(run: Run) -> Skeleton:
+def _skeleton(run: Run, wanted: str) -> Skeleton:
     """The tracked person's skeleton, from the properties `body` and `shape`."""
+    if "estimate/pose" not in run.scalars:
+        raise InputError(f"{run.path}: expected a recording {wanted} (estimate/pose), found none")
     body = run.properties.get("body", {})
     if (tuple(body.get("joints", ())), tuple(body.get("pose", ()))) != (JOINT_NAMES, POSE_NAMES):
         raise InputError(f"{run.path}: expected the joints and pose numbers of this version's body, found others")
     return person_skeleton(read_shape(str(run.path), run.properties.get("shape", {})))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-export", description=__doc__)
-    parser.add_argument(
-        "recording", metavar="RUN.rrd", type=Path, help="a run's recording, or the .part of one cut off"
-    )
-    parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
-    parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
-    parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
-    return parser

@@ -16,7 +16,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Where nothing could be imported no file is written.
     """
-    arguments = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="workbench-import", description=__doc__)
+    parser.add_argument("sources", metavar="SOURCE", nargs="+", type=Path, help=".amc or .bvh file, or a folder")
+    parser.add_argument("-o", "--output", required=True, type=Path, help="the library to write, e.g. motions.h5")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="resample to this rate (default: as in the files)")
+    parser.add_argument("--unit", choices=("cm", "m"), default="cm", help="unit of length of BVH files (default: cm)")
+    arguments = parser.parse_args(argv)
     output: Path = arguments.output
     try:
         if not output.parent.is_dir() or output.is_dir():  # before the work, not after it
@@ -31,15 +36,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     print("\n".join(_summary(motions)) if motions else f"nothing imported, {output} not written")
     return 2 if reports else 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-import", description=__doc__)
-    parser.add_argument("sources", metavar="SOURCE", nargs="+", type=Path, help=".amc or .bvh file, or a folder")
-    parser.add_argument("-o", "--output", required=True, type=Path, help="the library to write, e.g. motions.h5")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="resample to this rate (default: as in the files)")
-    parser.add_argument("--unit", choices=("cm", "m"), default="cm", help="unit of length of BVH files (default: cm)")
-    return parser
 
 
 def _summary(motions: Sequence[Motion]) -> list[str]:

@@ -13,7 +13,13 @@ from workbench.experiment.parts import GROUPS, OURS, Option, name_parts, options
 
 def main(argv: Sequence[str] | None = None) -> int:
     """List the options of all groups, or the keys of those named. Returns 0, or 2 for a name that is none."""
-    arguments = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="workbench-parts", description=__doc__)
+    parser.add_argument(
+        "what", metavar="GROUP|GROUP.OPTION|parts=[PACKAGE]", nargs="*",
+        help="what to show, such as prior.jitter; nothing: all options. parts=[my_parts]: those of a package, too",
+    )  # fmt: skip
+    parser.add_argument("--table", action="store_true", help="what goes with what, and what is lacking elsewhere")
+    arguments = parser.parse_args(argv)
     try:
         name_parts(parts_in(arguments.what))
         chosen = [text for text in arguments.what if "=" not in text]
@@ -71,14 +77,11 @@ def _described(place: str) -> str:
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    return f"{place}: {option.about}\n\n{_paragraph(option)}\n\n{_table(_keys(option))}"
-
-
-def _paragraph(option: Option) -> str:
     from workbench.experiment.build import resolved  # here and below, so that a list of options imports none of them
 
-    said = inspect.getdoc(resolved(str(option.target))) or ""
-    return f"{option.target}: {' '.join(said.partition(chr(10) * 2)[0].split())}"
+    first, _, _ = (inspect.getdoc(resolved(option.target)) or "").partition("\n\n")
+    paragraph = f"{option.target}: {' '.join(first.split())}"
+    return f"{place}: {option.about}\n\n{paragraph}\n\n{_table(_keys(option))}"
 
 
 def _keys(option: Option) -> dict[str, str]:
@@ -107,17 +110,3 @@ def _table(rows: Mapping[str, str], lines: int | None = None) -> str:
         found.append(f"  {left:<{width}}  {first}".rstrip())
         found += [f"  {'':<{width}}  {text}" for text in more]
     return "\n".join(found)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-parts", description=__doc__)
-    parser.add_argument(
-        "what", metavar="GROUP|GROUP.OPTION|parts=[PACKAGE]", nargs="*",
-        help="what to show, such as prior.jitter; nothing: all options. parts=[my_parts]: those of a package, too",
-    )  # fmt: skip
-    parser.add_argument("--table", action="store_true", help="what goes with what, and what is lacking elsewhere")
-    return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

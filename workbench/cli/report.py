@@ -16,7 +16,14 @@ from workbench.report.page import as_markdown, as_page, terminal
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Report on recordings. Returns 0 when there is something to report, 2 after an error, which is printed."""
-    arguments = _parser().parse_args(argv)
+    parser = argparse.ArgumentParser(prog="workbench-report", description=__doc__)
+    parser.add_argument(
+        "recordings", metavar="FOLDER", type=Path, nargs="+", help="folders with recordings, or single recordings"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", type=Path, help="a folder for report.html, report.md, plots, and CSV tables"
+    )
+    arguments = parser.parse_args(argv)
     try:
         runs, unreadable = open_runs(*arguments.recordings)
         if not runs and not unreadable:
@@ -57,17 +64,6 @@ def write(grouping: Grouping, title: str, folder: Path) -> None:
     for name, content in files.items():
         with whole_file(folder / name) as part:
             part.write_bytes(content)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-report", description=__doc__)
-    parser.add_argument(
-        "recordings", metavar="FOLDER", type=Path, nargs="+", help="folders with recordings, or single recordings"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, help="a folder for report.html, report.md, plots, and CSV tables"
-    )
-    return parser
 
 
 if __name__ == "__main__":

@@ -133,7 +133,3 @@ def _sentence(error: BaseException) -> str:
 
 
 prepare_hydra()  # here, since the workers of a launcher import this module and call no `main`
-
-
-if __name__ == "__main__":
-    sys.exit(main())

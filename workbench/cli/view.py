@@ -9,10 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from workbench.errors import InputError
-from workbench.recording.compare.side_by_side import write_side_by_side
-from workbench.recording.read.naming import write_names
+from workbench.recording.compare.side_by_side import write_names, write_side_by_side
 from workbench.recording.read.reader import Run, open_runs
-from workbench.recording.write.viewer import HOST
+from workbench.recording.write.file import HOST
 from workbench.report.variation import flat, label, what_varied
 
 
@@ -21,7 +20,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns 0, 1 when the viewer failed, 2 when there is nothing to open or no viewer, 130 when interrupted.
     """
-    places: list[Path] = _parser().parse_args(argv).recordings
+    parser = argparse.ArgumentParser(prog="workbench-view", description=__doc__)
+    parser.add_argument(
+        "recordings", metavar="RUN|FOLDER", type=Path, nargs="+",
+        help="recordings, or folders with recordings; exactly two recordings are compared",
+    )  # fmt: skip
+    places: list[Path] = parser.parse_args(argv).recordings
     try:
         program = viewer()
         runs = _readable(places)
@@ -105,16 +109,3 @@ def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
     print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
     print("\n".join(f"  {name}" for name in found))
     return [*paths, *write_names(folder, paths, found)]
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="workbench-view", description=__doc__)
-    parser.add_argument(
-        "recordings", metavar="RUN|FOLDER", type=Path, nargs="+",
-        help="recordings, or folders with recordings; exactly two recordings are compared",
-    )  # fmt: skip
-    return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -34,12 +34,12 @@ BY_NEED = {
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Test every option of the package that --parts names."""
     package = metafunc.config.getoption("--parts")
-    found: list[tuple[str, str]] = []
+    pairs: list[tuple[str, str]] = []
     if package:
         name_parts([package])
-        found = [(group, name) for group in GROUPS for name, own in options(group).items() if own.package == package]
+        pairs = [(group, name) for group in GROUPS for name, own in options(group).items() if own.package == package]
     own = next((group for group in GROUPS if metafunc.function.__name__.startswith(f"test_a_{group}_")), None)
-    metafunc.parametrize(("group", "option"), [pair for pair in found if own in (None, pair[0])])
+    metafunc.parametrize(("group", "option"), [pair for pair in pairs if own in (None, pair[0])])
 
 
 @pytest.fixture(autouse=True)
@@ -125,12 +125,12 @@ def test_a_likelihood_looks_once_and_judges_each_pose_by_itself(group: str, opti
     rng = np.random.default_rng(0)
     poses = start_of(parts) + 0.02 * rng.standard_normal((N, len(parts.body.skeleton.dof_names)))
     known = likelihood.look(None, first).remember(poses.mean(axis=0))
-    one, again = (known.look(first, second).evaluate(poses, poses).log_prob for _ in range(2))
-    assert one.shape == (N,)
-    np.testing.assert_array_equal(one, again)
+    log_prob, repeated = (known.look(first, second).evaluate(poses, poses).log_prob for _ in range(2))
+    assert log_prob.shape == (N,)
+    np.testing.assert_array_equal(log_prob, repeated)
     order = rng.permutation(N)
     shuffled = known.look(first, second).evaluate(poses[order], poses[order]).log_prob
-    np.testing.assert_allclose(shuffled, one[order], rtol=1e-6)
+    np.testing.assert_allclose(shuffled, log_prob[order], rtol=1e-6)
 
 
 def test_a_dataset_gives_what_it_knows_of(group: str, option: str, tmp_path: Any) -> None:

@@ -55,7 +55,7 @@ class Clip:
         return True
 
     def _beyond(self) -> Iterator[Frame]:
-        """The frames after those kept."""
+        """Return the frames after those kept."""
         source, self._source = self._source, None
         if source is not None:
             return source

@@ -37,10 +37,8 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One time step's observations. index: the frame's number in its source; time_s: its time, s.
-
-    points: (K, 3) observed points of the person's surface, m, in the world, where there are some.
-    """
+    """One time step's observations. index: the frame's number in its source; time_s: its time, s. points: (K, 3)
+    observed points of the person's surface, m, in the world, where there are some."""
 
     index: int
     time_s: float
@@ -51,10 +49,8 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class MarkedFrames:
-    """Joints marked in F frames, of which the first is the dataset's first frame, to start from.
-
-    times_s: (F,), s, rising. keypoints: (F, J, 3) as in `View`.
-    """
+    """Joints marked in F frames, of which the first is the dataset's first frame, to start from. times_s: (F,), s,
+    rising. keypoints: (F, J, 3) as in `View`."""
 
     times_s: FloatArray
     keypoints: FloatArray

@@ -19,21 +19,22 @@ class Evaluation:
 
 
 class Look(Protocol):
-    """What a likelihood has seen of one frame: all that depends on the images alone is done."""
+    """A likelihood that has seen one frame: all that depends on the images alone is done.
+
+    notes: sentences about the frame itself, such as that it shows nothing to judge by. diagnostics: the names that
+    evaluations come with, and their values where nothing is evaluated, as in a first frame.
+    """
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """Sentences about the frame itself, such as that it shows nothing to judge by."""
-
+    def notes(self) -> tuple[str, ...]: ...
     @property
-    def diagnostics(self) -> Mapping[str, float]:
-        """The names that evaluations come with, and their values where nothing is evaluated, as in a first frame."""
+    def diagnostics(self) -> Mapping[str, float]: ...
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P)."""
+        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P)."""
 
     def remember(self, expected_pose: FloatArray) -> "Likelihood":
-        """The likelihood of the next frame, which knows what was expected (P,) in this one."""
+        """Return the likelihood of the next frame, which knows what was expected (P,) in this one."""
 
 
 class Likelihood(Protocol):

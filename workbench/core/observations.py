@@ -10,7 +10,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.body.surface import Kind
-from workbench.core.frame import Frame, View
+from workbench.core.frame import Frame
 from workbench.errors import InputError
 
 
@@ -55,80 +55,67 @@ EVERYTHING = Observables(sigma=1.0, sigma_px=1.0)
 
 
 def observe(
-    frames: Sequence[Frame],
-    skeleton: Skeleton,
-    most_points: int,
-    rng: np.random.Generator,
+    frames: Sequence[Frame], skeleton: Skeleton, most_points: int, rng: np.random.Generator,
     observables: Observables = EVERYTHING,
-) -> tuple[list[Observed], list[tuple[str, ...]]]:
-    """Pick what each frame shows of what matters, and say what there is to say about it: points left out or thinned,
-    and nothing to be seen.
+) -> tuple[list[Observed], list[tuple[str, ...]]]:  # fmt: skip
+    """Pick what each frame shows of what matters, and warn of points left out or thinned, and of nothing seen.
 
     most_points: a frame's points beyond are thinned at random. observables: what matters. Raises InputError where they
     name a camera that no frame has.
     """
-    _check_cameras(frames, observables)
-    seen, warnings = [], []
+    cameras = dict.fromkeys(view.camera.name for frame in frames for view in frame.views)
+    if unknown := set(observables.which or ()) - set(cameras):
+        raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {', '.join(cameras)}")
+    no_points, seen, warnings = np.empty((0, 3)), [], list[list[str]]()
     for frame in frames:
-        points, said = (np.empty((0, 3)), []) if observables.sigma is None else _points(frame, most_points, rng)
-        seen.append(Observed(points, _keypoints(frame, skeleton, observables)))
-        warnings.append(said)
+        points, sentences = (no_points, []) if observables.sigma is None else _points(frame, most_points, rng)
+        keypoints = () if observables.sigma_px is None else frame_keypoints(skeleton, frame, observables.which)
+        seen.append(Observed(points, keypoints))
+        warnings.append(sentences)
     for first, sentence in _gaps(frames, seen):
         warnings[first].append(sentence)
-    return seen, [tuple(said) for said in warnings]
+    return seen, [tuple(sentences) for sentences in warnings]
 
 
 def kinds_seen(seen: Sequence[Observed]) -> tuple[str, ...]:
     """Name those of "points" and "keypoints" that some frame shows."""
-    points, keypoints = any(len(one.points) for one in seen), any(one.keypoints for one in seen)
+    points, keypoints = any(len(frame.points) for frame in seen), any(frame.keypoints for frame in seen)
     return ("points",) * points + ("keypoints",) * keypoints
 
 
 def usable_keypoints(skeleton: Skeleton, given: FloatArray, camera: Camera) -> Keypoints | None:
-    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and have a weight; None if there is
+    """Pick those of keypoints (J, 3), in the order of JOINT_NAMES, that are finite and weighted; None if there is
     none."""
     rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (np.nan_to_num(given[:, 2]) > 0.0))
-    found = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
-    return Keypoints(found, given[rows], camera) if len(rows) else None
+    joints = np.array([skeleton.joint(JOINT_NAMES[row]) for row in rows], dtype=np.intp)
+    return Keypoints(joints, given[rows], camera) if len(rows) else None
+
+
+def frame_keypoints(skeleton: Skeleton, frame: Frame, which: Sequence[str] | None = None) -> tuple[Keypoints, ...]:
+    """Pick the usable keypoints of every view that has some, of the cameras named by `which`, None for all."""
+    usable = (
+        usable_keypoints(skeleton, view.keypoints, view.camera)
+        for view in frame.views
+        if view.keypoints is not None and (which is None or view.camera.name in which)
+    )
+    return tuple(keypoints for keypoints in usable if keypoints is not None)
 
 
 def person_px(seen: Sequence[Keypoints]) -> float:
     """Measure the person's height in the image, px: of the box around the joints, the median over the views (n ≥ 1)."""
-    return float(np.median([np.ptp(one.marks[:, 1]) for one in seen]))
+    return float(np.median([np.ptp(keypoints.marks[:, 1]) for keypoints in seen]))
 
 
 def _points(frame: Frame, most: int, rng: np.random.Generator) -> tuple[FloatArray, list[str]]:
-    """The frame's usable points (K, 3), m, and what was done about the others."""
+    """Return the frame's usable points (K, 3), m, and what was done about the others."""
     given = np.empty((0, 3)) if frame.points is None else frame.points
-    points, said = given[np.isfinite(given).all(axis=1)], []
+    points, warnings = given[np.isfinite(given).all(axis=1)], []
     if len(points) < len(given):
-        said.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
+        warnings.append(f"frame {frame.index}: {len(given) - len(points)} points are not finite; left out")
     if len(points) > most:
-        said.append(f"frame {frame.index}: {len(points)} points thinned to {most}")
+        warnings.append(f"frame {frame.index}: {len(points)} points thinned to {most}")
         points = points[np.sort(rng.choice(len(points), most, replace=False))]
-    return points, said
-
-
-def _keypoints(frame: Frame, skeleton: Skeleton, observables: Observables) -> tuple[Keypoints, ...]:
-    if observables.sigma_px is None:
-        return ()
-    looked = [
-        (view.keypoints, view.camera)
-        for view in frame.views
-        if view.keypoints is not None and _matters(view, observables.which)
-    ]
-    found = [usable_keypoints(skeleton, given, camera) for given, camera in looked]
-    return tuple(one for one in found if one is not None)
-
-
-def _matters(view: View, which: Sequence[str] | None) -> bool:
-    return which is None or view.camera.name in which
-
-
-def _check_cameras(frames: Sequence[Frame], observables: Observables) -> None:
-    there = dict.fromkeys(view.camera.name for frame in frames for view in frame.views)
-    if unknown := set(observables.which or ()) - set(there):
-        raise InputError(f"keypoints: which: no camera {min(unknown)!r}, expected some of {', '.join(there)}")
+    return points, warnings
 
 
 def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, str]]:
@@ -136,9 +123,9 @@ def _gaps(frames: Sequence[Frame], seen: Sequence[Observed]) -> list[tuple[int, 
     expected, gaps = " or ".join(kinds_seen(seen)), []
     for empty, run in groupby(range(len(seen)), key=lambda t: not len(seen[t].points) and not seen[t].keypoints):
         first, *others = run
-        if empty and others:
-            place = f"frames {frames[first].index} to {frames[others[-1]].index}"
-            gaps.append((first, f"{place}: no {expected}; bridged by the frames beside them"))
-        elif empty:
-            gaps.append((first, f"frame {frames[first].index}: no {expected}; bridged by the frames beside it"))
+        place, neighbours = f"frame {frames[first].index}", "it"
+        if others:
+            place, neighbours = f"frames {frames[first].index} to {frames[others[-1]].index}", "them"
+        if empty:
+            gaps.append((first, f"{place}: no {expected}; bridged by the frames beside {neighbours}"))
     return gaps

@@ -7,9 +7,57 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.core.motion_model import MotionModel
-from workbench.core.smoothness import Smoothness
 from workbench.core.state_space import StateSpace
+
+PACE_HZ = 14.0
+"""The frames a second for which `Smoothness` is given, paper D's."""
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Standard deviations of what may change between frames at PACE_HZ; over other times as a random walk of the
+    coefficients and of the speeds.
+
+    style: the part of a coefficient that is new in every frame, in standard deviations of the model. phase: second
+    differences of μ, cycles. position, rotation: second differences of the root, m and rad. angle: those of joint
+    angles without a motion model, rad.
+    """
+
+    style: float = 0.3
+    phase: float = 0.02
+    position: float = 0.03
+    rotation: float = 0.03
+    angle: float = 0.2
+
+    @property
+    def second_differences(self) -> FloatArray:
+        """Return those (7,) of {μ, root}."""
+        return np.array([self.phase, *[self.position] * 3, *[self.rotation] * 3])
+
+
+class MotionModel(Protocol):
+    """What a fit asks of a learned motion, C angles with d coefficients; `learning.activities.ActivityModel` is one.
+
+    angles: the C degrees of freedom it speaks of. scales: (d,) standard deviations of the coefficients. Of the n
+    examples it was learned from: scores (n, d) in units of scales, activities, and cycle_rate_hz (n,).
+    """
+
+    @property
+    def angles(self) -> tuple[str, ...]: ...
+    @property
+    def scales(self) -> FloatArray: ...
+    @property
+    def scores(self) -> FloatArray: ...
+    @property
+    def activities(self) -> tuple[str, ...]: ...
+    @property
+    def cycle_rate_hz(self) -> FloatArray: ...
+
+    def angles_at(self, alpha: FloatArray, mu: FloatArray) -> FloatArray:
+        """Return angles (..., C), rad, for coefficients (..., d) in units of scales at phases (...,), cycles."""
+
+    def jacobian_at(self, alpha: FloatArray, mu: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return their derivatives (..., C, d) by the coefficients and (..., C) by the phase."""
 
 
 class Density(Protocol):
@@ -17,7 +65,7 @@ class Density(Protocol):
 
     @property
     def free(self) -> IntArray:
-        """Indices of the columns that `log_transition` speaks of, ascending: all, unless others follow from them.
+        """Return indices of the columns that `log_transition` speaks of, ascending: all, unless some follow.
 
         Whoever sets a state sets these and then calls `complete`. Where some follow, the columns are not independent
         of each other given the previous state; where none do, they are.
@@ -27,17 +75,15 @@ class Density(Protocol):
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
-        """log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
+        """Return log p(state | previous), (...), of states (..., D) `dt_s` seconds apart, which broadcast.
 
         Columns without noise have no density: log p is −∞ where they are not as the previous state says. Columns that
         follow from the others (see `complete`) are not looked at.
         """
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """States (N, D) whose free columns were set by somebody, with the others drawn given those.
-
-        For most priors there are no others, and the states come back as they are.
-        """
+        """Return states (N, D) whose free columns were set by somebody, with the others drawn given those. For most
+        priors there are no others, and the states come back as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,28 +104,27 @@ class Powers:
 
 
 class Prior(Protocol):
-    """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P."""
+    """Temporal prior p(state_t | state_t−1) over N particles of size D that decode to poses of size P.
+
+    space: names and units of the D columns. parameters: names of the pose's parameters that move; the others stay as
+    they start, or go as is known of them. powers: what it can do beside drawing; `Powers()` for nothing.
+    """
 
     @property
-    def space(self) -> StateSpace:
-        """Names and units of the D columns."""
-
+    def space(self) -> StateSpace: ...
     @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the pose's parameters that move; the others stay as they start, or go as is known of them."""
-
+    def parameters(self) -> tuple[str, ...]: ...
     @property
-    def powers(self) -> Powers:
-        """Tell what it can do beside drawing; `Powers()` for nothing."""
+    def powers(self) -> Powers: ...
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-        """N states (N, D) spread around a starting pose (P,)."""
+        """Return N states (N, D) spread around a starting pose (P,)."""
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """One draw (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
+        """Draw once (N, D) from p(state_t | state_t−1) for each state (N, D), `dt_s` seconds later."""
 
     def pose(self, state: FloatArray) -> FloatArray:
-        """The poses (N, P) that states (N, D) stand for."""
+        """Return the poses (N, P) that states (N, D) stand for."""
 
 
 @runtime_checkable
@@ -87,11 +132,11 @@ class Proposing(Protocol):
     """A prior that draws from a proposal and says by which weights its draws stand for the prior."""
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """States (N, D), `dt_s` seconds later, and the log weights (N,) that correct for where they were drawn."""
+        """Draw states (N, D) `dt_s` seconds later; returns the log weights (N,) that correct for it too."""
 
 
 def propose(prior: Prior, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """By the prior's own proposal, or where it has none by `step`, whose draws (N, D) have log weights (N,) of zero."""
+    """Draw by the prior's own proposal, or where it has none by `step`, with log weights (N,) of zero."""
     if isinstance(prior, Proposing):
         return prior.propose(state, dt_s, rng)
     return prior.step(state, dt_s, rng), np.zeros(len(state))

@@ -15,7 +15,11 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.kinematics import forward, joint_jacobian
+from workbench.body.skeleton import Skeleton
+from workbench.body.surface import Kind, Surface, nearest_residual_jacobian
 from workbench.core.observations import Observables, Observed
 from workbench.errors import InputError
 
@@ -24,18 +28,18 @@ RobustLoss: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def squared(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z²: one far point outweighs everything else."""
+    """Return ρ = ½ z²: one far point outweighs everything else."""
     return 0.5 * z * z, np.ones_like(z)
 
 
 def huber(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
+    """Return ρ = ½ z² up to |z| = 1, |z| − ½ beyond: far points pull with a constant force (Huber 1964)."""
     size = np.abs(z)
     return np.where(size <= 1.0, 0.5 * z * z, size - 0.5), 1.0 / np.maximum(size, 1.0)
 
 
 def geman_mcclure(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
+    """Return ρ = ½ z² / (1 + z²): redescends, far points do not pull at all (Geman & McClure 1987)."""
     kept = 1.0 / (1.0 + z * z)
     return 0.5 * (1.0 - kept), kept * kept
 
@@ -47,10 +51,8 @@ LOSSES: Mapping[str, RobustLoss] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Loss:
-    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations.
-
-    Raises InputError for another name and a scale that is not positive.
-    """
+    """A robust loss of whitened residuals. name: in LOSSES. scale: where it bends, in standard deviations. Raises
+    InputError for another name and a scale that is not positive."""
 
     name: str
     scale: float
@@ -62,12 +64,12 @@ class Loss:
             raise InputError(f"loss: scale must be above zero, found {self.scale}")
 
     def __call__(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
+        """Return ρ and weight (K,) of residuals (K,); ρ is ½ r² near zero, whatever the scale."""
         rho, weights = LOSSES[self.name](residuals / self.scale)
         return self.scale**2 * rho, weights
 
     def wider(self, factor: float) -> "Loss":
-        """This loss on a scale `factor` times as large."""
+        """Return this loss on a scale `factor` times as large."""
         return replace(self, scale=factor * self.scale)
 
 
@@ -76,18 +78,16 @@ SQUARED = Loss("squared", 1.0)
 
 @runtime_checkable
 class ResidualLikelihood(Protocol):
-    """A likelihood that also says which residuals least squares minimises in its place."""
+    """A likelihood that also says which residuals, under which loss, least squares minimises in its place. observables:
+    what it looks at, and how exactly it takes that."""
 
     @property
-    def observables(self) -> Observables:
-        """Tell what it looks at, and how exactly it takes that."""
-
+    def observables(self) -> Observables: ...
     @property
-    def residual_loss(self) -> Loss:
-        """The loss of its residuals."""
+    def residual_loss(self) -> Loss: ...
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """The residuals of one frame; none where it shows nothing that the likelihood looks at."""
+        """Return the residuals of one frame; none where it shows nothing that the likelihood looks at."""
 
 
 def robust(residual: ResidualFunction, loss: Loss) -> ResidualFunction:
@@ -119,12 +119,64 @@ def stacked(residuals: Sequence[ResidualFunction]) -> ResidualFunction:
         return residuals[0] if residuals else nothing
 
     def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        misses, slopes = zip(*(one(pose) for one in residuals), strict=True)
+        misses, slopes = zip(*(part(pose) for part in residuals), strict=True)
         return np.concatenate(misses), np.concatenate(slopes)
 
     return residual
 
 
 def nothing(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """No residuals."""
+    """Return no residuals."""
     return np.empty(0), np.empty((0, len(pose)))
+
+
+def surface_residual(
+    skeleton: Skeleton, surface: Surface, points: FloatArray, kind: Kind, sigma: float
+) -> ResidualFunction:
+    """Measure how far points (K, 3), m, are off the surface, over `sigma`: m for kind "distance", the field's unit for
+    "field".
+
+    Every point belongs to the part of the body that is nearest in the pose asked for (paper D, eq. 5, 6), so that the
+    cost is the distance to the nearest part, and a step that is accepted never raises it.
+    """
+    if not len(points):
+        return nothing
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        misses, slopes = nearest_residual_jacobian(skeleton, surface, pose, points, kind)
+        misses /= sigma
+        slopes *= 1.0 / sigma
+        return misses, slopes
+
+    return residual
+
+
+def keypoint_residual(
+    skeleton: Skeleton, camera: Camera, joints: IntArray, marks: FloatArray, sigma_px: float
+) -> ResidualFunction:
+    """Measure how far joints (K,) are off the pixels where they were marked or detected, marks (K, 3) [u px, v px,
+    weight 0..1]; 2 K residuals.
+
+    The standard deviation is sigma_px over the root of the weight. A joint behind the camera counts as 1000 deviations
+    away. The derivative leaves the lens' distortion out, the residual does not.
+    """
+    if not len(marks):
+        return nothing
+    whitening = np.sqrt(marks[:, 2:]) / sigma_px
+
+    def residual(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        points = forward(skeleton, pose[None]).positions[0, joints]
+        apart = np.nan_to_num((camera.project(points) - marks[:, :2]) * whitening, nan=1e3)
+        slopes = projection_jacobian(camera, points) @ joint_jacobian(skeleton, pose[None])[0, joints]
+        return apart.ravel(), (slopes * whitening[:, :, None]).reshape(apart.size, -1)
+
+    return residual
+
+
+def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
+    """Differentiate the pixels of world points (n, 3) by the points, (n, 2, 3), px/m, without the lens' distortion."""
+    x, y, z = camera.to_camera(points).T
+    zero = np.zeros_like(z)
+    focal_x, focal_y = camera.matrix[0, 0], camera.matrix[1, 1]
+    seen = np.array([[focal_x / z, zero, -focal_x * x / z**2], [zero, focal_y / z, -focal_y * y / z**2]])
+    return seen.transpose(2, 0, 1) @ camera.rotation

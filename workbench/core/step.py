@@ -1,8 +1,11 @@
-"""One frame's result."""
+"""One frame's result, and what every inference offers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
+
+import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.core.frame import Frame
@@ -43,6 +46,20 @@ class Step:
 
     @cached_property
     def spread(self) -> BoolArray:
-        """(P,): the pose's numbers in which the particles differ; the others are held fixed by the prior."""
-        differ: BoolArray = (self.poses != self.poses[0]).any(axis=0)
-        return differ
+        """Select (P,), the pose's numbers in which the particles differ; the others are held fixed by the prior."""
+        return (self.poses != self.poses[0]).any(axis=0)
+
+
+class Inference(Protocol):
+    """Turns frames into steps. space: names and units of the columns of its steps' particles. finds_start: whether it
+    finds the first pose itself where nobody gives one."""
+
+    @property
+    def space(self) -> StateSpace: ...
+    @property
+    def finds_start(self) -> bool: ...
+
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
+    ) -> Iterator[Step]:
+        """Yield one step per frame, from the pose `start` (P,), which some can do without, by the named generators."""

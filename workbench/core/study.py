@@ -13,8 +13,7 @@ from workbench.arrays import FloatArray, IntArray
 class Curves:
     """Curves over one axis, drawn together. curves: {label: (n,)}, NaN where a curve is interrupted. x: (n,),
     ascending. x_name, y_name: with their units. marks: {label: x} vertical lines. faint: {label: (n,)} more curves,
-    drawn thin behind the others and left out of the legend.
-    """
+    drawn thin behind the others and left out of the legend."""
 
     name: str
     x: FloatArray
@@ -28,8 +27,7 @@ class Curves:
 @dataclass(frozen=True, eq=False)
 class Bars:
     """A histogram or bar chart. x: (n,) middles of the bars. heights: (n,). model: (n,) what a model says about the
-    heights, drawn over them, or None.
-    """
+    heights, drawn over them, or None."""
 
     name: str
     x: FloatArray
@@ -51,8 +49,7 @@ class Scatter:
 @dataclass(frozen=True, eq=False)
 class Sticks:
     """Stick figures in 3-D. positions: (n, J, 3), m. parents: (J,), -1 for the root. shades: (n,) from 0, dark, to 1,
-    light. trails: {label: (K, 3)} curves in space, m.
-    """
+    light. trails: {label: (K, 3)} curves in space, m."""
 
     name: str
     positions: FloatArray
@@ -68,8 +65,7 @@ Figure: TypeAlias = Curves | Bars | Scatter | Sticks
 class StudyResult:
     """metrics: the study's numbers, for summary.json. figures: in the order in which they are shown, names distinct;
     those named "page/name" share a page. note: what is to be seen, a paragraph of Markdown that names the paper's
-    figure.
-    """
+    figure."""
 
     metrics: Mapping[str, float]
     figures: tuple[Figure, ...]

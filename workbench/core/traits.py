@@ -5,9 +5,8 @@ a function from these to one. A nested part is there with its own traits in plac
 member offers nothing special and needs nothing special.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 DENSITY = "a density that can be evaluated"
 MOTION = "a motion model to fit"
@@ -35,11 +34,8 @@ class Traits:
     lacks: str = ""
 
 
-Declared = Traits | Callable[[Mapping[str, Any]], Traits]
-
-
 def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
-    """Traits with these offers, and these needs by group."""
+    """Return traits with these offers, and these needs by group."""
     return Traits(
         frozenset(offers),
         {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},

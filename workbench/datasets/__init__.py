@@ -1,1 +1,1 @@
-"""Where frames and truth come from: rendered scenes and real video."""
+"""Sources of frames and truth: rendered scenes, real video, points."""

@@ -5,23 +5,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-import numpy as np
-
+from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.traits import START, Traits, offering
 from workbench.errors import InputError
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 
 @dataclass(eq=False)
 class Blank:
-    """n_frames frames at rate_hz without views or truth, and a person to start from.
-
-    motion, data: see `motions.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz.
-    Raises InputError for parameters out of range and, when asked what is known, a motion that cannot be found or has no
-    such frame.
-    """
+    """n_frames frames at rate_hz without views or truth, and a person to start from. motion, data: see
+    `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
+    parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
 
     traits: ClassVar[Traits] = offering(START)
 
@@ -32,21 +28,15 @@ class Blank:
     rate_hz: float = 30.0
 
     def __post_init__(self) -> None:
-        if self.n_frames < 1 or self.first_frame < 0 or not 0.0 < self.rate_hz < np.inf:
-            raise InputError(
-                "blank: expected n_frames of at least 1, first_frame of at least 0 and a positive rate_hz, "
-                f"found {self.n_frames}, {self.first_frame}, {self.rate_hz}"
-            )
+        check("blank", self, n_frames=at_least(1), first_frame=at_least(0), rate_hz=POSITIVE)
 
     @cached_property
     def known(self) -> Known:
         """The motion's person, and how they came to stand as they do."""
         motion = find_motion(self.motion, data=self.data, rate_hz=self.rate_hz)
         if self.first_frame >= len(motion):
-            raise InputError(
-                f"blank: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
-                f"expected more than first_frame = {self.first_frame}"
-            )
+            frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected more than first_frame = {self.first_frame}"
+            raise InputError(f"blank: motion {self.motion!r} has {frames}")
         lead_in = motion.poses[: self.first_frame + 1]
         return Known(
             name=f"after {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, shape=motion.shape,

@@ -32,10 +32,9 @@ class MultiView:
     all of them; person: whom to follow there, by camera, where that is not the largest and surest, see `read_openpose`.
     first_frame, last_frame, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with markers,
     whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies, by joint,
-    where their names do not say so. Axes, unit and gaps: see `markers.in_world`.
-
-    Raises InputError for names that are no cameras and, when asked what is known, for what `Video` and `read_markers`
-    refuse, sources of different rates and a truth that has none of the frames.
+    where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names that are
+    no cameras and, when asked what is known, for what `Video` and `read_markers` refuse, sources of different rates and
+    a truth that has none of the frames.
     """
 
     @staticmethod
@@ -46,32 +45,21 @@ class MultiView:
         return offering(IMAGES, *single, *keypoints)
 
     def __init__(
-        self,
-        sources: Files,
-        camera: str,
-        which: Sequence[str] | None = None,
-        first_frame: int = 0,
-        last_frame: int | None = None,
-        scale: float = 1.0,
-        rate_hz: float | None = None,
-        keypoints: Files = NO_FILES,
-        person: Mapping[str, int] = NOBODY,
-        truth: str | None = None,
-        truth_first: int = 0,
+        self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
+        last_frame: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
+        person: Mapping[str, int] = NOBODY, truth: str | None = None, truth_first: int = 0,
         joint_markers: MarkersOf = NO_MARKERS,
-    ) -> None:
+    ) -> None:  # fmt: skip
         names = list(sources) if which is None else list(which)
         if unknown := [name for name in (*names, *keypoints, *person) if name not in sources]:
             raise InputError(f"multi_view: no source for camera {unknown[0]!r}, expected one of {', '.join(sources)}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"multi_view: expected one camera or more, each once, found {', '.join(names) or 'none'}")
+        common = (first_frame, last_frame, scale, rate_hz)
         self._videos = [
-            Video(
-                sources[name], camera, name, first_frame, last_frame, scale, rate_hz,
-                keypoints=keypoints.get(name), person=person.get(name),
-            )
+            Video(sources[name], camera, name, *common, keypoints=keypoints.get(name), person=person.get(name))
             for name in names
-        ]  # fmt: skip
+        ]
         self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
 
     @cached_property

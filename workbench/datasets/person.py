@@ -6,10 +6,8 @@ from workbench.errors import InputError
 
 
 def of_dataset(known: Known, *, scale: float = 1.0) -> Body:
-    """The tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`.
-
-    Raises InputError where it knows neither.
-    """
+    """Return the tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`;
+    raises InputError where it knows neither."""
     if known.body is not None:
         return known.body.scaled(scale)
     if known.shape is None:

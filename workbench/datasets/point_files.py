@@ -11,11 +11,13 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
+from workbench.core.checks import POSITIVE, at_least, check, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.traits import POINTS, START, Traits, offering
-from workbench.datasets.files.point_formats import READERS, natural_order, read_hdf5
-from workbench.datasets.scenes.take import Take, find_take, given_start
+from workbench.datasets.files import natural_order
+from workbench.datasets.files.point_formats import READERS, read_hdf5
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.errors import InputError
 from workbench.streams import stream
 
@@ -29,13 +31,12 @@ class PointFiles:
     source: a folder of files, one a frame, all .ply, all .npz or all .csv, in natural order (frame_9 before frame_10);
     or one .h5 or .hdf5 file, see `point_formats.read_hdf5`. rate_hz: frames per second. unit: m, cm or mm. most_points:
     frames with more are thinned at random to so many, and a warning says so. truth: the name of a motion
-    (`motions.find_motion`; data: its folder), whose frames from first_frame on, at rate_hz, are those of the files;
-    it gives every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known.
-    start, seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept.
-
-    Raises InputError for numbers out of range and, when asked what is known, naming the file and the line, row or
-    vertex, what was expected and what was found, for what cannot be read, a frame without points, numbers that are not
-    finite, and a folder without files of points.
+    (`named.find_motion`; data: its folder), whose frames from first_frame on, at rate_hz, are those of the files; it
+    gives every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known.
+    start, seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept. Raises
+    InputError for numbers out of range and, when asked what is known, naming the file and the line, row or vertex, what
+    was expected and what was found, for what cannot be read, a frame without points, numbers that are not finite, and a
+    folder without files of points.
     """
 
     traits: ClassVar[Traits] = offering(POINTS, START)
@@ -51,13 +52,8 @@ class PointFiles:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.unit not in METRES:
-            raise InputError(f"points: unit must be one of {', '.join(METRES)}, found {self.unit!r}")
-        if not 0.0 < self.rate_hz < np.inf or self.most_points < 1 or self.first_frame < 0 or self.seed < 0:
-            raise InputError(
-                "points: expected a positive rate_hz, most_points of at least 1, first_frame and seed of at least 0, "
-                f"found {self.rate_hz}, {self.most_points}, {self.first_frame}, {self.seed}"
-            )
+        check("points", self, unit=one_of(*METRES), rate_hz=POSITIVE, most_points=at_least(1))
+        check("points", self, first_frame=at_least(0), seed=at_least(0))
 
     @cached_property
     def known(self) -> Known:
@@ -82,10 +78,8 @@ class PointFiles:
     def _take(self) -> Take | None:
         if self.truth is None:
             return None
-        return find_take(
-            self.truth, data=self.data, rate_hz=self.rate_hz, n_frames=len(self._points), first_frame=self.first_frame,
-            seed=self.seed,
-        )  # fmt: skip
+        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": self.first_frame}
+        return find_take(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **shown))
 
     @cached_property
     def _points(self) -> list[FloatArray]:
@@ -98,11 +92,9 @@ class PointFiles:
                 points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
             clouds.append(METRES[self.unit] * points)
         if thinned:
-            warnings.warn(
-                f"{self.source}: {len(thinned)} of {len(clouds)} frames have more than {self.most_points} points and "
-                f"are thinned at random to so many, the first being {thinned[0]}",
-                stacklevel=3,
-            )
+            many = f"{len(thinned)} of {len(clouds)} frames have more than {self.most_points} points"
+            words = f"{self.source}: {many} and are thinned at random to so many, the first being {thinned[0]}"
+            warnings.warn(words, stacklevel=3)
         return clouds
 
     def _files(self) -> Iterator[tuple[str, FloatArray]]:
@@ -116,10 +108,8 @@ class PointFiles:
         files = [file for file in self._path.iterdir() if file.suffix.lower() in READERS]
         kinds = sorted({file.suffix.lower() for file in files})
         if len(kinds) != 1:
-            found = "files of several kinds, " + ", ".join(kinds) if kinds else "none"
-            raise InputError(
-                f"{self._path}: expected files of points of one kind ({', '.join(READERS)}), found {found}"
-            )
+            found, readable = "files of several kinds, " + ", ".join(kinds) if kinds else "none", ", ".join(READERS)
+            raise InputError(f"{self._path}: expected files of points of one kind ({readable}), found {found}")
         names = natural_order([file.name for file in files])
         for name in tqdm(names, desc=f"reading {self._path.name}", unit="frame", disable=None):
             yield name, READERS[kinds[0]](self._path / name)

@@ -9,20 +9,18 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.camera import take_camera
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.scenes.take import Take, given_start, take_of
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.datasets.scenes.visible import visible_points
-from workbench.errors import InputError
 from workbench.streams import stream
 
-AT_M = 4.0
-"""The depth at which σ is sigma_m."""
+AT_M = 4.0  # the depth at which σ is sigma_m
 _NOISE_GREY = 4.0
 
 
@@ -41,10 +39,9 @@ class Points(Scene):
 
     start: "auto" offers nothing: start_pose and phase_ends are None and whoever tracks finds both. "given" offers what
     paper D sets by hand: start_pose, the first true pose off by σ 3 cm and 0.05 rad in every number, and phase_ends,
-    the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only.
-
-    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
-    too short, and start="given" for one without a gait cycle.
+    the true phases of the first and last frame. Truth is in the frames either way, for the evaluation only. Raises
+    InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is too
+    short, and start="given" for one without a gait cycle.
     """
 
     @staticmethod
@@ -65,9 +62,8 @@ class Points(Scene):
     skeleton: str = "person"
 
     def __post_init__(self) -> None:
-        self.check(n_points=1, sigma_m=0.0, clutter=0, bar_m=0.0, distance_m=1.0)
-        if not 0.0 <= self.outliers < 1.0:
-            raise InputError(f"points: outliers must be a share from 0 to below 1, found {self.outliers}")
+        self.check(n_points=at_least(1), sigma_m=at_least(0), clutter=at_least(0), bar_m=at_least(0))
+        self.check(distance_m=at_least(1), outliers=BELOW_1)
 
     @cached_property
     def known(self) -> Known:
@@ -90,7 +86,7 @@ class Points(Scene):
     @cached_property
     def take(self) -> Take:
         """Tell what the person does."""
-        return take_of(self, self.skeleton)
+        return find_take(self, self.skeleton)
 
     @cached_property
     def view_camera(self) -> Camera:
@@ -104,10 +100,10 @@ class Points(Scene):
         n_outliers = int(rng.binomial(self.n_points, self.outliers))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
         if self.bar_m > 0.0:
-            surface = not_hidden(surface, camera, [(bar(self.take, camera, self.bar_m), np.zeros(len(pose)))])
+            surface = not_hidden(surface, camera, bar(self.take, camera, self.bar_m), np.zeros(len(pose)))
         if self.clutter:
             others = clutter_points(self._surroundings, pose[:3], camera, self.clutter, rng)
-            surface = np.concatenate([surface, not_hidden(others, camera, [(body, pose)])])
+            surface = np.concatenate([surface, not_hidden(others, camera, body, pose)])
         noisy = with_depth_noise(surface, camera, self.sigma_m, rng)
         return rng.permutation(np.concatenate([noisy, in_box(pose[:3], n_outliers, rng)]))
 
@@ -123,16 +119,13 @@ class Points(Scene):
     def _scene(self) -> render.Scene:
         body, camera = self.take.body, self.view_camera
         wall = render.background(camera.height, camera.width, stream(self.seed, "background"))
-        return render.prepare(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
+        return render.Scene(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
 
 
 def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator) -> FloatArray:
-    """Points (K, 3), m, moved along their lines of sight so that their depth z errs by σ = sigma_m (z / 4 m)².
-
-    The error of a stereo pair: depth is focal length × baseline / disparity, and the disparity's error is constant.
-    """
+    """Move points (K, 3), m, along their lines of sight so that their depth z errs by σ = sigma_m (z / 4 m)², as a
+    stereo pair's does: depth is focal length × baseline / disparity, whose error is constant."""
     seen = camera.to_camera(points)
     depth = seen[:, 2]
     factor = 1.0 + sigma_m * depth / AT_M**2 * rng.standard_normal(len(points))
-    moved: FloatArray = (seen * factor[:, None] - camera.translation) @ camera.rotation
-    return moved
+    return (seen * factor[:, None] - camera.translation) @ camera.rotation

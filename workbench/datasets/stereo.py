@@ -1,36 +1,35 @@
-"""Points from a rendered stereo pair by block matching: as poor as paper D's data, and with exact truth."""
+"""Points from a rendered stereo pair by semi-global block matching (Hirschmüller, PAMI 30, 2008), with exact truth."""
 
-import hashlib
-import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import ClassVar
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import camera as placing
-from workbench.datasets.scenes import render, stereo_matching
+from workbench.datasets.scenes import render
 from workbench.datasets.scenes import room as stereo_room
-from workbench.datasets.scenes.cache import read_images, write_images
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.stereo_matching import empty_disparity, nearer_points
-from workbench.datasets.scenes.take import Take, given_start, take_of
+from workbench.datasets.scenes.cache import cached_images, image_key
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.streams import stream
 
-N_EMPTY = 5
-"""Pairs of images of the empty room."""
-_NEAREST_M = 0.6
-"""How much nearer than a joint the surface, and so the largest disparity to search for, may be."""
+N_EMPTY = 5  # pairs of images of the empty room
+_NEAREST_M = 0.6  # how much nearer than a joint the surface, and so the largest disparity to search for, may be
+BLOCK_PX = 5
+NEARER_PX = 2.0  # by how much of disparity a point must be nearer than the empty scene to be taken for someone's
+PATCH_SHARE = 0.05
+"""Patches of such points with less than this share of the largest one's pixels are taken for wrong matches."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -42,7 +41,7 @@ class Stereo(Scene):
     contrast, clutter: strength of the clothes' and the room's texture, see `synthetic.Synthetic`. cache: a folder for
     rendered images; without one every process renders them anew.
 
-    The points are those of OpenCV's StereoSGBM (`stereo_matching`). Paper D does not say how the person was cut out;
+    The points are those of OpenCV's StereoSGBM (`disparities`). Paper D does not say how the person was cut out;
     here a point stays when it is nearer, by two pixels of disparity or more, than all that the same pixel showed in
     five pairs of images of the empty room, and lies in no small patch. Of these n_points are drawn evenly. Both images
     are views: "left", "right".
@@ -62,19 +61,16 @@ class Stereo(Scene):
     start: str = "auto"
 
     def __post_init__(self) -> None:
-        self.check(width=64, height=64, n_points=1, distance_m=1.0, noise=0.0, contrast=0.0, clutter=0.0)
-        if not 0.0 < self.baseline_m < np.inf:
-            raise InputError(f"stereo: baseline_m must be positive, found {self.baseline_m}")
+        self.check(width=at_least(64), height=at_least(64), n_points=at_least(1), distance_m=at_least(1))
+        self.check(noise=at_least(0), contrast=at_least(0), clutter=at_least(0), baseline_m=POSITIVE)
 
     @cached_property
     def known(self) -> Known:
         """The person's measurements, both cameras, and what is offered of the start."""
         start_pose, phase_ends = given_start("stereo", self.start, self.take, self.seed)
         if self.n_disparities >= self.width // 2:
-            raise InputError(
-                f"stereo: disparities up to {self.n_disparities} px in images {self.width} px wide; expected a smaller "
-                "baseline_m or focal_px, or a larger distance_m"
-            )
+            found = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
+            raise InputError(f"stereo: {found}; expected a smaller baseline_m or focal_px, or a larger distance_m")
         return Known(
             name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=self.cameras,
             shape=self.take.motion.shape, start_pose=start_pose, has_points=True, phase_ends=phase_ends,
@@ -90,7 +86,7 @@ class Stereo(Scene):
     @cached_property
     def take(self) -> Take:
         """Tell what the person does."""
-        return take_of(self)
+        return find_take(self)
 
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
@@ -109,7 +105,7 @@ class Stereo(Scene):
         """The points (K, 3) of every frame, m."""
         left, right = self._images[:, 0], self._images[:, 1]
         pairs = tqdm(zip(left, right, strict=True), f"matching {self.motion}", len(left), unit="frame", disable=None)
-        seen = np.stack([stereo_matching.disparities(*pair, self.n_disparities) for pair in pairs])
+        seen = np.stack([disparities(*pair, self.n_disparities) for pair in pairs])
         empty = empty_disparity(seen[self.n_frames :])
         clouds = []
         for i in range(self.n_frames):
@@ -122,23 +118,15 @@ class Stereo(Scene):
     def _images(self) -> ByteArray:
         """The images, (n_frames + N_EMPTY, 2, height, width), from the cache or rendered; N_EMPTY of the empty room."""
         shape = (2 * (self.n_frames + N_EMPTY), self.height, self.width)
-        if self.cache is None:
-            return self._render().reshape(-1, 2, *shape[1:])
-        file = Path(self.cache).expanduser() / "scenes" / f"{self._key()[:32]}.npz"
-        images = read_images(file, shape)
-        if images is None:
-            images = self._render()
-            write_images(file, images)
-        return images.reshape(-1, 2, *shape[1:])
+        return cached_images(self.cache, self._key, shape, self._render).reshape(-1, 2, *shape[1:])
 
     def _render(self) -> ByteArray:
         """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
         body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
         room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
-        scenes = [
-            render.prepare(body, camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras
-        ]
+        views = ((camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras)
+        scenes = [render.Scene(body, *view) for view in views]
         images = []
         for pose in tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None):
             images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in scenes]
@@ -146,11 +134,43 @@ class Stereo(Scene):
         return np.stack(images)
 
     def _key(self) -> str:
-        """Names the images: a digest of the poses and of every parameter that shows in them."""
-        apart = ("data", "cache", "start", "n_points")
-        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
-        parameters["motion"] = self.take.motion.name
-        code = code_digest(render, stereo_room, placing)
-        digest = hashlib.sha256(json.dumps([code, parameters, self.take.motion.shape.as_dict()]).encode())
-        digest.update(np.ascontiguousarray(self.take.motion.poses).tobytes())
-        return digest.hexdigest()
+        unseen = ("data", "cache", "start", "n_points")
+        return image_key(self, unseen, code_digest(render, stereo_room, placing), self.take.motion)
+
+
+def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
+    """Tell how much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
+    n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
+    documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle."""
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0, numDisparities=n_disparities, blockSize=BLOCK_PX, P1=8 * BLOCK_PX**2, P2=32 * BLOCK_PX**2,
+        disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=100, speckleRange=2,
+    )  # fmt: skip
+    # the matcher leaves out a strip of n_disparities columns on the left, where a match might lie outside
+    wide = [cv2.copyMakeBorder(image, 0, 0, n_disparities, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    found = matcher.compute(*wide)[:, n_disparities:] / 16.0
+    return np.where((found > 0.0) & (found <= np.arange(left.shape[1])), found, np.nan)  # else the match is outside
+
+
+def empty_disparity(pairs: FloatArray) -> FloatArray:
+    """The largest disparity (height, width) in (n, height, width) of an empty room, NaN where few of them know it."""
+    known = np.isfinite(pairs)
+    largest = np.where(known, pairs, 0.0).max(axis=0)
+    return np.where(2 * known.sum(axis=0) > len(pairs), largest, np.nan)
+
+
+def nearer_points(seen: FloatArray, empty: FloatArray, camera: Camera, baseline_m: float) -> FloatArray:
+    """The points (K, 3), m, in the world, of the pixels whose disparity (height, width) shows something before `empty`.
+    Where either is unknown, and in patches that are small beside the largest, there is no point. camera: the left one,
+    without distortion; the right one stands baseline_m along its x axis. A point of disparity d is at the depth f ·
+    baseline / d."""
+    with np.errstate(invalid="ignore"):
+        nearer = (seen >= empty + NEARER_PX).astype(np.uint8)
+    _, patches, statistics, _ = cv2.connectedComponentsWithStats(nearer)
+    sizes = np.where(np.arange(len(statistics)) > 0, statistics[:, cv2.CC_STAT_AREA], 0)  # the first one is the rest
+    rows, columns = np.nonzero((nearer > 0) & (sizes >= PATCH_SHARE * sizes.max())[patches])
+    depth = camera.matrix[0, 0] * baseline_m / seen[rows, columns]
+    x = (columns - camera.matrix[0, 2]) / camera.matrix[0, 0]
+    y = (rows - camera.matrix[1, 2]) / camera.matrix[1, 1]
+    in_camera = np.stack([x, y, np.ones(len(x))], axis=1) * depth[:, None]
+    return (in_camera - camera.translation) @ camera.rotation

@@ -1,10 +1,8 @@
 """Rendered sequences of a walking person, with exact truth."""
 
-import hashlib
-import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,29 +10,28 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import ByteArray, FloatArray
+from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.skeleton import POSE_NAMES, parameters
+from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.scenes import render
-from workbench.datasets.scenes.cache import read_images, write_images
+from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.camera import automatic_camera, standing_height
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.splice import splice
-from workbench.datasets.scenes.take import motion_names
+from workbench.datasets.scenes.take import Scene, motion_names
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import PATHS
 from workbench.mocap.motion import Motion
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 from workbench.streams import stream
 
-KEYPOINTS_MISSED = 0.1
-"""Share of the joints that the simulated detector does not find."""
+KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 
 
 @dataclass(kw_only=True, eq=False)
@@ -48,10 +45,8 @@ class Synthetic(Scene):
     person is person_px tall half-way through, or smaller where the whole motion would not fit into width × height.
     noise: σ of the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
     being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
-    KEYPOINTS_MISSED of them; None: there is none.
-
-    Raises InputError for parameters out of range and, when asked what is known, for a motion that cannot be found or is
-    too short, and a camera that never sees the person.
+    KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
+    known, for a motion that cannot be found or is too short, and a camera that never sees the person.
     """
 
     @staticmethod
@@ -72,11 +67,9 @@ class Synthetic(Scene):
     keypoint_sigma_px: float | None = None
 
     def __post_init__(self) -> None:
-        self.check(person_px=1.0, noise=0.0, contrast=0.0, clutter=0.0)
-        if self.path not in PATHS:
-            raise InputError(f"synthetic: path must be one of {', '.join(PATHS)}, found {self.path!r}")
-        if self.keypoint_sigma_px is not None and not 0.0 <= self.keypoint_sigma_px < np.inf:
-            raise InputError(f"synthetic: keypoint_sigma_px must be at least 0, found {self.keypoint_sigma_px}")
+        none_or_more = Range("at least 0 or null", lambda value: value is None or 0.0 <= value < np.inf)
+        self.check(path=one_of(*PATHS), person_px=at_least(1), noise=at_least(0), contrast=at_least(0))
+        self.check(clutter=at_least(0), keypoint_sigma_px=none_or_more)
 
     @cached_property
     def known(self) -> Known:
@@ -90,7 +83,7 @@ class Synthetic(Scene):
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
         poses = self._used_motion.poses
-        places = joints(self._body.skeleton, poses)
+        places = joints(self.body.skeleton, poses)
         for i, image in enumerate(self._images):
             index = self.first_frame + i
             truth = Truth(pose=poses[i], joints=places[i])
@@ -105,22 +98,17 @@ class Synthetic(Scene):
         pixels = camera.project(places)
         keypoints = np.column_stack([pixels, np.ones(len(pixels))])
         keypoints[:, :2] += self.keypoint_sigma_px * rng.standard_normal(pixels.shape)
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=1)
-        keypoints[~inside | (rng.random(len(pixels)) < KEYPOINTS_MISSED)] = np.nan
+        keypoints[~_inside(camera, pixels) | (rng.random(len(pixels)) < KEYPOINTS_MISSED)] = np.nan
         return keypoints
 
     @cached_property
     def view_camera(self) -> Camera:
         """The camera: from the file, or placed automatically."""
-        places = joints(self._body.skeleton, self._used_motion.poses)
+        places = joints(self.body.skeleton, self._used_motion.poses)
         if self.camera is None:
             return self._automatic_camera(places)
         camera = load_cameras(Path(self.camera).expanduser())[0]
-        pixels = camera.project(places)
-        with np.errstate(invalid="ignore"):
-            inside = (pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])
-        if not inside.all(axis=-1).any():
+        if not _inside(camera, camera.project(places)).any():
             raise InputError(f"{self.camera}: camera {camera.name!r} never sees the person of motion {self.motion!r}")
         return camera
 
@@ -129,27 +117,20 @@ class Synthetic(Scene):
         wanted = self.focal_px * tall / self.person_px
         camera, distance = automatic_camera(self, self._used_motion, places, wanted)
         if distance > 1.01 * wanted:
-            warnings.warn(
-                f"synthetic: the person is {self.focal_px * tall / distance:.0f} px tall instead of "
-                f"{self.person_px:g}, so that the whole motion fits into the image",
-                stacklevel=2,
-            )
+            tall_px = f"{self.focal_px * tall / distance:.0f} px tall instead of {self.person_px:g}"
+            words = f"synthetic: the person is {tall_px}, so that the whole motion fits into the image"
+            warnings.warn(words, stacklevel=2)
         return camera
 
     @cached_property
     def _used_motion(self) -> Motion:
         """The motion at this dataset's rate, cut to the frames used."""
         end = self.first_frame + self.n_frames
-        motions = [
-            find_motion(name, data=self.data, rate_hz=self.rate_hz, path=self.path, seed=self.seed)
-            for name in motion_names(self.motion)
-        ]
+        motions = [find_motion(name, **self.source(self.rate_hz)) for name in motion_names(self.motion)]
         motion = motions[0] if len(motions) == 1 else splice(motions, end).motion
         if end > len(motion):
-            raise InputError(
-                f"synthetic: motion {self.motion!r} has {len(motion)} frames at {self.rate_hz:g} Hz, "
-                f"expected at least first_frame + n_frames = {end}"
-            )
+            frames = f"{len(motion)} frames at {self.rate_hz:g} Hz, expected at least first_frame + n_frames = {end}"
+            raise InputError(f"synthetic: motion {self.motion!r} has {frames}")
         poses = motion.poses[self.first_frame : end].copy()
         if self.moving is not None:
             moving = parameters("synthetic: moving", self.moving)
@@ -158,42 +139,32 @@ class Synthetic(Scene):
         return replace(motion, poses=poses)
 
     @cached_property
-    def _body(self) -> Body:
+    def body(self) -> Body:
+        """The person's body."""
         return person(self._used_motion.shape)
 
     @cached_property
     def _images(self) -> ByteArray:
         """The images, (n_frames, height, width), from the cache or rendered."""
-        if self.cache is None:
-            return self._render()
-        file = Path(self.cache).expanduser() / "scenes" / f"{self._key()[:32]}.npz"
-        images = read_images(file, (self.n_frames, self.view_camera.height, self.view_camera.width))
-        if images is None:
-            images = self._render()
-            write_images(file, images)
-        return images
+        shape = (self.n_frames, self.view_camera.height, self.view_camera.width)
+        return cached_images(self.cache, self._key, shape, self._render)
 
     def _render(self) -> ByteArray:
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
-        camera = self.view_camera
-        scene = render.prepare(
-            self._body,
-            camera,
-            render.clothes(self._body, outfit, self.contrast),
-            render.background(camera.height, camera.width, wall, self.clutter),
-        )
+        camera, texture = self.view_camera, render.clothes(self.body, outfit, self.contrast)
+        background = render.background(camera.height, camera.width, wall, self.clutter)
+        scene = render.Scene(self.body, camera, texture, background)
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         return np.stack([render.with_noise(render.render(scene, pose), self.noise, sensor) for pose in poses])
 
     def _key(self) -> str:
-        """Names the images: a digest of the poses and of every parameter that shows in them."""
-        unseen = ("data", "cache", "camera", "keypoint_sigma_px")
-        parameters = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in unseen}
-        motion, camera = self._used_motion, self.view_camera
-        digest = hashlib.sha256(json.dumps([code_digest(render), parameters, motion.shape.as_dict()]).encode())
-        for array in (
-            motion.poses, camera.matrix, camera.rotation, camera.translation, camera.distortion,
-            np.array([camera.width, camera.height]),
-        ):  # fmt: skip
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+        unseen, seen_by = ("data", "cache", "camera", "keypoint_sigma_px"), self.view_camera
+        calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
+        size = np.array([seen_by.width, seen_by.height])
+        return image_key(self, unseen, code_digest(render), self._used_motion, *calibration, size)
+
+
+def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:
+    """Tell which of pixels (..., 2) lie between the centres of the image's outermost ones."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=-1))

@@ -12,6 +12,7 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
+from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, MarkedFrames, Truth, View
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
@@ -68,10 +69,7 @@ class Video:
     person: int | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.scale <= 1.0:
-            raise InputError(f"video: scale must be above 0 and at most 1, found {self.scale}")
-        if not 0.0 <= self.hidden_weight <= 1.0:
-            raise InputError(f"video: hidden_weight must lie between 0 and 1, found {self.hidden_weight}")
+        check("video", self, scale=UP_TO_1, hidden_weight=UNIT)
         if self.first_frame < 0 or (self.last_frame is not None and self.last_frame < self.first_frame):
             found = f"{self.first_frame} and {self.last_frame}"
             raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {found}")
@@ -80,7 +78,14 @@ class Video:
     def known(self) -> Known:
         """The camera of the resized images, and what is marked."""
         n_frames = self._last - self.first_frame + 1
-        self._check_first_image()
+        first, camera = next(decode(self._path)), self._camera
+        self._check_size(first)
+        if first.shape[:2] != (camera.height, camera.width):
+            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
+            warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
+        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
+            size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f} px"
+            raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {LEAST_SIZE_PX}")
         _ = self._truth  # read now, so that mistakes show before the first frame
         marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
         return Known(
@@ -96,14 +101,21 @@ class Video:
         for index, image in enumerate(decode(self._path, self.first_frame, self._last), self.first_frame):
             self._check_size(image)
             view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
-            yield Frame(index, index / self.true_rate_hz, (view,), self._truth_at(index))
+            marked = None if self._truth is None else self._truth.at(index)
+            truth = marked and Truth(marks=_resized(marked[0], self.scale), marks_visible=marked[1])
+            yield Frame(index, index / self.true_rate_hz, (view,), truth)
         if index < self._last:
             raise InputError(f"{self.source}: ends before frame {self._last}, which was there before")
 
     @cached_property
     def true_rate_hz(self) -> float:
         """Frames per second: as given, or as the source says."""
-        return _rate(self._path, self.rate_hz)
+        rate = frame_rate(self._path) if self.rate_hz is None else self.rate_hz
+        if rate is None:
+            raise InputError(f"{self.source}: does not say its frame rate; set rate_hz")
+        if not 0.0 < rate < np.inf:
+            raise InputError(f"video: rate_hz must be positive, found {rate}")
+        return rate
 
     @cached_property
     def _path(self) -> Path:
@@ -111,34 +123,31 @@ class Video:
 
     @cached_property
     def _camera(self) -> Camera:
-        return _choose(self.camera, self.which)
+        cameras = {camera.name: camera for camera in load_cameras(Path(self.camera).expanduser())}
+        if self.which is not None and self.which not in cameras:
+            raise InputError(f"{self.camera}: no camera called {self.which!r}, expected one of {', '.join(cameras)}")
+        return next(iter(cameras.values())) if self.which is None else cameras[self.which]
 
     @cached_property
     def _last(self) -> int:
-        return _last_frame(self._path, self.first_frame, self.last_frame)
+        n = count_frames(self._path, None if self.last_frame is None else self.last_frame + 1)
+        wanted = self.first_frame if self.last_frame is None else self.last_frame
+        if n == 0:
+            raise InputError(f"{self.source}: expected frames, found none that can be decoded")
+        if wanted >= n:
+            raise InputError(f"{self.source}: no frame {wanted}, expected one of 0 to {n - 1}")
+        return n - 1 if self.last_frame is None else wanted
 
     @cached_property
     def _keypoints(self) -> Marks | None:
-        return None if self.keypoints is None else _apart(read_marks(self.keypoints, self.person), self.held_out, False)
+        return None if self.keypoints is None else _held(read_marks(self.keypoints, self.person), self.held_out, False)
 
     @cached_property
     def _truth(self) -> Marks | None:
         """Marks for the evaluation, of the frames held out alone where there are some."""
         if self.eval_marks is None:
             return None
-        return _apart(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
-
-    def _check_first_image(self) -> None:
-        first, camera = next(decode(self._path)), self._camera
-        self._check_size(first)
-        if first.shape[:2] != (camera.height, camera.width):
-            size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
-            warnings.warn(f"{self.source}: images of {size} are stretched to the camera's {expected}", stacklevel=2)
-        if min(camera.width, camera.height) * self.scale < LEAST_SIZE_PX:
-            size = f"{camera.width * self.scale:.0f}×{camera.height * self.scale:.0f}"
-            raise InputError(
-                f"video: scale {self.scale} leaves {size} px of an image, expected at least {LEAST_SIZE_PX}"
-            )
+        return _held(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
@@ -168,48 +177,14 @@ class Video:
         found = None if marks is None else marks.weighted(index, self.hidden_weight)
         return None if found is None else np.column_stack([_resized(found[:, :2], self.scale), found[:, 2]])
 
-    def _truth_at(self, index: int) -> Truth | None:
-        found = None if self._truth is None else self._truth.at(index)
-        return None if found is None else Truth(marks=_resized(found[0], self.scale), marks_visible=found[1])
-
     def _check_size(self, image: ByteArray) -> None:
-        height, width = image.shape[:2]
-        camera = self._camera
-        stretch = np.array([width / camera.width, height / camera.height])
-        if np.abs(stretch - 1.0).max() > MOST_STRETCHED:
+        (height, width), camera = image.shape[:2], self._camera
+        if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > MOST_STRETCHED:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")
 
 
-def _choose(file: str, which: str | None) -> Camera:
-    cameras = {camera.name: camera for camera in load_cameras(Path(file).expanduser())}
-    if which is None:
-        return next(iter(cameras.values()))
-    if which not in cameras:
-        raise InputError(f"{file}: no camera called {which!r}, expected one of {', '.join(cameras)}")
-    return cameras[which]
-
-
-def _last_frame(source: Path, first: int, last: int | None) -> int:
-    n = count_frames(source, None if last is None else last + 1)
-    wanted = first if last is None else last
-    if n == 0:
-        raise InputError(f"{source}: expected frames, found none that can be decoded")
-    if wanted >= n:
-        raise InputError(f"{source}: no frame {wanted}, expected one of 0 to {n - 1}")
-    return n - 1 if last is None else last
-
-
-def _rate(source: Path, given: float | None) -> float:
-    rate = frame_rate(source) if given is None else given
-    if rate is None:
-        raise InputError(f"{source}: does not say its frame rate; set rate_hz")
-    if not 0.0 < rate < np.inf:
-        raise InputError(f"video: rate_hz must be positive, found {rate}")
-    return rate
-
-
-def _apart(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
+def _held(marks: Marks, held_out: Sequence[int], wanted: bool) -> Marks:
     """The marks of the frames held out, or without these."""
     if missing := set(held_out) - set(marks.frames.tolist()):
         raise InputError(f"{marks.source}: no marks in frame {min(missing)}, which is held out")

@@ -18,30 +18,30 @@ _ROUNDING = 1e-12
 
 
 def covered(values: FloatArray, weights: FloatArray, truth: FloatArray, levels: tuple[float, ...]) -> BoolArray:
-    """(L, D): whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile, see `posterior.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
+    """Tell (L, D) whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
+    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
     below, equal = share_below(values, weights, truth)
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
     return (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
 
 
 def ranks(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """(D,) in 0..1: the weight of the particles below the truth, those equal to it counted half; the probability
+    """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half; the probability
     integral transform, which is evenly distributed for a calibrated posterior (Hamill 2001)."""
     below, equal = share_below(values, weights, truth)
     return (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
 
 
 def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """(2, D): the weight of the particles below the truth, and of those equal to it."""
+    """Return (2, D): the weight of the particles below the truth, and of those equal to it."""
     shares = np.zeros((2, len(truth)))
     _add_shares(np.ascontiguousarray(values), weights, truth, shares)
     return shares
 
 
 def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
-    """How many of all ranks lie in each of n_bins even bins (n_bins,): flat when calibrated, U-shaped when too sure,
-    a hump when too unsure, a slope when biased."""
+    """Count how many of all ranks lie in each of n_bins even bins (n_bins,): flat when calibrated, U-shaped when too
+    sure, a hump when too unsure, a slope when biased."""
     return np.asarray(np.histogram(every, bins=n_bins, range=(0.0, 1.0))[0])
 
 
@@ -53,8 +53,8 @@ def expected_calibration_error(every: FloatArray) -> float:
 
 
 def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """The continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq. 21), in
-    the quantity's unit; the absolute error where all particles are equal."""
+    """Return the continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq.
+    21), in the quantity's unit; the absolute error where all particles are equal."""
     columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
 
     def some(first: int, last: int) -> None:
@@ -66,8 +66,9 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
 
 
 def log_score(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """−log p(truth), (D,), nats, of the normal distribution with the particles' mean and variance (Dawid & Sebastiani
-    1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals them."""
+    """Return −log p(truth), (D,), nats, of the normal distribution with the particles' mean and variance (Dawid &
+    Sebastiani 1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals
+    them."""
     mean = weights @ values
     variance = weights @ (values - mean) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,7 +87,7 @@ def _add_shares(values: Any, weights: Any, truth: Any, shares: Any) -> None:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _score(columns: Any, order: Any, weights: Any, truth: Any, score: Any) -> None:
-    """`crps` of columns (D, N) of which the order (D, N) is known."""
+    """Compute `crps` of columns (D, N) of which the order (D, N) is known."""
     for d in range(columns.shape[0]):
         apart, spread, reached, before = 0.0, 0.0, 0.0, columns[d, order[d, 0]]
         for k in order[d]:

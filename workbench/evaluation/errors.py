@@ -31,40 +31,39 @@ OF_HEAVIEST = ("error_abs_mm", "error_rel_mm")
 def step_errors(
     step: Step, body: Body, moving: Sequence[str] = POSE_NAMES, image_scale: float = 1.0
 ) -> dict[str, float]:
-    """The errors of one step that its truth allows, of the expected pose, and three (`_map`) of the heaviest particle.
+    """Measure what a step's truth allows: errors of the expected pose, and three (`_map`) of the heaviest particle.
 
     The mean is over the joints that the parameters `moving`, those the prior moves, can move, but the root, which is 14
     of the person's: for a tracked arm elbow and wrist. error_abs_mm: their mean distance. error_rel_mm: the same after
-    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with
-    the root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
+    moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with the
+    root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
     where the true joints are known. coverage_50, coverage_90, crps_mm, crps_deg, z2, log_score: how true the posterior
     is, see `step_calibration`; where the true pose is not known, of the joints' coordinates.
     error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
-    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one. Nothing is returned
-    without truth.
+    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one.
     """
     truth = step.frame.truth
     if truth is None:
         return {}
-    skeleton = body.skeleton
-    measured = moved_joints(skeleton, moving)
+    skeleton, measured = body.skeleton, moved_joints(body.skeleton, moving)
     estimates = joints(skeleton, np.stack([step.expected_pose, step.map_pose]))
     errors: dict[str, float] = {}
     for suffix, estimate in zip(("", "_map"), estimates, strict=True):
         if truth.joints is not None:
-            found = joint_errors(measured, estimate, truth.joints)
-            errors |= {name + suffix: found[name] for name in found if not suffix or name in OF_HEAVIEST}
+            in_space = joint_errors(measured, estimate, truth.joints)
+            errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in OF_HEAVIEST}
         pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
-    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and step.frame.views:
-        seen = [(view.camera, view.camera.project(truth.joints)) for view in step.frame.views]
-        error = float(np.mean([pixel_distances(camera, estimates[0], true).mean() for camera, true in seen]))
-        errors |= {"humaneva_px": error / image_scale} if np.isfinite(error) else {}
-    if truth.joints is not None and step.frame.views and "error_px" in errors:
-        errors["forearm_px"] = forearm_px(step.frame.views[0].camera, body, truth.joints, measured) / image_scale
+    cameras = [view.camera for view in step.frame.views]
+    if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
+        distances = [pixel_distances(each, estimates[0], each.project(truth.joints)).mean() for each in cameras]
+        error = float(np.mean(distances)) / image_scale
+        errors |= {"humaneva_px": error} if np.isfinite(error) else {}
+    if truth.joints is not None and "error_px" in errors:
+        errors["forearm_px"] = forearm_px(cameras[0], body, truth.joints, measured) / image_scale
     if truth.pose is not None:
         errors |= pose_calibration(step, skeleton, truth.pose)
         errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
@@ -77,20 +76,18 @@ def step_errors(
 
 
 def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has it.
-
-    Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away.
-    """
-    found, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
+    """Return knee_deg and hip_deg: root mean square error of the flexion of both legs, degrees, where the skeleton has
+    it. Whole turns are no error: where nothing keeps an angle within its limits, a fit may end a turn away."""
+    estimate, true, errors = flexions(skeleton, pose), flexions(skeleton, truth), {}
     for joint in ("knee", "hip"):
-        apart = [wrapped_deg(found[name] - true[name]) for name in found if name.endswith(joint)]
+        apart = [wrapped_deg(estimate[name] - true[name]) for name in estimate if name.endswith(joint)]
         if apart:
             errors[f"{joint}_deg"] = float(np.sqrt(np.mean(np.square(apart))))
     return errors
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
-    """The joints, but the root, that one of the parameters called `moving` moves: those below the one it turns."""
+    """List the joints, but the root, that a parameter called in `moving` moves: those below the one it turns."""
     turned = {int(skeleton.dof_joints[skeleton.dof(name)]) for name in moving}
     translated = any(skeleton.dof(name) < 3 for name in moving)
 
@@ -102,15 +99,15 @@ def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
 
 
 def forearm_px(camera: Camera, body: Body, true_joints: FloatArray, measured: Sequence[int]) -> float:
-    """Mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
+    """Return the mean width of the forearm in the image, px, seen at the mean depth of the measured joints (J, 3)."""
     width_m = float(np.sum(body.shape.forearm_radii))  # the mean of the two ends' diameters
     depth_m = float(np.nanmean(camera.to_camera(true_joints)[list(measured), 2]))
     return float(camera.matrix[0, 0]) * width_m / depth_m
 
 
 def joint_errors(measured: Sequence[int], estimate: FloatArray, truth: FloatArray) -> dict[str, float]:
-    """Errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is known
-    (not NaN); what needs more than is known is left out."""
+    """Return errors in space of joints (J, 3), m, against true joints (J, 3), m, over those measured whose truth is
+    known (not NaN); what needs more than is known is left out."""
     places, true = estimate[list(measured)], truth[list(measured)]
     whole = len(measured) == len(truth) - 1
     errors = {
@@ -133,7 +130,7 @@ class AccelerationError:
         self._last: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=3)
 
     def add(self, step: Step) -> dict[str, float]:
-        """The error, where this frame and the two before have a truth."""
+        """Return the error, where this frame and the two before have a truth."""
         truth = step.frame.truth
         if truth is None or truth.joints is None:
             self._last.clear()
@@ -142,14 +139,14 @@ class AccelerationError:
         self._last.append((step.frame.time_s, places[self._measured], truth.joints[self._measured]))
         if len(self._last) < 3:
             return {}
-        times_s, found, true = (np.array(part) for part in zip(*self._last, strict=True))
-        (error,) = acceleration_error(found, true, times_s)
+        times_s, estimate, true = (np.array(part) for part in zip(*self._last, strict=True))
+        (error,) = acceleration_error(estimate, true, times_s)
         return {"acceleration_error_m_s2": float(error)} if np.isfinite(error) else {}
 
 
 def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, moving: Sequence[str]) -> float:
-    """The mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true ones,
-    over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
+    """Return the mean turn, degrees, between joints' frames in poses (P,), each seen from its parent's, and the true
+    ones, over the joints that parameters called `moving` turn. Unlike single angles it knows no singular poses."""
     rotations = forward(skeleton, np.stack([pose, truth])).rotations
     local = rotations.copy()
     children = np.flatnonzero(skeleton.parents >= 0)

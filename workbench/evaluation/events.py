@@ -18,7 +18,7 @@ class Event:
 
 
 def lost_and_found(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW) -> list[Event]:
-    """The events "lost" and "found", which alternate, of errors and their thresholds (F,), in one unit.
+    """Return the events "lost" and "found", which alternate, of errors and their thresholds (F,), in one unit.
 
     Lost: the mean error over `window` frames reaches the mean threshold; the event is the first of these frames that
     does. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins lost loses in 0.
@@ -36,7 +36,7 @@ def lost_and_found(errors: Sequence[float], thresholds: Sequence[float], window:
 
 
 def lost_share(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW) -> float:
-    """The part of the frames that lie between a loss and the next find, or the end."""
+    """Return the part of the frames that lie between a loss and the next find, or the end."""
     marks = [event.frame for event in lost_and_found(errors, thresholds, window)]
     ends = [*marks, len(errors)] if len(marks) % 2 else marks
     return float(np.diff(np.array(ends).reshape(-1, 2), axis=1).sum()) / max(len(errors), 1)

@@ -16,50 +16,48 @@ LEAST_FOR_PROCRUSTES = 4
 
 
 def mean_distance(estimate: FloatArray, truth: FloatArray) -> FloatArray:
-    """The mean distance (...), in the unit given, NaN where no joint is known: MPJPE, which is HumanEva's 3-D error
-    (eq. 4) over its 15 virtual markers, and its 2-D error (eq. 5) for pixels."""
+    """Return the mean distance (...), in the unit given, NaN where no joint is known: MPJPE, which is HumanEva's 3-D
+    error (eq. 4) over its 15 virtual markers, and its 2-D error (eq. 5) for pixels."""
     return _mean(np.linalg.norm(estimate - truth, axis=-1))
 
 
 def procrustes(estimate: FloatArray, truth: FloatArray) -> float:
-    """The mean distance, m, of joints (J, 3) after the similarity (turn, shift, scale) that brings them nearest in the
-    mean square (Umeyama 1991): PA-MPJPE. NaN for fewer than LEAST_FOR_PROCRUSTES known joints, or all in one place."""
+    """Return the mean distance, m, of joints (J, 3) after the similarity (turn, shift, scale) that brings them nearest
+    in the mean square (Umeyama 1991): PA-MPJPE. NaN for joints all in one place or fewer than LEAST_FOR_PROCRUSTES."""
     known = np.isfinite(truth).all(axis=1)
     if known.sum() < LEAST_FOR_PROCRUSTES:
         return float("nan")
-    found, true = estimate[known] - estimate[known].mean(axis=0), truth[known] - truth[known].mean(axis=0)
-    size = float((found**2).sum())
+    centred, true = estimate[known] - estimate[known].mean(axis=0), truth[known] - truth[known].mean(axis=0)
+    size = float((centred**2).sum())
     if size == 0.0:
         return float("nan")
-    left, singular, right = np.linalg.svd(true.T @ found)
+    left, singular, right = np.linalg.svd(true.T @ centred)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])  # a turn, not a mirror
     rotation, scale = (left * proper) @ right, float((singular * proper).sum()) / size
-    return float(mean_distance(scale * found @ rotation.T, true))
+    return float(mean_distance(scale * centred @ rotation.T, true))
 
 
 def correct_keypoints(estimate: FloatArray, truth: FloatArray, threshold: float) -> FloatArray:
-    """PCK: the fraction (...) of known joints nearer than `threshold`, in the unit given; NaN where none is known."""
+    """Return PCK, the fraction (...) of known joints nearer than `threshold`, in the unit given, or NaN."""
     apart = np.linalg.norm(estimate - truth, axis=-1)
     return _mean(np.where(np.isnan(apart), np.nan, apart < threshold))
 
 
 def acceleration_error(estimate: FloatArray, truth: FloatArray, times_s: FloatArray) -> FloatArray:
-    """The mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3) in frames at times (F,), s.
-
-    Frames may be uneven: accelerations are second divided differences, which are exact for parabolas.
-    """
+    """Return the mean distance (F − 2,), m/s², between the accelerations of joints (F, J, 3) in frames at times (F,),
+    s. Frames may be uneven: accelerations are second divided differences, which are exact for parabolas."""
     return mean_distance(accelerations(estimate, times_s), accelerations(truth, times_s))
 
 
 def accelerations(places: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Second derivatives (F − 2, J, 3), m/s², of places (F, J, 3), m, at times (F,), s, rising."""
+    """Return second derivatives (F − 2, J, 3), m/s², of places (F, J, 3), m, at times (F,), s, rising."""
     gaps = np.diff(times_s)[:, None, None]
     velocities = np.diff(places, axis=0) / gaps
     return 2.0 * np.diff(velocities, axis=0) / (gaps[1:] + gaps[:-1])
 
 
 def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
-    """Angles (...), degrees, of the turns from rotations (..., 3, 3) to others: the geodesic distance on SO(3)."""
+    """Return angles (...), degrees, of the turns between rotations (..., 3, 3): the geodesic distance on SO(3)."""
     between = np.swapaxes(estimate, -1, -2) @ truth
     # by sine and cosine, as the arccosine of the trace loses half its digits near zero; SciPy's Rotation.magnitude is
     # the same to 4e-14 degrees, not to the bit
@@ -69,7 +67,7 @@ def geodesic_deg(estimate: FloatArray, truth: FloatArray) -> FloatArray:
 
 
 def _mean(apart: FloatArray) -> FloatArray:
-    """The mean over the last axis of what is not NaN; NaN where nothing is."""
+    """Return the mean over the last axis of what is not NaN; NaN where nothing is."""
     known = np.isfinite(apart)
     n = known.sum(axis=-1)
     total = np.where(known, apart, 0.0).sum(axis=-1)

@@ -40,15 +40,12 @@ class MarkerOffsets:
 
     @property
     def lengths_mm(self) -> dict[str, float]:
-        """offset_<joint>_mm: how far each marker lies from its joint, of those known."""
-        known = [joint for joint in self._measured if np.isfinite(self.offsets[joint]).all()]
-        return {
-            f"offset_{self._skeleton.names[joint]}_mm": 1e3 * float(np.linalg.norm(self.offsets[joint]))
-            for joint in known
-        }
+        """Return offset_<joint>_mm: how far each marker lies from its joint, of those known."""
+        offsets = {f"offset_{self._skeleton.names[joint]}_mm": self.offsets[joint] for joint in self._measured}
+        return {name: 1e3 * float(np.linalg.norm(xyz)) for name, xyz in offsets.items() if np.isfinite(xyz).all()}
 
     def add(self, step: Step) -> dict[str, float]:
-        """The error in this frame, over the joints that it knows and whose offset frames before it gave."""
+        """Return the error in this frame, over the joints that it knows and whose offset frames before it gave."""
         truth = step.frame.truth
         if truth is None or truth.joints is None or truth.pose is not None:
             return {}
@@ -70,5 +67,7 @@ class MarkerOffsets:
             elif time_s - self._since[joint] <= ESTIMATED_S and np.isfinite(apart[joint]).all():
                 seen.append(apart[joint])
         if len(self.lengths_mm) > known:
-            told = ", ".join(f"{name[len('offset_') : -len('_mm')]} {mm:.0f}" for name, mm in self.lengths_mm.items())
-            log.info("markers lie beside the joints, mm: %s", told)
+            lengths = ", ".join(
+                f"{name[len('offset_') : -len('_mm')]} {mm:.0f}" for name, mm in self.lengths_mm.items()
+            )
+            log.info("markers lie beside the joints, mm: %s", lengths)

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Any
 
 from omegaconf import DictConfig
 
@@ -11,15 +10,15 @@ from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.clip import Clip
 from workbench.core.dataset import Known
-from workbench.core.inference import Inference
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
+from workbench.core.step import Inference
 from workbench.errors import InputError
 from workbench.experiment.build import build
-from workbench.experiment.compatibility import refuse_incompatible, unread
+from workbench.experiment.compatibility import incompatibility, unread
 from workbench.experiment.tracking import Parts
+from workbench.inference.start.keypoints import trajectory_of_keypoints
 from workbench.inference.start.poses import start_poses
-from workbench.inference.start.trajectory import trajectory_of_keypoints
 
 log = logging.getLogger(__name__)
 
@@ -30,28 +29,28 @@ Stage = Callable[[str], AbstractContextManager[None]]
 def assemble(config: DictConfig, stage: Stage, names: Mapping[str, str] | None = None) -> Parts:
     """Build dataset, body, prior, likelihood and inference, and find the starting pose.
 
-    names: the options chosen, by group, for what is refused. Raises InputError when the configuration leaves out what
-    it needs, and for parts that cannot work together.
+    names: the options chosen, by group, for what is refused. Raises InputError, before anything is built, when the
+    configuration leaves out what it needs, and for parts that cannot work together.
     """
     if lacking := [name for name in ("dataset", "body", "inference") if config[name] is None]:
         raise InputError(f"config: expected a {lacking[0]} to track with, found none")
-    refuse_incompatible(config, names)
+    if sentence := incompatibility(config, names or {}):
+        raise InputError(sentence)
     with stage("dataset"):
         clip = Clip(build(config.dataset))
     known = clip.known
     body: Body = build(config.body, known=known, clip=clip)
     with stage("prior_learning"):
-        prior: Prior | None = _built(
-            config.prior,
-            camera=lambda: _only_camera(known),
+        prior: Prior | None = None if config.prior is None else build(
+            config.prior, camera=lambda: _only_camera(known), frames_hz=known.rate_hz,
             trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip),
-            frames_hz=known.rate_hz,
-        )
+        )  # fmt: skip
     _check_skeletons(known, body, prior)
     live = {"body": body, "clip": clip, "known": known, "phase_ends": known.phase_ends, "prior": prior}
     if ignored := unread(config):
         log.info("the %s is not built: this inference looks at none", ignored[0])
-    likelihood: Likelihood | None = None if ignored else _built(config.likelihood, **live)
+    unused = ignored or config.likelihood is None
+    likelihood: Likelihood | None = None if unused else build(config.likelihood, **live)
     inference: Inference = build(config.inference, likelihood=likelihood, **live)
     with stage("start"):
         start = None
@@ -60,11 +59,6 @@ def assemble(config: DictConfig, stage: Stage, names: Mapping[str, str] | None =
             if sentence:
                 log.info(sentence)
     return Parts(clip, body, prior, inference, start)
-
-
-def _built(node: DictConfig | None, **live: object) -> Any:
-    """Tell what the node builds; None where nothing was chosen."""
-    return None if node is None else build(node, **live)
 
 
 def _only_camera(known: Known) -> Camera:
@@ -77,8 +71,7 @@ def _check_skeletons(known: Known, body: Body, prior: Prior | None) -> None:
     """Raise InputError where dataset, body and prior do not speak of one skeleton."""
     if known.body is not None and known.body.skeleton.names != body.skeleton.names:
         raise InputError("body: dataset.skeleton=full shows every joint of the motion file: choose body=dataset")
-    moved = () if prior is None else prior.parameters
-    if unknown := [name for name in moved if name not in body.skeleton.dof_names]:
+    if unknown := [name for name in (prior.parameters if prior else ()) if name not in body.skeleton.dof_names]:
         raise InputError(
             f"prior: it moves {unknown[0]}, which the tracked body does not have; dataset.skeleton and prior.skeleton "
             "must be the same"

@@ -37,13 +37,13 @@ def build(node: DictConfig, **live: object) -> Any:
     known = signature(resolved(node["_target_"])).parameters
     if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
-    wanted = {name: value for name, value in live.items() if name in known}
-    nested = {str(key): _built(node[key], live) for key in node if _has_target(node, key)}
-    return instantiate(node, _partial_=True, _recursive_=False, _convert_="all")(**wanted, **nested)
+    given = {name: value for name, value in live.items() if name in known}
+    given |= {str(key): _built(node[key], live) for key in node if _has_target(node, key)}
+    return instantiate(node, _partial_=True, _recursive_=False, _convert_="all")(**given)
 
 
 def resolved(target: str, place: str = "") -> Callable[..., object]:
-    """The class or function of a dotted name, which is imported.
+    """Import the class or function of a dotted name.
 
     Raises InputError for what does not exist or is defined outside the packages that may be built from.
     """
@@ -61,7 +61,7 @@ def resolved(target: str, place: str = "") -> Callable[..., object]:
 
 
 def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
-    """Tell what the node, or every node under a name in it, builds."""
+    """Build the node, or every node under a name in it."""
     return build(node, **live) if "_target_" in node else {str(key): _built(node[key], live) for key in node}
 
 
@@ -73,7 +73,7 @@ def _has_target(node: DictConfig, key: Any) -> bool:
 
 
 def _targets(value: object, place: str) -> dict[str, Any]:
-    """Every `_target_` by its place."""
+    """Find every `_target_` by its place."""
     if isinstance(value, list):
         return {here: each for k, item in enumerate(value) for here, each in _targets(item, f"{place}[{k}]").items()}
     found: dict[str, Any] = {}

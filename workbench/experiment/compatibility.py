@@ -1,4 +1,4 @@
-"""What goes with what: refuse parts that cannot work together before any of them is built."""
+"""What goes with what, told by the parts' classes before any of them is built."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,25 +8,18 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.traits import EVIDENCE, Traits
-from workbench.errors import InputError
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
 
 
-def refuse_incompatible(config: DictConfig, names: Mapping[str, str] | None = None) -> None:
-    """Raise InputError where a part needs of another what that does not offer, in one sentence that names both.
+def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
+    """Say the first thing that a part needs and does not get, in one sentence; None where all goes together.
 
     names: the options chosen, by group; the classes' names stand for those that are not given.
     """
-    if sentence := incompatibility(config, names or {}):
-        raise InputError(sentence)
-
-
-def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
-    """Say the first thing that a part needs and does not get; None where all goes together."""
     looked_at = [group for group in GROUPS if config.get(group) is not None and group not in unread(config)]
     traits = {group: traits_of(config[group]) for group in looked_at}
-    called = {group: f"{group}={names.get(group) or _class_name(config[group])}" for group in traits}
+    called = {group: _called(group, config, names) for group in traits}
     for group, part in reversed(traits.items()):
         if part.lacks:
             return f"config: {called[group]}: {part.lacks}"
@@ -36,6 +29,11 @@ def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
             for word in sorted(words - traits[other].offers):
                 return f"config: {called[group]} needs {word} of the {other}, which {called[other]} does not have"
     return None
+
+
+def _called(group: str, config: DictConfig, names: Mapping[str, str]) -> str:
+    """Name what was chosen of a group, by its class where nobody says the option."""
+    return f"{group}={names.get(group) or str(config[group]['_target_']).rpartition('.')[2]}"
 
 
 def unread(config: DictConfig) -> tuple[str, ...]:
@@ -54,7 +52,7 @@ def no_evidence(config: DictConfig, names: Mapping[str, str] | None = None) -> s
         return "there is no likelihood"
     if EVIDENCE in traits_of(config.likelihood).offers:
         return None
-    return f"likelihood={(names or {}).get('likelihood') or _class_name(config.likelihood)} is not {EVIDENCE}"
+    return f"{_called('likelihood', config, names or {})} is not {EVIDENCE}"
 
 
 def traits_of(node: DictConfig) -> Traits:
@@ -78,10 +76,6 @@ def _value(node: DictConfig, key: str) -> Any:
     if "_target_" in value:
         return traits_of(value)
     return {str(name): _value(value, str(name)) for name in value}
-
-
-def _class_name(node: DictConfig) -> str:
-    return str(node["_target_"]).rpartition(".")[2]
 
 
 PAIRS = (

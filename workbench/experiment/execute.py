@@ -16,7 +16,6 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.core.prior import Prior
-from workbench.core.step import Step
 from workbench.core.study import Study
 from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
@@ -25,10 +24,12 @@ from workbench.experiment.compatibility import no_evidence
 from workbench.experiment.identity import identity
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 log = logging.getLogger(__name__)
+_SHOWN = {"error_abs_mm": "error {:.0f} mm", "error_px": "error {:.1f} px"}  # beside the progress bar, the first
 
 
 def execute(
@@ -74,12 +75,12 @@ def _study(config: DictConfig, summary: Summary) -> None:
         with _timed(summary, "prior_learning"):
             prior = build(config.prior)
     study: Study = build(config.study, prior=prior)
-    with StudyRecorder(summary.recording, **_labels(config, summary)) as recorder:
+    with RecordingFile(summary.recording, **_labels(config, summary)) as file:
         with _timed(summary, "study"):
             result = study.run(rng_streams(int(config.seed))["study"])
         summary.study = result.metrics
-        recorder.log(result)
-        recorder.set_cost(summary.cost)
+        record_study(file, result)
+        file.send_property("cost", summary.cost)
 
 
 def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool) -> None:
@@ -95,37 +96,24 @@ def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet:
             summary.add(step, errors)
             for sentence in step.warnings:
                 log.warning(sentence)
-            bar.set_postfix_str(_postfix(step, errors))
+            shown = [form.format(errors[name]) for name, form in _SHOWN.items() if name in errors][:1]
+            bar.set_postfix_str(", ".join([*shown, f"ESS {step.ess:.0f}"]))
             bar.update()
     summary.over_run = meter.over_run
 
 
-def _postfix(step: Step, errors: dict[str, float]) -> str:
-    shown = [f"ESS {step.ess:.0f}"]
-    if "error_abs_mm" in errors:
-        shown.insert(0, f"error {errors['error_abs_mm']:.0f} mm")
-    elif "error_px" in errors:
-        shown.insert(0, f"error {errors['error_px']:.1f} px")
-    return ", ".join(shown)
-
-
 def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
-    """What records a run of these parts into `summary.recording`, not yet open; InputError for numbers out of range."""
+    """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
     space = parts.inference.space
-    coefficients = range(len(space))[space.slices.get("coefficients", slice(0))]
-    recorder: Recorder = build(
-        config.recorder,
-        path=summary.recording,
-        body=parts.body,
-        space=space,
-        coefficient_scale=np.ones(len(coefficients)),  # every prior counts them in standard deviations
-        **_labels(config, summary),
-    )
+    n_coefficients = len(range(len(space))[space.slices.get("coefficients", slice(0))])
+    scale = np.ones(n_coefficients)  # every prior counts them in standard deviations
+    live = {"path": summary.recording, "body": parts.body, "space": space, "coefficient_scale": scale}
+    recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 
 
 def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
-    """Tell what a recording says about its run."""
+    """Return what a recording says about its run."""
     return {
         "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
         "config_yaml": OmegaConf.to_yaml(config, resolve=True),

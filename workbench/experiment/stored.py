@@ -1,34 +1,38 @@
-"""From the configuration stored in a recording to one that is safe to run here.
+"""From the configuration stored in a recording to one that is safe to run here, and its runs.
 
 A recording may come from a stranger. What its configuration may do is build parts that the workbench, or a package that
 whoever runs it has named, offers as options, read below that person's `paths.data`, and write to their cache and to the
 folder that the run is given.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import PurePosixPath, PureWindowsPath
+from itertools import count, islice
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from hydra import compose, initialize_config_module
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
+from tqdm import tqdm
 
 from workbench.errors import InputError
+from workbench.experiment.execute import execute
 from workbench.experiment.parts import GROUPS, OURS, how_to_allow, targets
-from workbench.recording.compare.compare import Tolerance
-from workbench.recording.read.reader import Run
+from workbench.recording.compare.compare import Finding, Tolerance
+from workbench.recording.read.reader import Run, read
 
 
 def own_defaults(overrides: Sequence[str]) -> DictConfig:
-    """Today's top level, with this person's paths and today's tolerances; overrides of paths are followed."""
+    """Compose today's top level, with this person's paths and today's tolerances; overrides of paths are followed."""
     paths = [text for text in overrides if text.startswith("paths.")]
     with initialize_config_module("workbench.conf", version_base="1.3"):
         return compose("config", overrides=["experiment=custom", *paths])
 
 
 def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
-    """The stored configuration with our paths in place of its own, and with `overrides`, key=value.
+    """Return the stored configuration with our paths in place of its own, and with `overrides`, key=value.
 
     Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
     results do not depend on them, and no viewer is called. Raises InputError, naming the recording and the key, for
@@ -78,8 +82,44 @@ def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
         raise InputError(f"{run.path}: check: expected absolute and relative for every metric, found others") from None
 
 
+def again(was: Run, config: DictConfig, folder: Path) -> Run | Finding:
+    """Run a stored configuration again in `folder`; returns its recording or, where the run crashed, a finding."""
+    try:
+        execute(config, str(was.provenance.get("experiment", "custom")), folder, quiet=True)
+        return read(folder / "run.rrd")
+    except Exception as error:  # noqa: BLE001 (whatever a run ends of, the check goes on and names it)
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        return Finding("run", None, None, "complete", False, f"crashed: {cause}")
+
+
+def same_but_for_seeds(runs: Sequence[Run]) -> list[list[Run]]:
+    """Group runs of one configuration each, the seed and the paths left out; in the order of their first."""
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        kept = {key: value for key, value in run.settings.items() if key not in ("seed", "paths", "threads")}
+        groups.setdefault(json.dumps(kept, sort_keys=True, default=str), []).append(run)
+    return list(groups.values())
+
+
+def with_other_seeds(group: Sequence[Run], config: DictConfig, n: int, folder: Path) -> list[Run] | Finding:
+    """Run the group's configuration n times with the smallest seeds that none of the group has; or the first crash.
+
+    Other seeds, since runs with the same ones are no independent sample.
+    """
+    taken = {run.settings.get("seed", 0) for run in group}
+    found: list[Run] = []
+    for seed in tqdm(list(islice((seed for seed in count() if seed not in taken), n)), unit="seed", disable=None):
+        seeded = config.copy()
+        seeded.seed = seed
+        new = again(group[0], seeded, folder / str(seed))
+        if isinstance(new, Finding):
+            return new
+        found.append(new)
+    return found
+
+
 def _leaves(value: object, place: str) -> list[tuple[str, object]]:
-    """Every value that is neither list nor mapping, with its place; an empty one of these too."""
+    """List every value that is neither list nor mapping, with its place; an empty one of these too."""
     if isinstance(value, Mapping) and value:
         return [pair for key, item in value.items() for pair in _leaves(item, f"{place}.{key}" if place else str(key))]
     if isinstance(value, list) and value:

@@ -23,12 +23,8 @@ PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages a result depends on."""
+    """Return the versions of Python and of the packages a result depends on."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
-
-
-def _now() -> str:
-    return datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
 
 
 @dataclass
@@ -43,7 +39,7 @@ class Summary:
     experiment: str
     seed: int
     recording: Path
-    started: str = field(default_factory=_now)
+    started: str = field(default_factory=lambda: datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ"))
     began_s: float = field(default_factory=perf_counter)
     status: str = "running"
     error: str | None = None
@@ -72,16 +68,13 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, effective sample size and coverage, log evidence where it can be compared,
-        those over the run, frames; or a study's."""
+        """The run's numbers: mean errors, log evidence where it can be compared, those of `over_run`; or a study's."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
         means |= {name: float(np.sqrt(np.mean(np.square(self.per_frame[name])))) for name in RMS if name in means}
-        if "ess" in means:
-            means["ess_mean"] = means.pop("ess")
-        if "jump_deg" in means:
-            means["jump_deg_mean"] = means.pop("jump_deg")
+        means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
+        if "jump_deg_mean" in means:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
         if {"error_px", "forearm_px"} <= means.keys():
             errors, widths = self.per_frame["error_px"], self.per_frame["forearm_px"]
@@ -94,7 +87,7 @@ class Summary:
 
     @property
     def cost(self) -> dict[str, float]:
-        """Tell what the run took. It is not among the metrics, since wall times differ between equal runs.
+        """What the run took, which is not among the metrics, since wall times differ between equal runs.
 
         seconds: of the inference, or of the study; without what is done once, such as learning a prior. ms_per_frame:
         the same per frame. likelihood_evaluations: of single poses; where an inference solves, of the residual in every

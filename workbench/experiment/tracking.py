@@ -8,9 +8,8 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.core.clip import Clip
-from workbench.core.inference import Inference
 from workbench.core.prior import Prior
-from workbench.core.step import Step
+from workbench.core.step import Inference, Step
 from workbench.errors import InputError
 from workbench.evaluation.calibration import expected_calibration_error
 from workbench.evaluation.errors import AccelerationError, step_errors

@@ -24,8 +24,7 @@ log = logging.getLogger(__name__)
 class ActivityCycles:
     """n cycles of C joint angles at T phases 0, 1/T, … (one cycle is 1).
 
-    angles: the C names of degrees of freedom. curves: (n, T, C), rad, periodic. durations_s: (n,). activities: n
-    labels. sources: the n motions they were cut from.
+    angles: C names. curves: (n, T, C), rad, periodic. durations_s: (n,). activities: n labels. sources: n motions.
     """
 
     angles: tuple[str, ...]
@@ -41,12 +40,9 @@ class ActivityCycles:
         """The cycles that are kept (n,)."""
         numbers = np.flatnonzero(kept)
         return replace(
-            self,
-            curves=self.curves[numbers],
-            durations_s=self.durations_s[numbers],
-            activities=tuple(self.activities[k] for k in numbers),
-            sources=tuple(self.sources[k] for k in numbers),
-        )
+            self, curves=self.curves[numbers], durations_s=self.durations_s[numbers],
+            activities=tuple(self.activities[k] for k in numbers), sources=tuple(self.sources[k] for k in numbers),
+        )  # fmt: skip
 
     def of_angles(self, names: Sequence[str]) -> "ActivityCycles":
         """Keep some angles of the cycles only: their names or those of parts of the body, see `skeleton.PARTS`.
@@ -56,10 +52,8 @@ class ActivityCycles:
         wanted = {name: {name, *PARTS.get(name, ())} & set(self.angles) for name in names}
         unknown = [name for name in names if not wanted[name]]
         if unknown or not wanted:
-            raise InputError(
-                f"activities: angles: expected parts of the body ({', '.join(PARTS)}) or some of "
-                f"{', '.join(self.angles)}, found {unknown[0] if unknown else 'none'!r}"
-            )
+            known, found = f"({', '.join(PARTS)}) or some of {', '.join(self.angles)}", [*unknown, "none"][0]
+            raise InputError(f"activities: angles: expected parts of the body {known}, found {found!r}")
         chosen = set[str]().union(*wanted.values())
         columns = [k for k, name in enumerate(self.angles) if name in chosen]
         return replace(self, angles=tuple(self.angles[k] for k in columns), curves=self.curves[:, :, columns])
@@ -75,12 +69,9 @@ def followed_person(motion: Motion) -> Followed:
 
 
 def activity_cycles(
-    motions: Sequence[Motion],
-    *,
-    n_phases: int = 64,
-    most_per_clip: int = 4,
+    motions: Sequence[Motion], *, n_phases: int = 64, most_per_clip: int = 4,
     followed: Callable[[Motion], Followed] = followed_person,
-) -> ActivityCycles:
+) -> ActivityCycles:  # fmt: skip
     """Whole cycles of walking, running and their like in the motions, at most `most_per_clip` of each.
 
     followed: gives the skeleton and the poses to cut cycles from; the gait's events are always the person's.
@@ -90,14 +81,9 @@ def activity_cycles(
     parts, without = [], []
     for motion in tqdm(motions, desc="cycles", unit="clip", disable=None):
         part = cut(
-            *followed(motion),
-            gait_events(motion, SHORTEST_RUN_S),
-            rate_hz=motion.rate_hz,
-            activity=motion.activity,
-            source=motion.name,
-            n_phases=n_phases,
-            most=most_per_clip,
-        )
+            *followed(motion), gait_events(motion, SHORTEST_RUN_S), rate_hz=motion.rate_hz,
+            activity=motion.activity, source=motion.name, n_phases=n_phases, most=most_per_clip,
+        )  # fmt: skip
         if len(part):
             parts.append(part)
         else:
@@ -110,21 +96,13 @@ def activity_cycles(
 
 
 def cut(
-    skeleton: Skeleton,
-    poses: FloatArray,
-    events: FloatArray,
-    *,
-    rate_hz: float,
-    activity: str,
-    source: str,
-    n_phases: int = 64,
-    most: int = 4,
-) -> ActivityCycles:
+    skeleton: Skeleton, poses: FloatArray, events: FloatArray, *, rate_hz: float, activity: str, source: str,
+    n_phases: int = 64, most: int = 4,
+) -> ActivityCycles:  # fmt: skip
     """The cycles between the events (K,), in frames, of poses (F, P) of any skeleton; perhaps none.
 
     The paper has four cycles of every person at every speed; of a clip with more, `most` of them spread evenly over it
-    are taken, so that long clips do not outweigh short ones. Raises InputError for fewer than one cycle or two phases,
-    and as `normalised`.
+    are taken, so that long clips outweigh none. Raises InputError below one cycle or two phases, and as `normalised`.
     """
     if n_phases < 2 or most < 1:
         raise InputError(f"activities: expected 2 phases and 1 cycle or more, found {n_phases} and {most}")
@@ -134,12 +112,9 @@ def cut(
     n = min(most, len(spans))
     spans = spans[((np.arange(n) + 0.5) * len(spans) / max(n, 1)).astype(np.int64)]
     return ActivityCycles(
-        angles=skeleton.dof_names[N_ROOT:],
-        curves=normalised(skeleton, poses, spans, n_phases),
-        durations_s=np.diff(spans, axis=1)[:, 0] / rate_hz,
-        activities=(activity,) * n,
-        sources=(source,) * n,
-    )
+        angles=skeleton.dof_names[N_ROOT:], curves=normalised(skeleton, poses, spans, n_phases),
+        durations_s=np.diff(spans, axis=1)[:, 0] / rate_hz, activities=(activity,) * n, sources=(source,) * n,
+    )  # fmt: skip
 
 
 def joined(parts: Sequence[ActivityCycles]) -> ActivityCycles:

@@ -10,6 +10,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
 
 N_PHASES = 256
+N_KNOTS = 16
 MOST_PASSES = 100
 
 
@@ -32,12 +33,10 @@ class Alignment:
         return np.arange(n_frames) / self.periods[i] + self.offsets[i]
 
 
-def align(
-    sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray, n_knots: int = 16, tolerance: float = 1e-6
-) -> Alignment:
+def align(sequences: Sequence[FloatArray], periods: Sequence[float] | FloatArray, tolerance: float = 1e-6) -> Alignment:
     """Offsets that bring sequences (F_i, m), NaN where missing, with periods (n,) in samples, to a common phase.
 
-    From offsets of zero: (1) fit a periodic cubic regression spline with n_knots knots to all folded, shifted data;
+    From offsets of zero: (1) fit a periodic cubic regression spline with N_KNOTS knots to all folded, shifted data;
     (2) choose every offset anew to deviate least from it; until the error falls by less than the fraction
     `tolerance`. Both steps minimise the same sum, so that it never rises. A second start takes the first sequence
     alone as its reference, because sequences in opposite phase cancel in the paper's first reference; the start that
@@ -52,7 +51,7 @@ def align(
     periods = np.asarray(periods, dtype=np.float64)
     scale = _standard_deviations(sequences)
     folded = _fold(sequences, periods, scale)
-    spline = periodic_basis(np.arange(N_PHASES) / N_PHASES, n_knots)
+    spline = periodic_basis(np.arange(N_PHASES) / N_PHASES, N_KNOTS)
     everyone = _fit(spline, folded.counts.sum(axis=0), folded.totals.sum(axis=0))
     first_alone = _fit(spline, folded.counts[0], folded.totals[0])
     ends = [_iterate(folded, spline, reference, tolerance) for reference in (everyone, first_alone)]
@@ -64,8 +63,7 @@ def periodic_basis(phases: FloatArray, n_knots: int) -> FloatArray:
     """(..., K) cardinal periodic cubic splines at phases (...) in cycles, K equidistant knots."""
     knots = np.linspace(0.0, 1.0, n_knots + 1)
     unit = np.eye(n_knots)
-    spline = CubicSpline(knots, np.vstack([unit, unit[:1]]), bc_type="periodic")
-    return spline(phases % 1.0)
+    return CubicSpline(knots, np.vstack([unit, unit[:1]]), bc_type="periodic")(phases % 1.0)
 
 
 def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, roughness: float = 0.0) -> FloatArray:

@@ -6,20 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.alignment import Alignment, align
-from workbench.learning.cycles import CHANNEL_NAMES, motion_channels
-from workbench.learning.functional_pca import FunctionalPca, fpca_shrunk
+from workbench.learning.functional_pca import Slices, cut, fpca_shrunk
 from workbench.learning.period import find_period
-from workbench.learning.slices import Slices, cut
-from workbench.learning.walking import WalkingModel
+from workbench.learning.walking import CHANNEL_NAMES, SPEED_WEIGHT, WalkingModel, motion_channels
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S
 from workbench.mocap.motion import Motion
-
-SPEED_WEIGHT = 1.0 / 30.0
-"""Speeds count in metres per frame at 30 Hz beside radians, as in `learning.walking`."""
 
 LEAST_OBSERVED = 0.5
 log = logging.getLogger(__name__)
@@ -49,43 +43,22 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
     if len(sequences) < 2:
         raise InputError(f"prior: expected two motions with a period or more, found {len(sequences)} of {len(motions)}")
     alignment = align([channels[:, 1:] for channels in sequences], periods)
-    slices = mostly_seen(cut(sequences, _from_left_thigh_ahead(alignment), n_phases))
-    return as_walking_model(fpca_shrunk(slices, q), np.array(rates), slices)
-
-
-def mostly_seen(slices: Slices) -> Slices:
-    """The slices of which at least half was observed."""
+    slices = cut(sequences, _from_left_thigh_ahead(alignment), n_phases)
     kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
-    return Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
-
-
-def as_walking_model(pca: FunctionalPca, cycle_rates_hz: FloatArray, slices: Slices) -> WalkingModel:
-    """The model the cyclic prior runs on, from a functional PCA of CHANNEL_NAMES with the speed times SPEED_WEIGHT.
-
-    cycle_rates_hz: (n,), cycles per second of the sequences. Raises InputError for another number of channels.
-    """
-    if pca.mean.shape[1] != len(CHANNEL_NAMES):
-        raise InputError(f"prior: expected {len(CHANNEL_NAMES)} channels, found {pca.mean.shape[1]}")
-    weights = np.ones(len(CHANNEL_NAMES))
-    weights[0] = SPEED_WEIGHT
+    slices = Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
+    pca = fpca_shrunk(slices, q)
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
     return WalkingModel(
-        mean=pca.mean / weights,
-        components=pca.components / weights,
-        scales=pca.scales,
-        cycle_rate_hz=(float(cycle_rates_hz.mean()), float(cycle_rates_hz.std(ddof=1))),
-        explained=pca.explained,
+        mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,
+        cycle_rate_hz=(float(np.mean(rates)), float(np.std(rates, ddof=1))), explained=pca.explained,
         n_cycles=len(slices.values),
-    )
+    )  # fmt: skip
 
 
 def _from_left_thigh_ahead(alignment: Alignment) -> Alignment:
     """Turn the alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
     first = len(POSE_NAMES) - alignment.reference.shape[1]
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") - first for side in ("left", "right"))
-    n_phases = len(alignment.reference)
     ahead = int(np.argmax(alignment.reference[:, left] - alignment.reference[:, right]))
-    return replace(
-        alignment,
-        offsets=(alignment.offsets - ahead / n_phases) % 1.0,
-        reference=np.roll(alignment.reference, -ahead, axis=0),
-    )
+    offsets = (alignment.offsets - ahead / len(alignment.reference)) % 1.0
+    return replace(alignment, offsets=offsets, reference=np.roll(alignment.reference, -ahead, axis=0))

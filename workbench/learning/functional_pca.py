@@ -1,24 +1,92 @@
-"""Functional principal components of cycles with gaps, by an iterated SVD in the Fourier domain (paper B, 2.2)."""
+"""Functional principal components of cycles with gaps (paper B, section 2.2).
+
+Sequences are cut into slices, cycles at common phases (step 1); their components come from an iterated SVD in the
+Fourier domain (steps 2–9).
+"""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
+from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.errors import InputError
-from workbench.learning.slices import Slices
+from workbench.learning.alignment import Alignment
 
 N_FOURIER = 20
-"""Of each slice the first 20 coefficients only (paper B, step 4): the constant, ten cosines and nine sines."""
+"""Coefficients kept of each slice (paper B, step 4): the constant, ten cosines and nine sines."""
 
 SHRINKAGE = 0.025
 MOST_PASSES = 1000
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """N cycles cut out of sequences of m angles and sampled at T phases 0, 1/T, ….
+
+    values: (N, T, m), with a first guess where nothing was observed. observed: (N, T, m). sequence: (N,), the index
+    of the sequence each comes from, ascending. cycle: (N,), the whole part of the phase, in a sequence without a break.
+    """
+
+    values: FloatArray
+    observed: BoolArray
+    sequence: IntArray
+    cycle: IntArray
+
+
+def cut(sequences: Sequence[FloatArray], alignment: Alignment, n_phases: int = 64) -> Slices:
+    """Cut sequences (F_i, m), NaN where missing, into aligned cycles; what lies beyond both ends counts as missing.
+
+    The functional estimate is an interpolating cubic spline; a point of the cycle counts as observed where the
+    samples on both sides of it are valid. The first guess of a missing point is the mean of the slices observed at
+    that phase. Raises InputError where there is none.
+    """
+    values, observed, sequence, cycle = [], [], [], []
+    for i, series in enumerate(sequences):
+        phases = alignment.phases(i, len(series))
+        cycles = np.arange(int(np.floor(phases[0])), int(np.floor(phases[-1])) + 1)
+        places = cycles[:, None] + np.arange(n_phases) / n_phases
+        curve, seen = _resampled(series, (places - alignment.offsets[i]) * alignment.periods[i])
+        values.append(curve)
+        observed.append(seen)
+        sequence.append(np.full(len(cycles), i))
+        cycle.append(cycles)
+    stacked, known = np.concatenate(values), np.concatenate(observed)
+    count = known.sum(axis=0)
+    if not count.all():
+        phase, angle = np.argwhere(count == 0)[0]
+        raise InputError(f"cycles: angle {angle} was never seen at phase {phase / n_phases:.2f} of the cycle")
+    mean = np.where(known, stacked, 0.0).sum(axis=0) / count
+    return Slices(np.where(known, stacked, mean), known, np.concatenate(sequence), np.concatenate(cycle))
+
+
+def fill_linear(series: FloatArray) -> FloatArray:
+    """Series (F, m) with gaps filled by linear interpolation in time, constant beyond the first and last sample.
+
+    An angle without any valid sample becomes zero.
+    """
+    frames, valid = np.arange(len(series)), np.isfinite(series)
+    filled = np.zeros(series.shape)
+    for angle, known in enumerate(valid.T):
+        if known.any():
+            filled[:, angle] = np.interp(frames, frames[known], series[known, angle])
+    return filled
+
+
+def _resampled(series: FloatArray, frames: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Values (K, T, m) of a series (F, m) at frames (K, T), and where the samples on both sides are valid."""
+    valid, last = np.isfinite(series), len(series) - 1
+    inside = (frames >= 0.0) & (frames <= last)
+    frames = np.clip(frames, 0.0, last)
+    before, after = np.floor(frames).astype(np.int64), np.ceil(frames).astype(np.int64)
+    observed: BoolArray = valid[before] & valid[after] & inside[:, :, None]
+    return CubicSpline(np.arange(len(series)), fill_linear(series))(frames), observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +128,7 @@ def fpca_paper(slices: Slices, q: int = 5, tolerance: float = 1e-6) -> Functiona
     passes. Raises InputError when there are not more slices than components.
 
     Deviations: the tolerance is relative, so that it does not depend on the units; the Fourier functions are real and
-    orthonormal; the returned mean is projected on them too, because the row mean of real cycles, which do not quite
-    close, jumps at their ends.
+    orthonormal; the returned mean is projected on them too, because real cycles' row mean jumps at their ends.
     """
     _check_size(slices, q)
     return _fpca(slices, q, partial(_keep_largest, q), tolerance)
@@ -105,14 +172,10 @@ def _fpca(
     spectra = _spectra(x - x.mean(axis=0))
     rows, singular = _principal(spectra.reshape(len(x), -1), q)
     return FunctionalPca(
-        mean=basis @ mean_curve,
-        components=basis @ rows.reshape(q, N_FOURIER, -1),
-        scales=singular / np.sqrt(len(x) - 1),
-        explained=float(np.sum(singular**2) / np.sum(spectra**2)),
-        curves=curves + mean_curve,
-        completed=x,
-        errors=np.array(errors),
-    )
+        mean=basis @ mean_curve, components=basis @ rows.reshape(q, N_FOURIER, -1),
+        scales=singular / np.sqrt(len(x) - 1), explained=float(np.sum(singular**2) / np.sum(spectra**2)),
+        curves=curves + mean_curve, completed=x, errors=np.array(errors),
+    )  # fmt: skip
 
 
 def _check_size(slices: Slices, q: int) -> None:
@@ -149,12 +212,9 @@ def _centres(spectra: FloatArray, slices: Slices) -> FloatArray:
 
 
 def _low_rank(
-    spectra: FloatArray,
-    lower: float,
-    *,
-    by_index: tuple[int, int] | None = None,
+    spectra: FloatArray, lower: float, *, by_index: tuple[int, int] | None = None,
     by_value: tuple[float, float] | None = None,
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, float]:  # fmt: skip
     """Spectra (N, 20, m) as N rows with some singular values only, lowered, and the sum of those.
 
     by_index, by_value: the squares of those to keep, by their rank in rising order or themselves. From the

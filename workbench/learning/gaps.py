@@ -16,9 +16,7 @@ from workbench.learning.period import find_period, snr, snr_per_series
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
 
-BLOCK_S = (0.1, 0.5)
-"""Shortest and longest block removed, s: 12 to 60 frames at 120 Hz."""
-
+BLOCK_S = (0.1, 0.5)  # shortest and longest block removed, s: 12 to 60 frames at 120 Hz
 LIMBS = ("neck", "left_shoulder left_elbow", "right_shoulder right_elbow", "left_hip left_knee", "right_hip right_knee")
 """The angles lost together when a limb's markers are hidden, by the beginnings of their names."""
 
@@ -63,11 +61,9 @@ def motion_period(motion: Motion, angles: FloatArray) -> float:
 
 
 def gap_study(
-    motions: Sequence[Motion],
-    fractions: Sequence[float],
-    rng: np.random.Generator,
+    motions: Sequence[Motion], fractions: Sequence[float], rng: np.random.Generator,
     remove: Callable[[Motion, float, np.random.Generator], BoolArray] = remove_blocks,
-) -> dict[str, float]:
+) -> dict[str, float]:  # fmt: skip
     """Root mean square error, in degrees, of the samples imputed after a fraction of them was removed.
 
     For every fraction, e.g. 0.1: rmse_deg_10 for `impute`, and rmse_deg_10_linear, _periodic and _paper for the
@@ -79,11 +75,9 @@ def gap_study(
         truths, gappy, alignment = gappy_sequences(motions, fraction, rng, remove)
         name = f"rmse_deg_{round(100 * fraction)}"
         imputed = (
-            impute(gappy, alignment),
-            impute_linear(gappy),
-            impute_periodic(gappy, alignment),
+            impute(gappy, alignment), impute_linear(gappy), impute_periodic(gappy, alignment),
             impute_paper(gappy, alignment),
-        )
+        )  # fmt: skip
         for method, filled in zip(METHODS, imputed, strict=True):
             measured[name + method] = rmse_deg(truths, gappy, filled)
         measured[f"sequences_{round(100 * fraction)}"] = float(len(gappy))
@@ -91,11 +85,9 @@ def gap_study(
 
 
 def gappy_sequences(
-    motions: Sequence[Motion],
-    fraction: float,
-    rng: np.random.Generator,
+    motions: Sequence[Motion], fraction: float, rng: np.random.Generator,
     remove: Callable[[Motion, float, np.random.Generator], BoolArray] = remove_blocks,
-) -> tuple[list[FloatArray], list[FloatArray], Alignment]:
+) -> tuple[list[FloatArray], list[FloatArray], Alignment]:  # fmt: skip
     """The joint angles (F_i, 19) of motions, the same with NaN where removed, and the alignment found from those."""
     truths, gappy, periods = [], [], []
     for motion in motions:
@@ -138,10 +130,7 @@ class ClipPeriods:
 
     @property
     def errors_pct(self) -> tuple[float, float]:
-        """Deviation from the events' period, in percent: of the period found, and of that found with gaps.
-
-        Infinite for a period that was not found.
-        """
+        """Deviations from the events' period, %, of that found without and with gaps; infinite for one not found."""
         full, gappy = (np.inf if np.isnan(period) else period for period in (self.found, self.found_gappy))
         return 100.0 * (full / self.events - 1.0), 100.0 * (gappy / self.events - 1.0)
 
@@ -174,10 +163,8 @@ def period_study(
         "period_error_median_pct": float(np.median(errors[:, 0])),
         f"period_error_median_pct_{percent}": float(np.median(errors[:, 1])),
         "white_noise_peak_ratio": max(float(noise[key].max() / np.median(noise[key])) for key in ("snr", "snr_gappy")),
-        "n_clips": float(len(measured)),
-        "clips": tuple(clips),
-        "white_noise": noise,
-    }
+        "n_clips": float(len(measured)), "clips": tuple(clips), "white_noise": noise,
+    }  # fmt: skip
 
 
 def event_period(motion: Motion) -> float:
@@ -200,15 +187,10 @@ def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> 
     gappy = np.where(remove_blocks(motion, fraction, rng), np.nan, angles)
     candidates = _whole_periods(motion)
     return ClipPeriods(
-        name=motion.name,
-        rate_hz=motion.rate_hz,
-        events=event_period(motion),
-        found=_period_or_nan(motion, angles),
-        found_gappy=_period_or_nan(motion, gappy),
-        candidates=candidates,
-        snr=snr(angles, candidates),
+        name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), found=_period_or_nan(motion, angles),
+        found_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
         snr_per_angle=snr_per_series(angles, candidates),
-    )
+    )  # fmt: skip
 
 
 def _whole_periods(motion: Motion) -> FloatArray:
@@ -230,8 +212,4 @@ def _white_noise(motions: Sequence[Motion], fraction: float, rng: np.random.Gene
     noise = rng.standard_normal((len(median), len(POSE_NAMES) - N_ROOT))
     gappy = np.where(remove_blocks(median, fraction, rng), np.nan, noise)
     candidates = _whole_periods(median)
-    return {
-        "candidates": candidates,
-        "snr": snr(noise, candidates),
-        "snr_gappy": snr(gappy, candidates),
-    }
+    return {"candidates": candidates, "snr": snr(noise, candidates), "snr_gappy": snr(gappy, candidates)}

@@ -7,35 +7,28 @@ from scipy.interpolate import PchipInterpolator
 
 from workbench.arrays import FloatArray
 from workbench.learning.alignment import Alignment, fit_periodic, periodic_basis
-from workbench.learning.functional_pca import SHRINKAGE, fourier_basis, fpca_paper, fpca_shrunk
-from workbench.learning.slices import Slices, cut, fill_linear
+from workbench.learning.functional_pca import Slices, cut, fill_linear, fourier_basis, fpca_paper, fpca_shrunk
 
 PERIODIC_KNOTS = 16
 ROUGHNESS = 1.0
 
 
-def impute(
-    sequences: Sequence[FloatArray], alignment: Alignment, shrinkage: float = SHRINKAGE, tolerance: float = 1e-6
-) -> list[FloatArray]:
-    """Sequences (F_i, m) with every NaN filled; valid samples stay as they are.
+def impute(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
+    """Fill every NaN of sequences (F_i, m); valid samples stay as they are.
 
     Where a sample is missing: `fpca_shrunk` over the cycles of all sequences, plus what it leaves unexplained in the
     valid samples before and after, interpolated across the gap. Raises InputError as `cut` and `fpca_paper` do.
     """
     slices = cut(sequences, alignment)
-    pca = fpca_shrunk(slices, 1, shrinkage, tolerance)
-    return [
-        _filled(series, model + fill_smooth(series - model))
-        for series, model in zip(sequences, reconstructed(sequences, alignment, slices, pca.curves), strict=True)
-    ]
+    models = reconstructed(sequences, alignment, slices, fpca_shrunk(slices, 1).curves)
+    pairs = zip(sequences, models, strict=True)
+    return [_filled(series, model + fill_smooth(series - model)) for series, model in pairs]
 
 
-def impute_paper(
-    sequences: Sequence[FloatArray], alignment: Alignment, q: int = 5, tolerance: float = 1e-6
-) -> list[FloatArray]:
+def impute_paper(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
     """Impute by the paper's plain algorithm: the reconstruction of `fpca_paper`, nothing else."""
     slices = cut(sequences, alignment)
-    models = reconstructed(sequences, alignment, slices, fpca_paper(slices, q, tolerance).curves)
+    models = reconstructed(sequences, alignment, slices, fpca_paper(slices).curves)
     return [_filled(series, model) for series, model in zip(sequences, models, strict=True)]
 
 

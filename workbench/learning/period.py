@@ -18,10 +18,9 @@ REFINING_STEPS = 6
 def snr(series: FloatArray, periods: Sequence[float] | FloatArray) -> FloatArray:
     """Signal-to-noise ratio (P,) of series (F, m), NaN where missing, at candidate periods (P,) in samples.
 
-    The ratios of `snr_per_series` accumulated over the series: the square of their mean square root, which stays at
-    about 1 for white noise. A deviation from the paper's sum: with gaps, a single angle that by chance repeats in the
-    few samples seen twice can reach a ratio of a hundred and outweigh all others; the square root bounds its say.
-    NaN where no series leaves a degree of freedom for the noise.
+    The ratios of `snr_per_series` accumulated over the series: the square of their mean square root, about 1 for white
+    noise. A deviation from the paper's sum: with gaps, a single angle that by chance repeats in the few samples seen
+    twice can outweigh all others; the square root bounds its say. NaN where no degree of freedom is left for the noise.
     """
     roots = np.sqrt(snr_per_series(series, periods))
     usable = np.isfinite(roots)
@@ -44,9 +43,8 @@ def snr_per_series(series: FloatArray, periods: Sequence[float] | FloatArray) ->
     """
     candidates = np.asarray(periods, dtype=np.float64)
     if series.ndim != 2 or not len(series) or candidates.ndim != 1 or not (candidates >= 2.0).all():
-        raise InputError(
-            f"period: expected series (F, m) and periods of 2 samples or more, found {series.shape} and {candidates}"
-        )
+        found = f"{series.shape} and {candidates}"
+        raise InputError(f"period: expected series (F, m) and periods of 2 samples or more, found {found}")
     valid = np.isfinite(series)
     n_valid = valid.sum(axis=0)
     mean = np.where(valid, series, 0.0).sum(axis=0) / np.maximum(n_valid, 1)
@@ -70,22 +68,17 @@ def find_period(series: FloatArray, shortest: float, longest: float) -> float:
 
     Candidates lie so close that their cycles drift apart by a sample at most. They are tried on at most the first
     three longest periods; the best is then refined on twice as many samples at a time until all are used, and a
-    parabola at the peak places it between the candidates.
-
-    Only periods that fit twice into the series are candidates: beyond half its length most phases were seen once, and
-    with gaps chance agreement of the few that were seen twice makes false peaks. Twice the true period explains as
-    much as the period itself, but spends more degrees of freedom; half of it (one step of a walk) fits neither the
-    left nor the right side.
-
+    parabola at the peak places it between the candidates. Only periods that fit twice into the series are candidates:
+    with gaps, chance agreement of the few phases seen twice makes false peaks beyond. Twice the true period explains as
+    much as the period itself, but spends more degrees of freedom; half of it, a walk's step, fits neither side.
     Raises InputError when there are fewer than three candidates, or when the ratio is largest at the end of the
     range, so that the series has no period inside it.
     """
     n = min(len(series), int(np.ceil(HEAD_PERIODS * longest)))
     most = min(longest, len(series) / 2.0)
     if shortest < 2.0 or most <= shortest:
-        raise InputError(
-            f"period: expected at least two periods of {shortest:g} samples (and those 2 at least), found {len(series)}"
-        )
+        wanted = f"two periods of {shortest:g} samples (and those 2 at least)"
+        raise InputError(f"period: expected at least {wanted}, found {len(series)}")
     n_steps = max(3, int(np.ceil(n * np.log(most / shortest))))
     candidates = shortest * (most / shortest) ** (np.arange(n_steps + 1) / n_steps)  # spaced by p / n
     ratios = snr(series[:n], candidates)

@@ -4,7 +4,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
 from workbench.digest import code_digest
 from workbench.errors import InputError
@@ -25,137 +25,83 @@ from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
 from workbench.streams import stream
 
-Parameters: TypeAlias = dict[str, str | float | int | None]
-
 log = logging.getLogger(__name__)
-
-WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")
-"""Subjects of CMU whose walks are learned from."""
-
-WINDOWS_HZ = 30.0
-"""Rate of the database of paper C."""
-
-GAP_SEED = 2000
-"""Of the gaps made for `cyclic_model`, so that one training set is one model."""
+WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")  # subjects of CMU whose walks are learned from
+WINDOWS_HZ = 30.0  # rate of the database of paper C
+GAP_SEED = 2000  # seed of the gaps made for `cyclic_model`, so that one training set is one model
 
 
 def walking_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    variance: float = 0.95,
-    n_components: int | None = 8,
-    scaling: str = "joints",
-) -> WalkingModel:
-    """Learn the walking model of paper A; motions, subjects and leave_out as for `training_motions`, the others as for
-    `learn_walking`.
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), variance: float = 0.95,
+    n_components: int | None = 8, scaling: str = "joints",
+) -> WalkingModel:  # fmt: skip
+    """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
     The defaults are not the paper's, which are `learn_walking`'s: they follow the training people more closely.
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, variance, n_components, scaling, root=False)
+    return _walking(training, cache, variance=variance, n_components=n_components, scaling=scaling, root=False)
 
 
 def gait_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    n_components: int = 8,
-) -> WalkingModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), n_components: int = 8,
+) -> WalkingModel:  # fmt: skip
     """The walking model with how the root sways, channels scaled by their effect on the joints; see `walking_model`."""
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    return _walking(training, cache, 0.95, n_components, "joints", root=True)
+    return _walking(training, cache, variance=0.95, n_components=n_components, scaling="joints", root=True)
 
 
-def _walking(
-    training: Sequence[Motion], cache: str, variance: float, n_components: int | None, scaling: str, root: bool
-) -> WalkingModel:
-    parameters: Parameters = {"variance": variance, "n_components": n_components, "scaling": scaling, "root": root}
-    provenance = _provenance(training, code_digest(walking), **parameters)
-
-    def learn() -> WalkingModel:
-        return learn_walking(training, variance=variance, n_components=n_components, scaling=scaling, root=root)
-
-    return _cached(WalkingModel, cache, "walking", provenance, learn)
+def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
+    code, learn = code_digest(walking), lambda: learn_walking(training, **options)
+    return _learned(WalkingModel, "walking", cache, training, code, learn, **options)
 
 
 def cyclic_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    subjects: Sequence[str] = WALKERS,
-    leave_out: Sequence[str] = (),
-    q: int = 8,
-    missing: float = 0.0,
-) -> WalkingModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
+) -> WalkingModel:  # fmt: skip
     """The cyclic model of paper B with q components; `missing`: part of the joint angles removed in blocks beforehand.
 
     Otherwise as `walking_model`.
     """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
-    provenance = _provenance(training, code_digest(cyclic, gaps), q=q, missing=missing, gap_seed=GAP_SEED)
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
         return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
 
-    return _cached(WalkingModel, cache, "cyclic", provenance, learn)
+    code, options = code_digest(cyclic, gaps), {"q": q, "missing": missing, "gap_seed": GAP_SEED}
+    return _learned(WalkingModel, "cyclic", cache, training, code, learn, **options)
 
 
 def motion_windows(
-    *,
-    motions: str = "recorded",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (),
-    activities: Sequence[str] = (),
-    angles: Sequence[str] = ("body",),
-    root: bool = True,
-    rate_hz: float | None = None,
-    length: int | None = None,
-    frames_hz: float | None = None,
-) -> Windows:
+    *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (), activities: Sequence[str] = (), angles: Sequence[str] = ("body",),
+    root: bool = True, rate_hz: float | None = None, length: int | None = None, frames_hz: float | None = None,
+) -> Windows:  # fmt: skip
     """Learn the database of paper C over `motions`, see `database_motions`; the others as for `learn_windows`.
 
     rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is about it or not
-    known. length: None takes a third of a second. Raises InputError when the motions cannot be read or hold too few
-    windows.
+    known. length: None takes a third of a second. Raises InputError for motions that are unreadable or too short.
     """
     if rate_hz is None:  # to 5 %, which the prior takes for one row a frame
         rate_hz = WINDOWS_HZ if frames_hz is None or abs(frames_hz / WINDOWS_HZ - 1.0) < 0.05 else frames_hz
     length = max(2, round(rate_hz / 3.0)) if length is None else length
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    parameters: Parameters = {"angles": ",".join(angles), "root": root, "rate_hz": rate_hz, "length": length}
-    provenance = _provenance(chosen, code_digest(windows), **parameters)
-
-    def learn() -> Windows:
-        return learn_windows(chosen, rate_hz=rate_hz, length=length, angles=angles, root=root)
-
-    return _cached(Windows, cache, "windows", provenance, learn)
+    options: dict[str, Any] = {"root": root, "rate_hz": rate_hz, "length": length}
+    code, learn = code_digest(windows), lambda: learn_windows(chosen, angles=angles, **options)
+    return _learned(Windows, "windows", cache, chosen, code, learn, angles=",".join(angles), **options)
 
 
 def activity_model(
-    *,
-    motions: str = "builtin",
-    data: str | None = None,
-    cache: str = "~/.cache/workbench",
-    leave_out: Sequence[str] = (),
-    activities: Sequence[str] = ("walk", "run"),
-    angles: Sequence[str] = ("body",),
-    variance: float = 0.9,
-    n_components: int | None = None,
-    most_per_clip: int = 4,
-    skeleton: str = "person",
-) -> ActivityModel:
+    *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
+    variance: float = 0.9, n_components: int | None = None, most_per_clip: int = 4, skeleton: str = "person",
+) -> ActivityModel:  # fmt: skip
     """The motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as for
     `learn_activities`, most_per_clip as for `activity_cycles`.
 
@@ -164,28 +110,23 @@ def activity_model(
     """
     followed = followed_person if skeleton == "person" else _own_skeletons(skeleton, motions, data, angles)
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    provenance = _provenance(
-        chosen,
-        code_digest(activity_models, full_skeleton),
-        angles=",".join(angles),
-        variance=variance,
-        n_components=n_components,
-        most_per_clip=most_per_clip,
-        skeleton=skeleton,
-    )
 
     def learn() -> ActivityModel:
         whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
         modelled = angles if skeleton == "person" else whole.angles
         return learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
 
-    return _cached(ActivityModel, cache, "activities", provenance, learn)
+    return _learned(
+        ActivityModel, "activities", cache, chosen, code_digest(activity_models, full_skeleton), learn,
+        angles=",".join(angles), variance=variance, n_components=n_components, most_per_clip=most_per_clip,
+        skeleton=skeleton,
+    )  # fmt: skip
 
 
 def _own_skeletons(
     skeleton: str, motions: str, data: str | None, angles: Sequence[str]
 ) -> Callable[[Motion], Followed]:
-    """Tell what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
+    """Return what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
     if skeleton != "full":
         raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
     if data is None or motions == "builtin":
@@ -203,11 +144,10 @@ def _own_skeletons(
 def training_motions(
     motions: str, *, data: str | None, cache: str, subjects: Sequence[str] | None, leave_out: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Walks: "builtin" (generated), "cmu" or "recorded" (CMU's walks of `subjects`, None: all, under `data`) or a
-    library FILE.h5.
+    """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
-    leave_out: names of clips, of their files or of whole subjects. Raises InputError when they cannot be read or none
-    is left.
+    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files or of whole subjects.
+    Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
         kept = None if subjects is None else [subject for subject in subjects if subject not in leave_out]
@@ -220,8 +160,7 @@ def training_motions(
 def database_motions(
     motions: str, *, data: str | None, cache: str, leave_out: Sequence[str] = (), activities: Sequence[str] = ()
 ) -> tuple[Motion, ...]:
-    """Any motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" (generated walks and runs)
-    or a library FILE.h5.
+    """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
     leave_out: names of clips, of their files or of whole subjects. activities: keep only these; none keeps all.
     Raises InputError when they cannot be read or none is left.
@@ -239,7 +178,7 @@ def database_motions(
 
 
 def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
-    """Those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
+    """Keep those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion
@@ -285,17 +224,14 @@ def _digest(paths: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _provenance(training: Sequence[Motion], code: str, **parameters: str | float | int | None) -> Provenance:
-    return Provenance(
-        sources={f"{motion.source}#{motion.name}": motion.sha256 for motion in training},
-        parameters=parameters,
-        licences=tuple(sorted({motion.licence for motion in training})),
-        code=code,
-    )
-
-
-def _cached(kind: type[Stored], cache: str, name: str, provenance: Provenance, learn: Callable[[], Stored]) -> Stored:
-    """The model of this provenance from the folder `cache`, learned and written there where it is not."""
+def _learned(
+    kind: type[Stored], name: str, cache: str, training: Sequence[Motion], code: str, learn: Callable[[], Stored],
+    **parameters: str | float | int | None,
+) -> Stored:  # fmt: skip
+    """Take the model of these motions, code and parameters from the folder `cache`; else learn it and keep it there."""
+    sources = {f"{motion.source}#{motion.name}": motion.sha256 for motion in training}
+    licences = tuple(sorted({motion.licence for motion in training}))
+    provenance = Provenance(sources, parameters, licences, code)
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
         return load(kind, path)

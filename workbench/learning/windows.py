@@ -22,7 +22,6 @@ from workbench.errors import InputError
 from workbench.mocap.motion import Motion
 
 log = logging.getLogger(__name__)
-
 ROOT_CHANNELS = ("forward", "sideways", "up", "turn", "root_pitch", "root_roll")
 """The root in the body's own heading frame: three velocities, m/s, the heading's, rad/s, and the lean itself, rad."""
 
@@ -41,8 +40,6 @@ class Windows:
     scales: (m,) standard deviation of each channel, in its unit; √Σ of the paper.
     mean: (d, m) Ψ̄ of the scaled windows. basis: (d, m, b) Ũ. sigmas: (b,) σ_l, the standard deviation of component l.
     coefficients: (n, b) float32, *whitened*: c_i,l / σ_l. explained: part of the scaled variance in b components.
-
-    A million windows of the whole body (m = 44, b = 19) take 176 MB of rows, 76 MB of coefficients and 8 MB of ends.
     """
 
     angles: tuple[str, ...]
@@ -130,13 +127,9 @@ class Windows:
 
 
 def learn_windows(
-    motions: Sequence[Motion],
-    *,
-    rate_hz: float = 30.0,
-    length: int = 10,
-    angles: Sequence[str] = ("body",),
+    motions: Sequence[Motion], *, rate_hz: float = 30.0, length: int = 10, angles: Sequence[str] = ("body",),
     root: bool = True,
-) -> Windows:
+) -> Windows:  # fmt: skip
     """The windows of all motions at one rate, and their PCA with b = ⌊log₂ n⌋ components (C, section 4, eq. 3–5).
 
     length: d. angles: names of the joint angles to model, or of parts of the body (`skeleton.PARTS`). Components
@@ -159,7 +152,9 @@ def learn_windows(
             kept.append(motion)
     if short:
         log.warning("windows: %d clips are shorter than %d frames: %s", len(short), length + 2, ", ".join(short))
-    ends = _ends([len(clip) for clip in clips], length)
+    firsts = np.cumsum([0, *map(len, clips)])
+    spans = [np.arange(first + length - 1, last - 1) for first, last in pairwise(firsts)]  # with a successor
+    ends = np.concatenate([np.empty(0, dtype=np.int64), *spans])
     if len(ends) < 4:
         raise InputError(f"windows: expected motions with at least 4 windows of {length} frames, found {len(ends)}")
     rows = np.concatenate(clips)
@@ -167,7 +162,7 @@ def learn_windows(
     windows = Windows(
         angles=angles, root=root, rate_hz=rate_hz, rows=rows, ends=ends,
         clips=tuple(motion.name for motion in kept), activities=tuple(motion.activity for motion in kept),
-        firsts=np.cumsum([0, *map(len, clips)])[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
+        firsts=firsts[:-1], scales=scales, mean=mean, basis=basis, sigmas=sigmas,
         coefficients=np.empty((0, len(sigmas)), dtype=np.float32), explained=explained,
     )  # fmt: skip
     return _with_coefficients(windows)
@@ -211,13 +206,6 @@ def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, moved: A
             value = rows[i, channel]
             for k in range(size):
                 moved[i, k] += value * filters[channel, k]
-
-
-def _ends(lengths: Sequence[int], length: int) -> IntArray:
-    """The rows at which windows end that have a successor in their clip; `lengths` are the clips' rows."""
-    firsts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    spans = [np.arange(first + length - 1, last - 1) for first, last in pairwise(firsts)]
-    return np.concatenate([np.empty(0, dtype=np.int64), *spans])
 
 
 def _principal_components(

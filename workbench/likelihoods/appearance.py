@@ -16,26 +16,23 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, Range, at_least, check
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
 from workbench.likelihoods.looks import PoseLook, Remembering
 from workbench.streams import stream
 
-ALONG, AROUND = 10, 24
-"""Cells of a limb's template: along it, and once around it."""
+ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
 _PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
 
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """The grey levels of L limbs' surfaces as one camera sees them, in cells (L, ALONG, AROUND).
-
-    mean: grey levels. n: how many frames the mean stands for, 0 where a cell was never seen.
-    """
+    """The grey levels of L limbs' surfaces as one camera sees them, in cells (L, ALONG, AROUND). n: how many frames the
+    mean stands for, 0 where a cell was never seen."""
 
     mean: FloatArray
     n: FloatArray
@@ -43,7 +40,7 @@ class Template:
 
 @dataclass(frozen=True, eq=False)
 class Templates:
-    """What was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
+    """All that was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
 
     by_camera: Mapping[str, Template] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -81,11 +78,8 @@ class Appearance:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("appearance", POSITIVE, k=self.k, sigma=self.sigma)
-        check("appearance", INSIDE_UNIT, epsilon=self.epsilon)
-        check("appearance", Range("between 0 and 1", lambda rate: 0.0 <= rate <= 1.0), rate=self.rate)
-        check("appearance", at_least(1), n_samples=self.n_samples)
-        check("appearance", NOT_NEGATIVE, blur_px=self.blur_px)
+        check("appearance", self, k=POSITIVE, sigma=POSITIVE, epsilon=INSIDE_UNIT, rate=UNIT)
+        check("appearance", self, n_samples=at_least(1), blur_px=at_least(0))
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -119,8 +113,7 @@ class Appearance:
     def _log_prob(self, camera: Camera, image: Float32Array, template: Template, frames: JointFrames) -> FloatArray:
         points = limb_points(self.body, self.samples, camera, frames)
         ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
-        log_prob: FloatArray = self.k * ratios.sum(axis=1)
-        return log_prob
+        return self.k * ratios.sum(axis=1)
 
     def _learn(
         self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
@@ -160,12 +153,12 @@ def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) ->
 def learned(before: Template | None, seen: FloatArray, sigma: float, epsilon: float, rate: float) -> Template:
     """The template after cells were seen at levels (L, ALONG, AROUND), NaN where they were not; see `Appearance`."""
     mean, n = (np.zeros_like(seen), np.zeros_like(seen)) if before is None else (before.mean, before.n)
-    apart = np.where(np.isnan(seen), 0.0, seen - mean)
+    miss = np.where(np.isnan(seen), 0.0, seen - mean)
     variance = sigma**2 * (1.0 + 1.0 / np.maximum(n, 1.0))
-    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * apart**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    ratio = (1.0 - epsilon) * 256.0 * np.exp(-0.5 * miss**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     trust = np.where(np.isnan(seen), 0.0, np.where(n > 0.0, ratio / (ratio + epsilon), 1.0))
     gain = trust * np.maximum(1.0 / (n + 1.0), rate)
-    return Template(mean + gain * apart, n + trust)
+    return Template(mean + gain * miss, n + trust)
 
 
 def template_log_ratio(
@@ -200,6 +193,6 @@ def _template_sums(
                 around = min(int((azimuth - np.floor(azimuth)) * n_around), n_around - 1)
                 height = peak[limb, along[s], around]
                 if height > 0.0:
-                    apart = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
-                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * apart * apart))
+                    miss = bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1]) - mean[limb, along[s], around]
+                    total += np.log(epsilon + height * np.exp(slope[limb, along[s], around] * miss * miss))
             sums[i, limb] = total

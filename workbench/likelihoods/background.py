@@ -1,4 +1,4 @@
-"""What a limb covers differs from the background that a still camera sees, and what lies just beside it does not."""
+"""A limb covers pixels that differ from the background of a still camera; beside it lie pixels that do not."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,19 +11,18 @@ from workbench.arrays import Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.clip import Clip
-from workbench.core.frame import Frame, View
+from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.errors import InputError
-from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, at_least, check
+from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
 from workbench.likelihoods.looks import PoseLook
-from workbench.likelihoods.still_scene import StillScene, log_ratio, still_scenes
 from workbench.streams import stream
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
-"""Where the points about a limb lie: in half widths from its axis, and beyond its end in lengths; off its outline."""
+"""Places of the points about a limb: in half widths from its axis, and beyond its end in lengths; off its outline."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +61,8 @@ class Background:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("background", POSITIVE, k=self.k, least_sigma=self.least_sigma)
-        check("background", INSIDE_UNIT, epsilon=self.epsilon)
-        check("background", NOT_NEGATIVE, blur_px=self.blur_px)
-        check("background", at_least(3), n_frames=self.n_frames)
-        check("background", at_least(1), n_samples=self.n_samples)
+        check("background", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
+        check("background", self, n_frames=at_least(3), n_samples=at_least(1), blur_px=at_least(0))
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
@@ -81,20 +77,17 @@ class Background:
 
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
-        judges = [partial(self._log_prob, view.camera, self._ratio(view)) for view in frame.views]
+        judges = [
+            partial(self._log_prob, view.camera, log_ratio(view, self.scenes, self.blur_px, self.epsilon))
+            for view in frame.views
+        ]
         return PoseLook("background", partial(over_views, self.body, judges), lambda expected_pose: self)
-
-    def _ratio(self, view: View) -> Float32Array:
-        if view.camera.name not in self.scenes:
-            raise InputError(f"background: camera {view.camera.name} was not in the clip that it was learned from")
-        return log_ratio(view, self.scenes[view.camera.name], self.blur_px, self.epsilon)
 
     def _log_prob(self, camera: Camera, ratio: Float32Array, frames: JointFrames) -> FloatArray:
         inside, beside = self.samples
         within = mean_at(ratio, limb_points(self.body, inside, camera, frames))
         around = mean_at(ratio, limb_points(self.body, beside, camera, frames, beside=True))
-        log_prob: FloatArray = self.k * (within - around).sum(axis=1)
-        return log_prob
+        return self.k * (within - around).sum(axis=1)
 
 
 def points_about(inside: FloatArray) -> FloatArray:

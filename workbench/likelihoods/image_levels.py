@@ -1,24 +1,29 @@
-"""The grey or colour levels of a view, as likelihoods look at them: as float32, smoothed."""
+"""Images as likelihoods look at them: smoothed grey or colour levels, and how these differ from a still background."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from workbench.arrays import AnyArray, Float32Array
+from workbench.core.clip import Clip
 from workbench.core.frame import View
 from workbench.errors import InputError
 
+MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+
 
 def grey_levels(view: View, blur_px: float) -> Float32Array:
-    """The view's grey levels (height, width), 0..255, smoothed by a Gaussian (A, section 5).
-
-    Raises InputError when the image has not the size that its camera states.
-    """
+    """Return a view's grey levels (height, width), 0..255, smoothed by a Gaussian (A, section 5); raises InputError
+    when the image has not the size that its camera states."""
     levels = _float_levels(view)
     return _smoothed(cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY) if levels.ndim == 3 else levels, blur_px)
 
 
 def colour_levels(view: View, blur_px: float) -> Float32Array:
-    """The view's one or three levels (height, width, C), 0..255, smoothed by a Gaussian; raises as `grey_levels`."""
+    """Return a view's one or three levels (height, width, C), 0..255, smoothed; raises as `grey_levels`."""
     smooth = _smoothed(_float_levels(view), blur_px)
     return smooth.reshape(*smooth.shape[:2], -1)
 
@@ -31,8 +36,49 @@ def _smoothed(image: AnyArray, blur_px: float) -> Float32Array:
 def _float_levels(view: View) -> Float32Array:
     camera, image = view.camera, view.image
     if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
-        raise InputError(
-            f"likelihood: camera {camera.name}: expected a grey or RGB image of {camera.width}×{camera.height} px, "
-            f"found an array of shape {image.shape}"
-        )
+        found = f"a grey or RGB image of {camera.width}×{camera.height} px, found an array of shape {image.shape}"
+        raise InputError(f"likelihood: camera {camera.name}: expected {found}")
     return image.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class StillScene:
+    """A camera's view without the person: median and standard deviation, (height, width, C), of every pixel's one
+    or three levels, 0..255."""
+
+    median: Float32Array
+    sigma: Float32Array
+
+
+def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
+    """Find the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
+    `n_frames` frames of the clip, evenly spread."""
+    n = clip.known.n_frames
+    used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
+    seen: dict[str, list[Float32Array]] = {}
+    for i, frame in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)):
+        if i in used:
+            for view in frame.views:
+                seen.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
+    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
+
+
+def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
+    """The scene that F images (height, width, C) have in common."""
+    median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
+    for rows in np.array_split(np.arange(len(median)), 16):  # in strips, which take less memory
+        strip = np.stack([image[rows] for image in images])
+        median[rows] = np.median(strip, axis=0)
+        sigma[rows] = MAD_TO_SIGMA * np.median(np.abs(strip - median[rows]), axis=0)
+    return StillScene(median, np.maximum(sigma, np.float32(least_sigma)))
+
+
+def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsilon: float) -> Float32Array:
+    """Return the log ratio of foreground to background, r of `Background`, of every pixel (height, width) of a view;
+    raises InputError where its camera is none of the scenes'."""
+    if view.camera.name not in scenes:
+        raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
+    scene = scenes[view.camera.name]
+    z = (colour_levels(view, blur_px) - scene.median) / scene.sigma
+    normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * z**2
+    return np.asarray(-np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))), dtype=np.float32)

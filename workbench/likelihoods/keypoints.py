@@ -7,28 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
-from workbench.body.camera import Camera
+from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
-from workbench.body.skeleton import JOINT_NAMES
+from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
-from workbench.core.observation_residuals import keypoint_residual
-from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction, stacked
+from workbench.core.observations import Keypoints, Observables, Observed, usable_keypoints
+from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
 from workbench.core.traits import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.constants import POSITIVE, TEMPER, check, check_choice
 from workbench.likelihoods.looks import PoseLook
-
-
-@dataclass(frozen=True, eq=False)
-class SeenJoints:
-    """The K joints that were found in one view. joints: (K,), of the skeleton. marks: (K, 3), u and v px, weight."""
-
-    camera: Camera
-    joints: IntArray
-    marks: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +51,7 @@ class KeypointLikelihood:
     scale: float = 1.5
 
     def __post_init__(self) -> None:
-        check("keypoints", POSITIVE, sigma_px=self.sigma_px, nu=self.nu, scale=self.scale)
-        check("keypoints", TEMPER, temper=self.temper)
-        check_choice("keypoints", tuple(LOSSES), loss=self.loss)
+        check("keypoints", self, sigma_px=POSITIVE, nu=POSITIVE, temper=UP_TO_1, loss=one_of(*LOSSES), scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:
@@ -78,30 +64,26 @@ class KeypointLikelihood:
         return Loss(self.loss, self.scale)
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """Of the frame's keypoints in the cameras that count, whitened by sigma_px and their weights."""
+        """Measure those of the frame's keypoints in the cameras that count, whitened by sigma_px and their weights."""
         seen = [one for one in observed.keypoints if self.which is None or one.camera.name in self.which]
         own = [keypoint_residual(self.body.skeleton, one.camera, one.joints, one.marks, self.sigma_px) for one in seen]
         return stacked(own)
 
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Pick out the joints that were found; poses are all equally likely where there are none."""
-        seen = [found for view in self._views(frame) if len((found := self._seen(view)).joints)]
+        given = [(view.keypoints, view.camera) for view in self._views(frame) if view.keypoints is not None]
+        usable = [usable_keypoints(self.body.skeleton, *view) for view in given]
+        seen = [keypoints for keypoints in usable if keypoints is not None]
         notes = () if seen else (f"frame {frame.index}: there are no keypoints",)
         return PoseLook("keypoints", partial(self._log_prob, seen), lambda expected_pose: self, notes)
 
-    def _seen(self, view: View) -> SeenJoints:
-        order = np.array([self.body.skeleton.joint(name) for name in JOINT_NAMES])
-        given = np.full((len(order), 3), np.nan) if view.keypoints is None else view.keypoints
-        rows = np.flatnonzero(np.isfinite(given).all(axis=1) & (given[:, 2] > 0.0))
-        return SeenJoints(view.camera, order[rows], given[rows])
-
-    def _log_prob(self, seen: Sequence[SeenJoints], pose: FloatArray) -> FloatArray:
+    def _log_prob(self, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
         log_prob, places = np.zeros(len(pose)), joints(self.body.skeleton, pose)
         for view in seen:
-            apart = view.camera.project(places[:, view.joints]) - view.marks[:, :2]
-            squares = view.marks[:, 2] * (apart**2).sum(axis=2) / (self.nu * self.sigma_px**2)
-            found = -self.temper * (0.5 * self.nu + 1.0) * np.log1p(squares).sum(axis=1)
-            log_prob += np.nan_to_num(found, nan=-np.inf, neginf=-np.inf)
+            misses = view.camera.project(places[:, view.joints]) - view.marks[:, :2]
+            squares = view.marks[:, 2] * (misses**2).sum(axis=2) / (self.nu * self.sigma_px**2)
+            seen_log_prob = -self.temper * (0.5 * self.nu + 1.0) * np.log1p(squares).sum(axis=1)
+            log_prob += np.nan_to_num(seen_log_prob, nan=-np.inf, neginf=-np.inf)
         return log_prob
 
     def _views(self, frame: Frame) -> tuple[View, ...]:

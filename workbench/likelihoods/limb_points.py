@@ -10,17 +10,16 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
-from workbench.body.lanes import FAST
+from workbench.body.lanes import FAST, LANES
 from workbench.body.limbs import Body
-from workbench.likelihoods.image_motion.kernel import place_points
+from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
+from workbench.threads import over_threads
 
 
 @dataclass(frozen=True, eq=False)
 class LimbPoints:
     """n points on each of L limbs in N poses. pixels: (N, L, n, 2), px. counts: (N, L, n), which of them to look at.
-
-    turns: (N, L), rad, the azimuth about the limb, in its joint's frame, of its side at v = 1.
-    """
+    turns: (N, L), rad, the azimuth about the limb, in its joint's frame, of its side at v = 1."""
 
     pixels: Float32Array
     counts: BoolArray
@@ -30,9 +29,16 @@ class LimbPoints:
 def limb_points(
     body: Body, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool = False
 ) -> LimbPoints:
-    """Points (n, 2) of every patch, u along and v across it: those on it that no limb hides, or those `beside` it,
-    |v| > 1, that no limb covers. See `image_motion_kernel.place_points`."""
-    return LimbPoints(*place_points(body.limbs, samples, camera, frames, beside))
+    """Place points (n, 2) of every patch, u along and v across it; those in the image count that no other limb hides,
+    as `reference.hidden_samples` says for "sample", or, `beside` it, |v| > 1, that no limb covers at any depth."""
+    shape = (len(frames.positions), len(body.limbs), len(samples))
+    pixels, counts, turns = np.empty((*shape, 2), np.float32), np.empty(shape, np.bool_), np.empty(shape[:2])
+    arguments = (
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), camera_row(camera)),
+        *(frames.rotations, frames.positions, beside, pixels, counts, turns),
+    )
+    over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
+    return LimbPoints(pixels, counts, turns)
 
 
 def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -44,8 +50,7 @@ def mean_at(image: Float32Array, points: LimbPoints) -> FloatArray:
     """The image's values at the points that count, summed for each limb (N, L) and divided by n: hidden ones add 0."""
     sums = np.empty(points.counts.shape[:2])
     _sum_at(image, points.pixels, points.counts, sums)
-    means: FloatArray = sums / points.counts.shape[2]
-    return means
+    return sums / points.counts.shape[2]
 
 
 def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the likelihoods' looks have in common: poses that are not finite, and what is kept for the next frame."""
+"""Common parts of the likelihoods' looks: poses that are not finite, and what is kept for the next frame."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,11 +15,9 @@ Memory = TypeVar("Memory")
 
 @dataclass(frozen=True, eq=False)
 class PoseLook:
-    """A look by which poses are judged as they are, wherever they came from.
-
-    name: of the likelihood, for its notes. judge: gives the log likelihoods (N,) of finite poses (N, P). then: gives
-    the likelihood of the next frame from the pose (P,) expected in this one.
-    """
+    """A look by which poses are judged as they are, wherever they came from. name: of the likelihood, for its notes.
+    judge: gives the log likelihoods (N,) of finite poses (N, P). then: gives the likelihood of the next frame from the
+    pose (P,) expected in this one."""
 
     name: str
     judge: Callable[[FloatArray], FloatArray]
@@ -39,10 +37,8 @@ class PoseLook:
 
 @dataclass(frozen=True, eq=False)
 class Remembering(Generic[Memory]):
-    """A likelihood and what it keeps of the frames so far. see: looks at a frame and the one before with that in mind.
-
-    The likelihood itself stays as it was configured, so that another run begins with nothing.
-    """
+    """A likelihood, which stays as it was configured, and what it keeps of the frames so far. see: looks at a frame and
+    the one before with that in mind."""
 
     memory: Memory
     see: Callable[[Memory, Frame | None, Frame], Look]
@@ -53,7 +49,7 @@ class Remembering(Generic[Memory]):
 
 
 def finite_rows(poses: FloatArray) -> BoolArray:
-    """Which (N,) of poses (N, P) are finite."""
+    """Tell which (N,) of poses (N, P) are finite."""
     return np.asarray(np.isfinite(poses).all(axis=1))
 
 

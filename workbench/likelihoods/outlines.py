@@ -8,10 +8,9 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import FAST
 
-CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
-"""Of a patch (u, v), once around it."""
+CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
-"""Which way along the limb and across it they lie from its middle."""
+"""Their directions from the middle of the limb, along it and across it."""
 
 
 def running_sums(image: Float32Array) -> FloatArray:
@@ -23,14 +22,48 @@ def running_sums(image: Float32Array) -> FloatArray:
 
 def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
     """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
-    row that is covered.
-
-    corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen. spheres: (L,), whose
-    outline is the circle through its corners. rim_px: by which outlines are wider on all sides.
-    """
+    row that is covered. corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen.
+    spheres: (L,), whose outline is the circle through its corners. rim_px: by which outlines are wider on all sides."""
     sums = np.empty(len(corners))
     _outline_sums(reached, corners, spheres, rim_px, sums)
     return sums
+
+
+def outline_sums_reference(
+    image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0
+) -> FloatArray:
+    """Compute `outline_sums` of an image in plain NumPy."""
+    height, width = image.shape
+    edges = np.arange(width + 1) - 0.5
+    sums = np.zeros(len(corners))
+    for i, outlines in enumerate(corners.astype(np.float64)):
+        for y in range(height):
+            found = (_span_reference(one, bool(spheres[k]), rim_px, float(y)) for k, one in enumerate(outlines))
+            spans = sorted(span for span in found if span)
+            end = -np.inf
+            for left, right in spans:
+                covered = np.clip(edges, max(left, end), max(right, end))
+                sums[i] += float(image[y] @ np.diff(covered))
+                end = max(end, right)
+    return sums
+
+
+def _span_reference(corners: FloatArray, sphere: bool, rim_px: float, y: float) -> tuple[float, float] | None:
+    """Find where a row meets an outline."""
+    axes = OUTWARDS.T @ corners  # along the limb and across it
+    lengths = np.linalg.norm(axes, axis=1)
+    if not lengths.min() > 0.0:
+        return None
+    if sphere:
+        centre, radius = corners.mean(axis=0), float(np.linalg.norm(corners[2] - corners[0])) / 2.0 + rim_px
+        half = radius**2 - (y - centre[1]) ** 2
+        return (centre[0] - np.sqrt(half), centre[0] + np.sqrt(half)) if half > 0.0 else None
+    corners = corners + rim_px * OUTWARDS @ (axes / lengths[:, None])
+    met = []
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if min(y0, y1) <= y < max(y0, y1):
+            met.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
+    return (min(met), max(met)) if len(met) > 1 else None
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
@@ -58,14 +91,10 @@ def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums:
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
-    ax, ay = (
-        corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0],
-        corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1],
-    )
-    bx, by = (
-        corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0],
-        corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1],
-    )
+    ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
+    ay = corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1]
+    bx = corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0]
+    by = corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1]
     a, b = np.sqrt(np.float64(ax * ax + ay * ay)), np.sqrt(np.float64(bx * bx + by * by))
     if not min(a, b) > 0.0:
         return False

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,9 @@ from workbench.arrays import FloatArray
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Likelihood, Look
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
 from workbench.core.traits import Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
-from workbench.likelihoods.residuals import joint_observables, product_loss, product_residual, residual_terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,29 +56,59 @@ class Product:
             if not 0.0 <= weight < np.inf:
                 raise InputError(f"likelihood: the weight of {name} must be at least 0, found {weight}")
 
+    @cached_property
+    def _used(self) -> dict[str, Likelihood]:
+        return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
+
     def look(self, previous: Frame | None, frame: Frame) -> "ProductLook":
         """Let every term with a weight look."""
-        used = {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
-        return ProductLook(self, {name: term.look(previous, frame) for name, term in used.items()})
+        return ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
+
+    @cached_property
+    def residual_terms(self) -> dict[str, ResidualLikelihood]:
+        """The terms that have a weight, by name; raises InputError where one of them has no residuals."""
+        terms: dict[str, ResidualLikelihood] = {}
+        terms |= {name: term for name, term in self._used.items() if isinstance(term, ResidualLikelihood)}
+        if lacking := [name for name in self._used if name not in terms]:
+            needed = "least squares needs residuals of every term of a product"
+            raise InputError(f"likelihood: {needed}, {lacking[0]} has none; give it the weight 0")
+        return terms
 
     @property
     def observables(self) -> Observables:
-        """Tell what the terms look at, where all have residuals; else InputError."""
-        return joint_observables(residual_terms(self.terms, self.weights))
+        """Join all that some term looks at; deviations are those of the first term that has them."""
+        every = [term.observables for term in self.residual_terms.values()]
+        points = next((each for each in every if each.sigma is not None), Observables())
+        keypoints = [each for each in every if each.sigma_px is not None]
+        cameras = None
+        if keypoints and all(each.which is not None for each in keypoints):
+            cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.which or ()))
+        return Observables(points.sigma, points.kind, keypoints[0].sigma_px if keypoints else None, cameras)
+
+    @property
+    def _common_loss(self) -> Loss | None:
+        """The loss that all terms have, where all weights are 1."""
+        losses = {term.residual_loss for term in self.residual_terms.values()}
+        return losses.pop() if len(losses) == 1 and all(self.weights[name] == 1.0 for name in self._used) else None
 
     @property
     def residual_loss(self) -> Loss:
-        """The loss of the terms' residuals, see `residuals.product_loss`."""
-        return product_loss(residual_terms(self.terms, self.weights), self.weights)
+        """The loss of the stacked terms: their common one, or the square where each is made robust first."""
+        return self._common_loss or SQUARED
 
     def residual(self, observed: Observed) -> ResidualFunction:
-        """Stack those of the terms in their order; see `residuals.product_residual`."""
-        return product_residual(residual_terms(self.terms, self.weights), self.weights, observed)
+        """Stack the terms in order. Without a common loss, half the square of each is its own loss times its weight."""
+        residuals = {name: term.residual(observed) for name, term in self.residual_terms.items()}
+        if self._common_loss is None:
+            for name, term in self.residual_terms.items():
+                own = robust(residuals[name], term.residual_loss)
+                residuals[name] = scaled(own, float(np.sqrt(self.weights[name])))
+        return stacked(list(residuals.values()))
 
 
 @dataclass(frozen=True, eq=False)
 class ProductLook:
-    """What the terms of a product have seen of one frame: `looks`, by name, of those with a weight."""
+    """A look at one frame by the terms of a product: `looks`, by name, of those with a weight."""
 
     product: Product
     looks: Mapping[str, Look]
@@ -95,12 +125,12 @@ class ProductLook:
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
-        found = {name: look.evaluate(previous_pose, pose) for name, look in self.looks.items()}
-        parts = {name: self.product.weights[name] * one.log_prob for name, one in found.items()}
-        total: FloatArray = sum(parts.values(), np.zeros(len(pose)))
-        told = {f"share_{name}": share for name, share in shares(parts, total).items()}
-        notes = tuple(note for one in found.values() for note in one.notes)
-        return Evaluation(total, notes, _merged(found.values()) | told)
+        evaluations = {name: look.evaluate(previous_pose, pose) for name, look in self.looks.items()}
+        parts = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
+        total = sum(parts.values(), np.zeros(len(pose)))
+        diagnostics = {f"share_{name}": share for name, share in shares(parts, total).items()}
+        notes = tuple(note for each in evaluations.values() for note in each.notes)
+        return Evaluation(total, notes, _merged(evaluations.values()) | diagnostics)
 
     def remember(self, expected_pose: FloatArray) -> Product:
         """The product of what the terms remember; a term without a weight stays as it is."""
@@ -108,13 +138,13 @@ class ProductLook:
         return replace(self.product, terms={**self.product.terms, **remembering})
 
 
-def _merged(told: Iterable[Look | Evaluation]) -> dict[str, float]:
-    return {name: value for one in told for name, value in one.diagnostics.items()}
+def _merged(parts: Iterable[Look | Evaluation]) -> dict[str, float]:
+    return {name: value for part in parts for name, value in part.diagnostics.items()}
 
 
 def shares(parts: Mapping[str, FloatArray], total: FloatArray) -> dict[str, float]:
     """Cov(part, total) / Var(total) over the particles (N,) with a finite total; 0 for all where nothing varies."""
     finite = np.isfinite(total)
-    apart = total[finite] - total[finite].mean() if finite.any() else np.zeros(0)
-    spread = float((apart**2).sum())
-    return {name: float((part[finite] * apart).sum()) / spread if spread > 0.0 else 0.0 for name, part in parts.items()}
+    centred = total[finite] - total[finite].mean() if finite.any() else np.zeros(0)
+    spread = float((centred**2).sum())
+    return {name: float((part[finite] * centred).sum()) / spread if spread else 0.0 for name, part in parts.items()}

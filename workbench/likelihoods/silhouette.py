@@ -7,19 +7,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.arrays import Float32Array, FloatArray
+from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.clip import Clip
-from workbench.core.frame import Frame, View
+from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.errors import InputError
-from workbench.likelihoods.constants import INSIDE_UNIT, NOT_NEGATIVE, POSITIVE, at_least, check
+from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.limb_points import limb_points, over_views
 from workbench.likelihoods.looks import PoseLook, Remembering
 from workbench.likelihoods.outlines import CORNERS, outline_sums, running_sums
-from workbench.likelihoods.still_scene import StillScene, log_ratio, still_scenes
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +49,8 @@ class Silhouette:
     rim_px: float = 0.4
 
     def __post_init__(self) -> None:
-        check("silhouette", POSITIVE, k=self.k, least_sigma=self.least_sigma)
-        check("silhouette", INSIDE_UNIT, epsilon=self.epsilon)
-        check("silhouette", at_least(3), n_frames=self.n_frames)
-        check("silhouette", NOT_NEGATIVE, rim_px=self.rim_px)
+        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
+        check("silhouette", self, n_frames=at_least(3), rim_px=at_least(0))
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
@@ -67,7 +64,7 @@ class Silhouette:
     def _look(self, areas: Mapping[str, float], previous: Frame | None, frame: Frame) -> PoseLook:
         judges, notes = [], []
         for view in frame.views:
-            reached, area = running_sums(self._ratio(view)), areas.get(view.camera.name)
+            reached, area = running_sums(log_ratio(view, self.scenes, 0.0, self.epsilon)), areas.get(view.camera.name)
             if area is not None:
                 judges.append(partial(self._log_prob, view.camera, reached, area))
             elif previous is not None:
@@ -76,14 +73,8 @@ class Silhouette:
         judge, measure = partial(over_views, self.body, judges), partial(self._measure, areas, frame)
         return PoseLook("silhouette", judge, measure, tuple(notes))
 
-    def _ratio(self, view: View) -> Float32Array:
-        if view.camera.name not in self.scenes:
-            raise InputError(f"silhouette: camera {view.camera.name} was not in the clip that it was learned from")
-        return log_ratio(view, self.scenes[view.camera.name], 0.0, self.epsilon)
-
     def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
-        log_prob: FloatArray = self.k / area * self._sums(camera, reached, frames)
-        return log_prob
+        return self.k / area * self._sums(camera, reached, frames)
 
     def _measure(self, areas: Mapping[str, float], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, float]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""

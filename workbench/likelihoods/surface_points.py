@@ -9,12 +9,11 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame
-from workbench.core.observation_residuals import surface_residual
 from workbench.core.observations import Observables, Observed
-from workbench.core.residual import LOSSES, Loss, ResidualFunction
+from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
 from workbench.core.traits import POINTS, RESIDUALS, Traits, offering
-from workbench.likelihoods.constants import INSIDE_UNIT, POSITIVE, TEMPER, check, check_choice
 from workbench.likelihoods.looks import PoseLook, finite_rows
 
 _BLOCK = 2**20  # distances that are held at once, 8 MiB
@@ -47,11 +46,8 @@ class SurfacePoints:
     scale: float = 0.03
 
     def __post_init__(self) -> None:
-        check("surface points", POSITIVE, sigma=self.sigma, range_m=self.range_m, scale=self.scale)
-        check("surface points", INSIDE_UNIT, epsilon=self.epsilon)
-        check("surface points", TEMPER, temper=self.temper)
-        check_choice("surface points", KINDS, kind=self.kind)
-        check_choice("surface points", tuple(LOSSES), loss=self.loss)
+        check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, range_m=POSITIVE, temper=UP_TO_1)
+        check("surface points", self, kind=one_of(*KINDS), loss=one_of(*LOSSES), scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:
@@ -86,8 +82,8 @@ class SurfacePoints:
         log_prob, together = np.empty(len(pose)), max(1, _BLOCK // max(1, len(points)))
         for first in range(0, len(pose), together):
             rows = slice(first, first + together)
-            apart = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
-            near = (1.0 - self.epsilon) * np.exp(-0.5 * apart**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
+            z = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
+            near = (1.0 - self.epsilon) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
             near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
             log_prob[rows] = self.temper * np.log(near + self.epsilon / self.range_m).sum(axis=1)
         return log_prob

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
 from workbench.mocap.clip import Clip, clip_of_file
-from workbench.mocap.text import fail, numbers, read_lines
+from workbench.mocap.text import fail, numbers, read_lines, statements
 
 _INCH_M = 0.0254
 _AXIS_ORDERS = tuple("".join(order) for order in permutations("XYZ"))
@@ -47,14 +47,9 @@ def read_asf(path: str | Path) -> AsfSkeleton:
     Raises InputError, with the file and the line, when the file is missing, malformed or truncated, or uses what the
     CMU database does not: a root that starts displaced or turned, bones that stretch or shift.
     """
-    path = Path(path)
-    file = _AsfFile(path)
-    section = ""
-    lines = read_lines(path)
-    for line, text in enumerate(lines, 1):
-        words = text.split()
-        if not words or words[0].startswith("#"):
-            continue
+    path, section = Path(path), ""
+    file, lines = _AsfFile(path), read_lines(path)
+    for line, words in statements(lines):
         if words[0].startswith(":"):
             section = words[0].lower()
         elif section in _ASF_SECTIONS:
@@ -121,10 +116,7 @@ def _read_frames(path: Path, lines: list[str], skeleton: AsfSkeleton) -> _AmcFil
             columns[joint] = slice(start, start + len(channels))
             start += len(channels)
     file = _AmcFile(path, columns, skeleton.degrees)
-    for line, text in enumerate(lines, 1):
-        words = text.split()
-        if not words or words[0].startswith("#"):
-            continue
+    for line, words in statements(lines):
         if words[0].startswith(":"):
             _amc_keyword(file, line, words)
         elif words[0].isdecimal() or not file.frames:
@@ -154,7 +146,7 @@ def _begin_frame(file: _AmcFile, line: int, words: list[str]) -> None:
         fail(file.path, line, f"expected {expected} of a frame, found {' '.join(words)[:60]!r}")
     if not file.frames:
         file.first = found
-    file.frames.append([0.0] * sum(where.stop - where.start for where in file.columns.values()))
+    file.frames.append([0.0] * sum(own.stop - own.start for own in file.columns.values()))
     file.lacking = set(file.columns)
 
 
@@ -165,9 +157,8 @@ def _add_bone(file: _AmcFile, line: int, words: list[str]) -> None:
     if bone not in file.lacking:
         fail(file.path, line, f"expected {bone} once in frame {file.number}, found it again")
     file.lacking.remove(bone)
-    where = file.columns[bone]
-    what = f"{bone} in frame {file.number}"
-    file.frames[-1][where] = numbers(file.path, line, words[1:], where.stop - where.start, what)
+    columns, what = file.columns[bone], f"{bone} in frame {file.number}"
+    file.frames[-1][columns] = numbers(file.path, line, words[1:], columns.stop - columns.start, what)
 
 
 def _check_whole_frame(file: _AmcFile, line: int) -> None:
@@ -316,19 +307,14 @@ def _skeleton(file: _AsfFile, last_line: int) -> AsfSkeleton:
     if not bones[0].channels:
         fail(file.path, last_line, "expected the order of the root's channels in :root")
     return AsfSkeleton(
-        joints=tuple(joints),
-        parents=np.array(parents),
+        joints=tuple(joints), parents=np.array(parents),
         offsets=np.array([ends[joints[parent]] if parent >= 0 else np.zeros(3) for parent in parents]),
-        axes=np.array(axes),
-        axis_orders=tuple(bone.axis_order for bone in bones),
-        channels=tuple(bone.channels for bone in bones),
-        metres_per_unit=metres,
-        degrees=file.degrees,
-    )
+        axes=np.array(axes), axis_orders=tuple(bone.axis_order for bone in bones),
+        channels=tuple(bone.channels for bone in bones), metres_per_unit=metres, degrees=file.degrees,
+    )  # fmt: skip
 
 
 def _axis_rotation(bone: _Bone, degrees: bool) -> FloatArray:
     given = bone.axis or [0.0, 0.0, 0.0]  # the ends have none
     angles = [given["XYZ".index(axis)] for axis in bone.axis_order]
-    rotation: FloatArray = Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()
-    return rotation
+    return Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()

@@ -1,4 +1,7 @@
-"""BVH files: a hierarchy of joints, then one line of channel values a frame."""
+"""BVH files: a hierarchy of joints, then one line of channel values a frame.
+
+BVH has no specification; what is written is what Biovision's files look like and what the reader here and Blender read.
+"""
 
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
@@ -8,12 +11,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from workbench.arrays import FloatArray
+from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
-from workbench.mocap.clip import Clip, clip_of_file
+from workbench.mocap.clip import FILE_FROM_WORLD, Clip, clip_of_file
 from workbench.mocap.text import fail, numbers, read_lines
 
 _METRES = {"cm": 0.01, "m": 1.0}
+PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
+_DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
+_N_POSITIONS = 3
 _ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 
 
@@ -41,7 +48,6 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
     A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
     channels. Positions replace the joint's offset (of the root too: most files have its offset zero). End sites
     become joints called <parent>_end. A frame time that is 1/N s to the digits it is printed with means N Hz.
-
     Raises InputError, with the file and the line, for anything else, for truncated files, and for an unknown unit.
     """
     path = Path(path)
@@ -58,8 +64,7 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
     for k, joint in enumerate(joints):
         channels = dict(zip(joint.channels, values[:, column : column + len(joint.channels)].T, strict=True))
         column += len(joint.channels)
-        turns = [name for name in joint.channels if name in _ROTATIONS]
-        if turns:
+        if turns := [name for name in joint.channels if name in _ROTATIONS]:
             order = "".join(name[0] for name in turns)  # upper case is scipy's word for intrinsic
             angles = np.stack([channels[name] for name in turns], axis=-1)
             rotations[:, k] = Rotation.from_euler(order, angles, degrees=True).as_matrix()
@@ -78,7 +83,11 @@ def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
     for index in range(1, len(lines)):
         words = lines[index].split()
         if words == ["MOTION"]:
-            _check_complete(path, index + 1, tree)
+            if not tree.joints:
+                fail(path, index + 1, "expected a ROOT before MOTION")
+            if tree.open or tree.waiting:
+                unclosed = tree.joints[-1].name
+                fail(path, index + 1, f"expected the closing brace of {unclosed} or its parents before MOTION")
             return tree.joints, index + 1
         if len(words) > 1 and words[-1] == "{":  # the brace may share its joint's line
             _read_statement(path, index + 1, words[:-1], tree)
@@ -130,13 +139,6 @@ def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str,
     return names
 
 
-def _check_complete(path: Path, line: int, tree: _Hierarchy) -> None:
-    if not tree.joints:
-        fail(path, line, "expected a ROOT before MOTION")
-    if tree.open or tree.waiting:
-        fail(path, line, f"expected the closing brace of {tree.joints[-1].name} or its parents before MOTION")
-
-
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:
     """The rate, Hz, and the channel values, (F, n_channels), from the lines after MOTION."""
     n_frames = int(_header(path, lines, start, "Frames:", "a whole number of frames"))
@@ -173,3 +175,60 @@ def _rate(path: Path, line: int, frame_time: Decimal) -> float:
     half_digit = 0.5 * 10.0 ** int(frame_time.as_tuple().exponent)
     whole = round(rate)
     return float(whole) if whole and abs(1.0 / whole - float(frame_time)) <= half_digit else rate
+
+
+def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = "cm") -> str:
+    """The BVH file of poses (F, P), m and rad, at `rate_hz` frames per second; lengths in `unit`, "cm" or "m".
+
+    A joint's channels are its own angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
+    multiplies a joint's turns outermost first. Nothing is converted, so angles stay continuous and no pose is
+    singular. Where a joint has fewer than three turns the others are zero, since readers expect three. A joint without
+    children becomes the End Site of its parent, which has no name.
+    Raises ValueError for another unit and for a joint that turns about anything but three different axes of its frame.
+    """
+    if unit not in ("cm", "m"):
+        raise ValueError(f"the unit of a BVH file must be cm or m, found {unit!r}")
+    hierarchy, columns = _branch(skeleton, 0, PER_METRE[unit], depth=0)
+    signs = skeleton.dof_axes.sum(axis=1)  # of axes ±x, ±y, ±z; the positions' are +1
+    scales = np.where(np.arange(len(signs)) < _N_POSITIONS, PER_METRE[unit], np.rad2deg(1.0) * signs)
+    padded = np.hstack([poses * scales, np.zeros((len(poses), 1))])  # column -1: a turn the joint does not have
+    values = np.round(padded[:, columns], _DIGITS) + 0.0  # no "-0.000000"
+    rows = [" ".join([f"{value:.{_DIGITS}f}" for value in row]) for row in values.tolist()]
+    head = ["MOTION", f"Frames: {len(poses)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
+    return "\n".join(["HIERARCHY", *hierarchy, *head, *rows, ""])
+
+
+def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[list[str], list[int]]:
+    """The lines of a joint and what hangs on it, and the pose's column for each of their channels (-1: none)."""
+    tab = "\t" * depth
+    children = np.flatnonzero(skeleton.parents == joint).tolist()
+    kind = f"{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}" if children else "End Site"
+    offset = np.round(skeleton.offsets[joint, FILE_FROM_WORLD] * scale, _DIGITS) + 0.0
+    lines = [f"{tab}{kind}", f"{tab}{{", f"{tab}\tOFFSET {' '.join([f'{value:.{_DIGITS}f}' for value in offset])}"]
+    columns: list[int] = []
+    if children:
+        names, columns = _joint_channels(skeleton, joint)
+        lines.append(f"{tab}\tCHANNELS {len(names)} {' '.join(names)}")
+    for child in children:
+        below, more = _branch(skeleton, child, scale, depth + 1)
+        lines += below
+        columns += more
+    return [*lines, f"{tab}}}"], columns
+
+
+def _joint_channels(skeleton: Skeleton, joint: int) -> tuple[list[str], list[int]]:
+    """Names of a joint's channels, and the pose's column for each (-1: none)."""
+    positions = dict.fromkeys(("Xposition", "Yposition", "Zposition"), -1) if joint == 0 else {}
+    turns: dict[str, int] = {}
+    for column in np.flatnonzero(skeleton.dof_joints == joint).tolist():
+        axis = np.abs(skeleton.dof_axes[column])
+        letter = "XYZ"[FILE_FROM_WORLD.index(int(np.argmax(axis)))]
+        if column < _N_POSITIONS:
+            positions[f"{letter}position"] = column
+        elif axis.max() == axis.sum() == 1.0 and f"{letter}rotation" not in turns:
+            turns[f"{letter}rotation"] = column
+        else:
+            raise ValueError(f"{skeleton.names[joint]}: BVH turns a joint about its x, y and z axes, once each")
+    missing = {f"{letter}rotation": -1 for letter in "XYZ" if f"{letter}rotation" not in turns}
+    channels = positions | turns | missing
+    return list(channels), list(channels.values())

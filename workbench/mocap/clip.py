@@ -7,9 +7,10 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 
-_WORLD_FROM_FILE = [2, 0, 1]
+WORLD_FROM_FILE = [2, 0, 1]
 """Motion files are y-up with the person facing z: (x, y, z) world = (z, x, y) file. The axes are permuted cyclically,
 so right-handed stays right-handed; a person who faces z in the file faces x in the world, with z up."""
+FILE_FROM_WORLD = [1, 2, 0]  # the inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,24 +48,18 @@ class Clip:
 
 
 def clip_of_file(
-    name: str,
-    rate_hz: float,
-    first_frame: int,
-    joints: tuple[str, ...],
-    parents: IntArray,
-    offsets: FloatArray,
-    rotations: FloatArray,
-    places: FloatArray,
-) -> Clip:
+    name: str, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
+    rotations: FloatArray, places: FloatArray,
+) -> Clip:  # fmt: skip
     """The clip of what a y-up file says: turns it into the world's axes and places the joints.
 
     offsets (K, 3), m, and rotations (F, K, 3, 3) as in `Clip`, but in the file's axes. places: (F, K, 3), m, where
     every joint is in its parent's frame at every frame; the root's is its position.
     """
-    rotations = rotations[..., _WORLD_FROM_FILE, :][..., _WORLD_FROM_FILE]
-    places = places[..., _WORLD_FROM_FILE]
+    rotations = rotations[..., WORLD_FROM_FILE, :][..., WORLD_FROM_FILE]
+    places = places[..., WORLD_FROM_FILE]
     positions = joint_positions(parents, world_rotations(parents, rotations), places)
-    offsets = offsets[:, _WORLD_FROM_FILE]
+    offsets = offsets[:, WORLD_FROM_FILE]
     return Clip(name, rate_hz, first_frame, joints, parents, offsets, rotations, positions[:, 0].copy(), positions)
 
 

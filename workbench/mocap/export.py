@@ -1,6 +1,7 @@
 """Motions out: a track of joints as a file that Blender (BVH), OpenSim (TRC) or a spreadsheet (CSV) opens."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +11,11 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.mocap.bvh_writer import bvh_text
-from workbench.mocap.trc import trc_text
+from workbench.mocap.bvh import PER_METRE, bvh_text
+from workbench.mocap.clip import FILE_FROM_WORLD
 
 SUFFIXES = (".bvh", ".trc", ".csv")
+_TRC_DIGITS = {"mm": 4, "m": 7}  # a tenth of a micrometre
 _N_POSITIONS = 3
 
 
@@ -40,7 +42,6 @@ def export(path: str | Path, track: Track, metres: bool = False) -> None:
 
     Lengths are in the format's usual unit, BVH in cm and TRC in mm, or in metres. BVH and TRC are y-up and count
     frames and time from the first; CSV is as in the workbench, metres and z-up, with the source's frames and times.
-
     Raises InputError for another extension, a BVH without poses, BVH or TRC of frames at uneven times or of fewer
     than two, and where the file cannot be written.
     """
@@ -65,6 +66,37 @@ def check_output(path: Path) -> None:
         raise InputError(f"{path}: expected a file to write that ends in {', '.join(SUFFIXES)}")
     if not path.parent.is_dir() or path.is_dir():
         raise InputError(f"{path}: expected the name of a file in a folder that exists")
+
+
+def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_hz: float, unit: str = "mm") -> str:
+    """Write joints (F, J, 3), m in the world, as markers of a TRC file at `rate_hz` Hz, lengths in `unit`: "mm" or "m".
+
+    The format is that of OpenSim's documentation, "Marker (.trc) Files": three lines of header, two of column labels,
+    an empty one, then one line a frame: its number from 1, its time, and x, y, z of every marker; tabs between.
+    file_name: what the file says it is called. names: J, without blanks. The axes are those of our BVH files: y up,
+    and z ahead where the world has x. A missing joint (NaN) is written as nan. Raises ValueError for another unit.
+    """
+    if unit not in _TRC_DIGITS:
+        raise ValueError(f"the unit of a TRC file must be mm or m, found {unit!r}")
+    n, rate = len(positions), f"{rate_hz:.10g}"
+    header = {
+        "DataRate": rate, "CameraRate": rate, "NumFrames": n, "NumMarkers": len(names), "Units": unit,
+        "OrigDataRate": rate, "OrigDataStartFrame": 1, "OrigNumFrames": n,
+    }  # fmt: skip
+    axes = [f"{axis}{marker}" for marker in range(1, len(names) + 1) for axis in "XYZ"]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{file_name}",
+        "\t".join(header),
+        "\t".join(map(str, header.values())),
+        "\t".join(["Frame#", "Time", "\t\t\t".join(names)]),
+        "\t".join(["", "", *axes]),
+        "",
+    ]
+    values = (positions[..., FILE_FROM_WORLD] * PER_METRE[unit]).reshape(n, -1)
+    for frame, row in enumerate(values.tolist()):
+        coordinates = [f"{x:.{_TRC_DIGITS[unit]}f}" for x in row]
+        lines.append("\t".join([str(frame + 1), f"{frame / rate_hz:.9f}", *coordinates]))
+    return "\n".join([*lines, ""])
 
 
 def csv_text(track: Track) -> str:

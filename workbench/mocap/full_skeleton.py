@@ -5,15 +5,13 @@ root's in the neutral pose, which is the file's rest pose or, where that is noth
 lie along one line), upright with hanging arms. Only the way of counting angles changes: no joint moves by it.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.body.limbs import Body, Ends, Limbs, Radii, skeleton_limbs
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.limbs import Body, Ends, Radii, skeleton_limbs
 from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.errors import InputError
@@ -29,40 +27,26 @@ _DIRECTIONS = {
     "ahead": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0),
     "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
-_BANDAI: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "Hips": ("ahead", "up"),
-        **dict.fromkeys(("Spine", "Chest", "Neck", "Head"), ("left", "up")),
-        "Shoulder_L": ("ahead", "left"),
-        "Shoulder_R": ("back", "left"),
-        **dict.fromkeys(("UpperArm_L", "LowerArm_L", "Hand_L", "UpperLeg_L", "LowerLeg_L"), ("ahead", "down")),
-        **dict.fromkeys(("UpperArm_R", "LowerArm_R", "Hand_R", "UpperLeg_R", "LowerLeg_R"), ("back", "up")),
-        **dict.fromkeys(("Foot_L", "Toes_L"), ("up", "ahead")),
-        **dict.fromkeys(("Foot_R", "Toes_R"), ("down", "back")),
-    }
-)
-
+_BANDAI = {
+    "Hips": ("ahead", "up"), "Shoulder_L": ("ahead", "left"), "Shoulder_R": ("back", "left"),
+    **dict.fromkeys(("Spine", "Chest", "Neck", "Head"), ("left", "up")),
+    **dict.fromkeys(("UpperArm_L", "LowerArm_L", "Hand_L", "UpperLeg_L", "LowerLeg_L"), ("ahead", "down")),
+    **dict.fromkeys(("UpperArm_R", "LowerArm_R", "Hand_R", "UpperLeg_R", "LowerLeg_R"), ("back", "up")),
+    **dict.fromkeys(("Foot_L", "Toes_L"), ("up", "ahead")), **dict.fromkeys(("Foot_R", "Toes_R"), ("down", "back")),
+}  # fmt: skip
 # Half sizes and lengths, m, read off adult silhouettes, by the joint at a bone's far end.
-_BANDAI_RADII: Radii = MappingProxyType(
-    {
-        "Spine": (0.105, 0.15), "Chest": (0.10, 0.14), "Neck": (0.10, 0.15), "Head": (0.055, 0.055),
-        **dict.fromkeys(("Shoulder_L", "Shoulder_R"), (0.08, 0.06)),
-        **dict.fromkeys(("UpperArm_L", "UpperArm_R"), (0.06, 0.055)),
-        **dict.fromkeys(("LowerArm_L", "LowerArm_R"), (0.045, 0.045)),
-        **dict.fromkeys(("Hand_L", "Hand_R"), (0.034, 0.034)),
-        **dict.fromkeys(("UpperLeg_L", "UpperLeg_R"), (0.095, 0.085)),
-        **dict.fromkeys(("LowerLeg_L", "LowerLeg_R"), (0.072, 0.072)),
-        **dict.fromkeys(("Foot_L", "Foot_R"), (0.048, 0.048)),
-        **dict.fromkeys(("Toes_L", "Toes_R"), (0.035, 0.042)),
-    }
-)  # fmt: skip
-_BANDAI_ENDS: Ends = MappingProxyType(
-    {
-        "Head": (0.11, 0.09, 0.075),
-        **dict.fromkeys(("Hand_L", "Hand_R"), (0.13, 0.035, 0.025)),
-        **dict.fromkeys(("Toes_L", "Toes_R"), (0.04, 0.022, 0.04)),
-    }
-)
+_LIMB_RADII = {
+    "Shoulder": (0.08, 0.06), "UpperArm": (0.06, 0.055), "LowerArm": (0.045, 0.045), "Hand": (0.034, 0.034),
+    "UpperLeg": (0.095, 0.085), "LowerLeg": (0.072, 0.072), "Foot": (0.048, 0.048), "Toes": (0.035, 0.042),
+}  # fmt: skip
+_LIMB_ENDS = {"Hand": (0.13, 0.035, 0.025), "Toes": (0.04, 0.022, 0.04)}
+_BANDAI_RADII: Radii = {
+    "Spine": (0.105, 0.15), "Chest": (0.10, 0.14), "Neck": (0.10, 0.15), "Head": (0.055, 0.055),
+    **{f"{name}_{side}": size for name, size in _LIMB_RADII.items() for side in "LR"},
+}  # fmt: skip
+_BANDAI_ENDS: Ends = {
+    "Head": (0.11, 0.09, 0.075), **{f"{name}_{side}": size for name, size in _LIMB_ENDS.items() for side in "LR"},
+}  # fmt: skip
 
 
 def full_skeleton(clip: Clip) -> Skeleton:
@@ -73,29 +57,26 @@ def full_skeleton(clip: Clip) -> Skeleton:
     person's; the others are "<joint>_x", "_y", "_z", rad, about the body's axes in the neutral pose, the turn about
     the bone last and, but for bones to the side, that about y, the flexion, first: angles are singular where the
     middle one reaches 90° (arms straight out to the side). A joint whose frame never turns in this clip is rigid. A
-    Bandai clip gives 21 joints and 66 degrees of freedom, the same for all; a few have end sites with lengths, which
-    are joints more.
-
+    Bandai clip gives 21 joints and 66 degrees of freedom; a few have end sites with lengths, which are joints more.
     Raises InputError for a clip in which another joint than the root travels in its parent's frame.
     """
     kept = _kept(clip)
-    parents, offsets = _new_parents(clip, kept), _neutral_offsets(clip, kept)
+    parents = _new_parents(clip, kept)
+    offsets = np.einsum("jab,jb->ja", _neutral(clip, kept)[parents], clip.offsets[kept])
+    offsets[0] = 0.0
     names = tuple(clip.joints[k] for k in kept)
     dofs = [(name, 0, axis) for name, axis in zip(POSE_NAMES, "xyzzyx", strict=False)]
-    for joint in np.flatnonzero(_moving(clip, kept)).tolist():
+    turned = np.abs(_turns(clip, kept) - np.eye(3)).max(axis=(0, 2, 3)) > _TURNED
+    for joint in np.flatnonzero(turned).tolist():
         if joint > 0:
             dofs += [(f"{names[joint]}_{axis}", joint, axis) for axis in _turn_order(joint, parents, offsets)]
     usual = [(-np.pi, np.pi), (-0.5 * np.pi, 0.5 * np.pi), (-np.pi, np.pi)]
     limits = [(-1e6, 1e6)] * N_ROOT + usual * ((len(dofs) - N_ROOT) // 3)
     return Skeleton(
-        names=names,
-        parents=parents,
-        offsets=offsets,
-        dof_names=tuple(name for name, _, _ in dofs),
+        names=names, parents=parents, offsets=offsets, dof_names=tuple(name for name, _, _ in dofs),
         dof_joints=np.array([joint for _, joint, _ in dofs]),
-        dof_axes=np.array([np.eye(3)["xyz".index(axis)] for _, _, axis in dofs]),
-        limits=np.array(limits),
-    )
+        dof_axes=np.array([np.eye(3)["xyz".index(axis)] for _, _, axis in dofs]), limits=np.array(limits),
+    )  # fmt: skip
 
 
 def full_poses(clip: Clip) -> FloatArray:
@@ -118,26 +99,23 @@ def full_poses(clip: Clip) -> FloatArray:
 
 
 def full_body(clip: Clip, shape: Shape) -> Body:
-    """The full skeleton of a clip with limbs; shape: the measurements of the same person. Raises as `full_skeleton`."""
+    """Put limbs on the full skeleton of a clip; shape: the measurements of the same person. Raises as `full_skeleton`.
+
+    Bandai's joints have an adult's measures, all others those of `skeleton_limbs`.
+    """
     skeleton = full_skeleton(clip)
-    return Body(skeleton, shape, _limbs(skeleton))
-
-
-def _limbs(skeleton: Skeleton) -> Limbs:
-    """An adult's measures for Bandai's joints, those of `skeleton_limbs` for all others."""
-    known = set(skeleton.names)
-    return skeleton_limbs(
-        skeleton,
-        radii={name: size for name, size in _BANDAI_RADII.items() if name in known},
-        ends={name: size for name, size in _BANDAI_ENDS.items() if name in known},
-    )
+    radii = {name: size for name, size in _BANDAI_RADII.items() if name in skeleton.names}
+    ends = {name: size for name, size in _BANDAI_ENDS.items() if name in skeleton.names}
+    return Body(skeleton, shape, skeleton_limbs(skeleton, radii=radii, ends=ends))
 
 
 def _kept(clip: Clip) -> IntArray:
     """The clip's joints that the skeleton has, parents first."""
     joints = np.arange(len(clip.joints))
     travelled = np.abs(_places(clip) - clip.offsets).max(axis=(0, 2))
-    root = _root(clip, travelled > _RIGID_M)
+    root = 0
+    while len(children := np.flatnonzero(clip.parents == root)) == 1 and travelled[children[0]] > _RIGID_M:
+        root = int(children[0])
     below = joints == root
     for k in joints[root + 1 :]:
         below[k] = below[clip.parents[k]]
@@ -150,14 +128,6 @@ def _kept(clip: Clip) -> IntArray:
     still = np.abs(clip.rotations - np.eye(3)).max(axis=(0, 2, 3)) <= _TURNED
     short = np.linalg.norm(clip.offsets, axis=1) < _SHORT_M
     return np.flatnonzero(below & ~(is_end & still & short))
-
-
-def _root(clip: Clip, travels: BoolArray) -> int:
-    """The first joint that carries the body; travels: (K,), whether a joint moves in its parent's frame."""
-    root = 0
-    while len(children := np.flatnonzero(clip.parents == root)) == 1 and travels[children[0]]:
-        root = int(children[0])
-    return root
 
 
 def _places(clip: Clip) -> FloatArray:
@@ -188,27 +158,12 @@ def _neutral(clip: Clip, kept: IntArray) -> FloatArray:
     return neutral
 
 
-def _neutral_offsets(clip: Clip, kept: IntArray) -> FloatArray:
-    """Places (J, 3), m, of the joints in their parents' frames, which are parallel to the body's when all angles are
-    zero; the root's is zero."""
-    parents, neutral = _new_parents(clip, kept), _neutral(clip, kept)
-    offsets: FloatArray = np.einsum("jab,jb->ja", neutral[parents], clip.offsets[kept])
-    offsets[0] = 0.0
-    return offsets
-
-
 def _turns(clip: Clip, kept: IntArray) -> FloatArray:
     """Rotations (F, J, 3, 3) to the parents' frames, the root's to the world; all are 1 in the neutral pose."""
     world = clip.orientations[:, kept] @ _neutral(clip, kept).swapaxes(1, 2)
     turns: FloatArray = world[:, _new_parents(clip, kept)].swapaxes(2, 3) @ world
     turns[:, 0] = world[:, 0]
     return turns
-
-
-def _moving(clip: Clip, kept: IntArray) -> BoolArray:
-    """(J,): the joints that turn."""
-    turned: FloatArray = np.abs(_turns(clip, kept) - np.eye(3)).max(axis=(0, 2, 3))
-    return turned > _TURNED
 
 
 def _turn_order(joint: int, parents: IntArray, offsets: FloatArray) -> str:

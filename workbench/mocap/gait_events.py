@@ -8,10 +8,8 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.mocap.motion import Motion
 
 GAIT_CUTOFF_HZ = 3.0
-SHORTEST_S, LONGEST_S = 0.6, 2.0
-"""Of a walking cycle."""
-SHORTEST_RUN_S = 0.45
-"""Of a running cycle; those of people in a hurry take 0.55 s."""
+SHORTEST_S, LONGEST_S = 0.6, 2.0  # of a walking cycle
+SHORTEST_RUN_S = 0.45  # of a running cycle; those of people in a hurry take 0.55 s
 LEAST_SWING_RAD = 0.3
 
 
@@ -28,5 +26,4 @@ def gait_events(motion: Motion, shortest_s: float = SHORTEST_S) -> FloatArray:
     smooth = sosfiltfilt(low_pass, swing, padtype="even")
     peaks, _ = find_peaks(smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD)
     before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
-    events: FloatArray = peaks + 0.5 * (before - after) / (before - 2.0 * at + after)
-    return events
+    return peaks + 0.5 * (before - after) / (before - 2.0 * at + after)

@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench import __version__
 from workbench.arrays import FloatArray
-from workbench.body.shape import Shape, read_shape
+from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
@@ -28,8 +28,7 @@ _WORDS = ("name", "subject", "activity", "source", "sha256", "licence")
 def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
     """Write motions to an HDF5 file; a file of that name is replaced at the end, when the new one is whole.
 
-    Raises InputError when there is no motion, a motion has fewer than two frames (and so no velocities), or the file
-    cannot be written.
+    Raises InputError when there is no motion, one has fewer than two frames, or the file cannot be written.
     """
     path = Path(path)
     if not motions:
@@ -40,7 +39,11 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, workbench_version=__version__)
         file.attrs.update(pose_names=list(POSE_NAMES), error_joints=list(ERROR_JOINTS))
         for number, motion in enumerate(motions):
-            _write_motion(file.create_group(f"motions/{number:06d}"), motion)
+            group = file.create_group(f"motions/{number:06d}")
+            group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
+            for name in ("poses", "velocities", "joint_error_mm"):
+                group[name] = getattr(motion, name)
+            group.create_group("shape").attrs.update(motion.shape.as_dict())
 
 
 def read_library(path: str | Path) -> tuple[Motion, ...]:
@@ -69,14 +72,6 @@ def _read_motions(path: Path, file: Any) -> tuple[Motion, ...]:
     return tuple(_read_motion(path, groups, key) for key in sorted(groups))
 
 
-def _write_motion(group: Any, motion: Motion) -> None:
-    group.attrs.update({word: getattr(motion, word) for word in _WORDS}, rate_hz=motion.rate_hz)
-    group["poses"] = motion.poses
-    group["velocities"] = motion.velocities
-    group["joint_error_mm"] = motion.joint_error_mm
-    group.create_group("shape").attrs.update(motion.shape.as_dict())
-
-
 def _read_motion(path: Path, groups: Any, key: str) -> Motion:
     group, place = groups.get(key), f"{path}: motion {key}"
     if not isinstance(group, h5py.Group):
@@ -87,15 +82,14 @@ def _read_motion(path: Path, groups: Any, key: str) -> Motion:
         raise InputError(f"{place} lacks the text {wrong[0]!r}")
     if not isinstance(rate_hz, float) or not 0.0 < rate_hz < np.inf:
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
+    if not isinstance(group.get("shape"), h5py.Group):
+        raise InputError(f"{place} lacks the group 'shape'")
     poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
     _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
     return Motion(
-        **words,
-        rate_hz=float(rate_hz),
-        poses=poses,
-        shape=_read_shape(place, group.get("shape")),
+        **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, group["shape"].attrs),
         joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
-    )
+    )  # fmt: skip
 
 
 def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
@@ -113,9 +107,3 @@ def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -
     if not np.isfinite(values).all():
         raise InputError(f"{place}: {name} holds numbers that are not finite")
     return values
-
-
-def _read_shape(place: str, group: Any) -> Shape:
-    if not isinstance(group, h5py.Group):
-        raise InputError(f"{place} lacks the group 'shape'")
-    return read_shape(place, group.attrs)

@@ -1,18 +1,76 @@
-"""Files with markers, by what their names end in."""
+"""Readers of files with markers: TRC, and C3D by ezc3d (the extra `c3d`)."""
 
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.mocap.c3d import read_c3d
-from workbench.mocap.markers import Markers
-from workbench.mocap.trc_reader import read_trc
+import numpy as np
 
-READERS = {".trc": read_trc, ".c3d": read_c3d}
+from workbench.errors import InputError
+from workbench.mocap.markers import Markers, in_world
+from workbench.mocap.text import fail, numbers, read_lines
+
+_FIRST_ROW = 5  # of a TRC file, after three lines of header and two of column labels; `export` writes them
 
 
 def read_markers(path: str | Path) -> Markers:
-    """The markers of a .trc or .c3d file; raises InputError for what cannot be read."""
-    path = Path(path).expanduser()
-    if path.suffix.lower() not in READERS:
-        raise InputError(f"{path}: expected a file of markers that ends in {' or '.join(READERS)}")
-    return READERS[path.suffix.lower()](path)
+    """Read the markers of a .trc or .c3d file, with gaps; unit and axes: see `in_world`.
+
+    Raises InputError for what cannot be read, with the line in a TRC file.
+    """
+    path, readers = Path(path).expanduser(), {".trc": _read_trc, ".c3d": _read_c3d}
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: expected a file of markers that ends in {' or '.join(readers)}")
+    return readers[path.suffix.lower()](path)
+
+
+def _read_trc(path: Path) -> Markers:
+    lines = read_lines(path)
+    if len(lines) <= _FIRST_ROW or not lines[0].startswith("PathFileType"):
+        fail(path, 1, "expected a TRC file, which begins with PathFileType")
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    (rate_hz,) = numbers(path, 3, [header.get("DataRate", "").strip()], 1, "DataRate")
+    if not rate_hz > 0.0:
+        fail(path, 3, f"expected a DataRate above zero, found {rate_hz:g}")
+    names = [cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip()]
+    if not names or len(set(names)) < len(names):
+        fail(path, 4, f"expected the names of markers, all different, found {', '.join(names)!r}")
+    table = enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1)
+    rows = [_row(path, line, text, len(names)) for line, text in table if text.strip()]
+    if not rows:
+        fail(path, len(lines), "expected a frame, found none")
+    positions = np.array(rows).reshape(len(rows), len(names), 3)
+    return in_world(str(path), names, rate_hz, positions, header.get("Units", "").strip())
+
+
+def _row(path: Path, line: int, text: str, n_markers: int) -> list[float]:
+    """Three numbers a marker, NaN for a blank or nan; blanks at the end may be missing."""
+    cells = [cell.strip() for cell in text.split("\t")]
+    values = [*cells[2:], *[""] * (2 + 3 * n_markers - len(cells))]
+    while len(values) > 3 * n_markers and not values[-1]:
+        values.pop()
+    if len(values) != 3 * n_markers:
+        fail(path, line, f"expected {3 * n_markers} coordinates, found {len(values)}")
+    known = [value for value in values if value.lower() not in ("", "nan")]
+    found = iter(numbers(path, line, known, len(known), "coordinates"))
+    return [next(found) if value.lower() not in ("", "nan") else np.nan for value in values]
+
+
+def _read_c3d(path: Path) -> Markers:
+    try:
+        import ezc3d
+    except ImportError:
+        raise InputError(f"{path}: reading C3D needs ezc3d: pip install -e '.[c3d]'") from None
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        content = ezc3d.c3d(str(path))
+    except OSError as error:  # what it raises for any file that it cannot read
+        raise InputError(f"{path}: expected a C3D file: {error}") from None
+    point = content["parameters"]["POINT"]
+    names = [str(name).strip() for name in point["LABELS"]["value"]]
+    (rate_hz,) = point["RATE"]["value"]
+    positions = np.asarray(content["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
+    if not names or not rate_hz > 0.0 or positions.shape[1] != len(names):
+        raise InputError(f"{path}: expected labelled points at a rate, found {len(names)} labels at {rate_hz:g} Hz")
+    missing = (content["data"]["meta_points"]["residuals"][0].T < 0.0)[..., None]
+    unit = next(iter(point["UNITS"]["value"]), "")
+    return in_world(str(path), names, float(rate_hz), np.where(missing, np.nan, positions), str(unit).strip())

@@ -11,16 +11,14 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.errors import InputError
+from workbench.mocap.clip import WORLD_FROM_FILE
 
 log = logging.getLogger(__name__)
 
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
 UNITS = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001})
-PERSON_M = 1.7
-"""A person's extent, by which the unit is told: the nearest of metres, centimetres and millimetres."""
-WORLD_FROM_Y_UP = [2, 0, 1]
-"""As motion files are read: y up, and z ahead where the world has x."""
+PERSON_M = 1.7  # a person's extent, by which the unit is told: the nearest of metres, centimetres and millimetres
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ def in_world(source: str, names: Sequence[str], rate_hz: float, positions: Float
     log.info("%s: %d markers, %d frames, read as %s with %s up", source, len(names), len(positions), found, "xyz"[up])
     if unit.lower() not in (found, ""):
         log.warning("%s: says its unit is %r, but a person would be %.3g %s tall", source, unit, extent, unit)
-    world = positions if up == 2 else positions[..., WORLD_FROM_Y_UP]
+    world = positions if up == 2 else positions[..., WORLD_FROM_FILE]
     return Markers(source, tuple(names), rate_hz, world * UNITS[found])
 
 

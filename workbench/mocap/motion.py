@@ -36,8 +36,7 @@ class Motion:
     @property
     def velocities(self) -> FloatArray:
         """Time derivative of the poses, (F, 25), per second, by central differences."""
-        rates: FloatArray = np.gradient(self.poses, 1.0 / self.rate_hz, axis=0)
-        return rates
+        return np.gradient(self.poses, 1.0 / self.rate_hz, axis=0)
 
     def resampled(self, rate_hz: float) -> "Motion":
         """Resample the motion to another rate by cubic splines through the poses; the first frame stays in place."""

@@ -47,13 +47,12 @@ _BONES = tuple(
     for side in ("left", "right")
     for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 )
-REACH = 0.5
-"""How far a person may be from where they were before, in heights in the image, not to be taken for another."""
+REACH = 0.5  # how far a person may be from where they were before, in heights in the image, not to be taken for another
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector found of one person. source: the folder. layout: in LAYOUTS.
+    """One person as a detector found them. source: the folder. layout: in LAYOUTS.
 
     frames: (M,) numbers of the frames, rising. joints: (M, J, 3) [u px, v px, confidence 0..1] in the order of
     JOINT_NAMES, NaN for a joint that was not found.
@@ -71,8 +70,7 @@ def read_openpose(folder: str | Path, person: int | None = None) -> Detections:
     A file's frame is the last number in its name. Detectors list people in any order: who is followed is the one
     numbered `person`, from 0, in the first file that shows anybody, by default the largest and surest there, and then
     whoever is nearest to where they were last seen. What the points are is told by their number, and where two layouts
-    have as many, by which of them makes the limbs shorter. Raises InputError, naming the file, for what is none of
-    this, and where nobody is found.
+    have as many, by which of them makes the limbs shorter. Raises InputError for other files and where nobody is found.
     """
     folder = Path(folder)
     files = _numbered(folder)
@@ -80,7 +78,8 @@ def read_openpose(folder: str | Path, person: int | None = None) -> Detections:
     if len(sizes := {found.shape[1] for found in people if len(found)}) > 1:
         raise InputError(f"{folder}: expected as many points a person in every file, found {sorted(sizes)}")
     followed = _follow(folder, people, person)
-    name = _layout(folder, followed)
+    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(followed[0])]
+    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], followed))
     joints = np.stack([_joints(LAYOUTS[name][1], one) for one in followed])
     return Detections(str(folder), name, np.array(sorted(files)), joints)
 
@@ -128,9 +127,8 @@ def _follow(folder: Path, people: Sequence[FloatArray], person: int | None) -> l
     if first is None:
         raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
     if person is not None and not 0 <= person < len(first):
-        raise InputError(
-            f"{folder}: no person {person} where the first are found, expected one of 0 to {len(first) - 1}"
-        )
+        some = f"0 to {len(first) - 1}"
+        raise InputError(f"{folder}: no person {person} where the first are found, expected one of {some}")
     seen = [np.isfinite(one[:, 2]).any() for one in first]
     sure = [np.nansum(one[:, 2]) * _height(one) if some else -1.0 for one, some in zip(first, seen, strict=True)]
     last = first[int(np.argmax(sure)) if person is None else person]
@@ -153,11 +151,6 @@ def _distance(points: FloatArray, others: FloatArray) -> float:
     """Median distance of what is seen in both, px; infinite where nothing is."""
     apart = np.linalg.norm(points[:, :2] - others[:, :2], axis=1)
     return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
-
-
-def _layout(folder: Path, points: Sequence[FloatArray]) -> str:
-    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(points[0])]
-    return min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], points))
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:

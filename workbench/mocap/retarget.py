@@ -64,11 +64,8 @@ CMU = Landmarks(
     head=("head", "head_end", 0.5),
     head_up=(0.0, 0.0, 1.0),
     lefts={
-        "neck": (0.0, 1.0, 0.0),
-        "left_shoulder": (-0.5, 0.0, _COS_30),
-        "right_shoulder": (0.5, 0.0, -_COS_30),
-        "left_hip": (0.0, _COS_20, _SIN_20),
-        "right_hip": (0.0, _COS_20, -_SIN_20),
+        "neck": (0.0, 1.0, 0.0), "left_shoulder": (-0.5, 0.0, _COS_30), "right_shoulder": (0.5, 0.0, -_COS_30),
+        "left_hip": (0.0, _COS_20, _SIN_20), "right_hip": (0.0, _COS_20, -_SIN_20),
     },
 )  # fmt: skip
 # Bandai's frames have the bone along x and the hinge along y of the file. "Head" is the base of the skull, 6.5 cm
@@ -94,9 +91,8 @@ TORSO_JOINTS = ("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hi
 _MIRRORED = [0, 2, 1, 4, 3]  # the torso's joints with left and right exchanged
 _BELOW = {"shoulder": ("elbow", "wrist"), "hip": ("knee", "ankle")}
 _HOLD_M_PER_RAD = 0.1
-"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On every third CMU walk
-this takes the mean error from 9.9 to 6.9 mm and leaves the twists' accelerations within 4 % of what they were. A tenth
-of it gains less than another 0.5 mm, but multiplies the accelerations of a straight limb's twist by up to five."""
+"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On CMU's walks this
+takes the mean error from 9.9 to 6.9 mm; a tenth of it gains 0.5 mm more, but makes a straight limb's twist unsteady."""
 
 
 def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
@@ -105,10 +101,9 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     The shape has the clip's lengths, left and right averaged; the radii are those of an average person as tall as the
     legs and the trunk suggest. Angles are continuous in time and may leave the skeleton's limits. `joint_error_mm`
     is what the retargeting leaves. subject, activity, source, sha256 and licence are empty: the caller knows them.
-
     Raises InputError when the skeleton lacks joints, or is not of a person's size (a wrong unit).
     """
-    landmarks = _known_landmarks(clip) if landmarks is None else landmarks
+    landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
     targets = joint_targets(clip, landmarks)
     frames = _ball_frames(clip, landmarks)
     torso = _fit_torso(targets)
@@ -117,17 +112,10 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     poses = refine(skeleton, _analytic_poses(skeleton, targets, frames, torso), targets)
     errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
     return Motion(
-        name=clip.name,
-        subject="",
-        activity="",
-        rate_hz=clip.rate_hz,
-        poses=poses,
-        shape=shape,
-        joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]],
-        source="",
-        sha256="",
+        name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,
+        joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]], source="", sha256="",
         licence="",
-    )
+    )  # fmt: skip
 
 
 def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
@@ -135,7 +123,8 @@ def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
 
     Raises InputError when the clip lacks a joint.
     """
-    _check_joints(clip, landmarks)
+    if missing := ", ".join(_missing(clip, landmarks)):
+        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {missing}")
     places = {ours: clip.positions[:, clip.joint(theirs)] for ours, theirs in landmarks.joints.items()}
     joint, child, fraction = landmarks.head
     seen = fraction * clip.offsets[clip.joint(child)]
@@ -144,25 +133,12 @@ def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
     return np.stack([places[name] for name in JOINT_NAMES], axis=1)
 
 
-def _known_landmarks(clip: Clip) -> Landmarks:
-    known = min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
-    _check_joints(clip, known)
-    return known
-
-
-def _check_joints(clip: Clip, landmarks: Landmarks) -> None:
-    if missing := _missing(clip, landmarks):
-        lacks = ", ".join(missing)
-        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {lacks}")
-
-
 def _missing(clip: Clip, landmarks: Landmarks) -> list[str]:
     return sorted({*landmarks.joints.values(), *landmarks.head[:2]} - set(clip.joints))
 
 
 def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
     """World rotations (F, 3, 3) of the neck, the shoulders and the hips as the source's own rotations have them."""
-    orientations = clip.orientations
     frames = {}
     for name, left in landmarks.lefts.items():
         if name == "neck":
@@ -171,8 +147,7 @@ def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
             side, part = name.split("_")
             joint, child = landmarks.joints[name], landmarks.joints[f"{side}_{_BELOW[part][0]}"]
             up = -clip.offsets[clip.joint(child)]
-        own = _frame(up, np.asarray(left))
-        frames[name] = orientations[:, clip.joint(joint)] @ own
+        frames[name] = clip.orientations[:, clip.joint(joint)] @ _frame(up, np.asarray(left))
     return frames
 
 
@@ -188,8 +163,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if sizes.min() < 1e-4:
         raise InputError("expected a skeleton whose bones, hips and shoulders have a length in every frame")
-    unit: FloatArray = vectors / sizes
-    return unit
+    return vectors / sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,20 +214,13 @@ def _shape(clip: Clip, targets: FloatArray, neck_frames: FloatArray, torso_joint
     average_stack = average.thigh + average.calf + average.neck[2] + average.head[2]
     height = (thigh + calf + neck[2] + head[2]) / average_stack
     if not 0.5 <= height <= 2.5:
-        raise InputError(
-            f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found one of {height:.3g} m: a wrong unit?"
-        )
+        found = f"one of {height:.3g} m: a wrong unit?"
+        raise InputError(f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found {found}")
     return from_height(
-        height,
-        neck=(float(neck[0]), 0.0, float(neck[2])),
-        shoulder=tuple(map(float, shoulder)),
-        hip=(0.0, float(hip[1]), 0.0),
-        head=(float(head[0]), 0.0, float(head[2])),
-        upper_arm=length("shoulder", "elbow"),
-        forearm=length("elbow", "wrist"),
-        thigh=thigh,
-        calf=calf,
-    )
+        height, neck=(float(neck[0]), 0.0, float(neck[2])), shoulder=tuple(map(float, shoulder)),
+        hip=(0.0, float(hip[1]), 0.0), head=(float(head[0]), 0.0, float(head[2])),
+        upper_arm=length("shoulder", "elbow"), forearm=length("elbow", "wrist"), thigh=thigh, calf=calf,
+    )  # fmt: skip
 
 
 def _analytic_poses(
@@ -294,8 +261,8 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
     the one with the smaller angles, and whole turns are taken off so that the means lie nearest the limits' middle.
     """
     flipped = np.stack([angles[:, 0] + np.pi, np.pi - angles[:, 1], angles[:, 2] + np.pi], axis=1)
-    stay = np.sum(_wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
-    change = np.sum(_wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
+    stay = np.sum(wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
+    change = np.sum(wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
     on_flipped = np.concatenate([[False], np.cumsum(change < stay) % 2 == 1])
     courses = []
     for flip in (on_flipped, ~on_flipped):
@@ -306,10 +273,9 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
     return min(courses, key=lambda entry: entry[:2])[2]
 
 
-def _wrapped(angles: FloatArray) -> FloatArray:
-    """Angles in [−π, π)."""
-    wrapped: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return wrapped
+def wrapped(angles: FloatArray) -> FloatArray:
+    """Take whole turns off angles, rad: they come to lie in [−π, π)."""
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def refine(skeleton: Skeleton, poses: FloatArray, targets: FloatArray) -> FloatArray:

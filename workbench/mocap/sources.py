@@ -1,18 +1,25 @@
-"""Where motions come from: files and folders, what their names and indices tell, and what may be done with them."""
+"""Where motions come from: names, files and folders, what their indices tell, and what may be done with them."""
 
 import csv
 import hashlib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 from tqdm import tqdm
 
+from workbench.body.limbs import Body, person
 from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
 from workbench.mocap.clip import Clip
+from workbench.mocap.generated.arm import bending_arm
+from workbench.mocap.generated.gait import subjects, walker
+from workbench.mocap.generated.running import runner, runners
+from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.retarget import retarget
 from workbench.mocap.text import fail, read_lines
@@ -24,17 +31,61 @@ CMU_LICENCE = (
 )
 BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
 UNKNOWN = "unknown"
-_INDEX_COLUMNS = ("clip", "subject", "activity", "rate_hz")
+_BUILTIN_SECONDS = 60.0
+_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`
 
 
-@dataclass(frozen=True)
-class CmuClip:
+class CmuClip(NamedTuple):
     """One row of the index of a copy of the CMU database."""
 
-    name: str
+    clip: str
     subject: str
     activity: str
     rate_hz: float
+
+
+def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "straight", seed: int = 0) -> Motion:
+    """The motion called `name`, at `rate_hz`.
+
+    "builtin": a generated walker of 60 s on a "straight" or "circle" path, another person for every seed;
+    "builtin_run": a generated runner; "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such
+    as "dataset-1_guide_normal_001", looked up below the folder `data`; the path of an .amc or .bvh file;
+    "FILE.h5:clip", a clip of a motion library. Raises InputError when there is no such motion.
+    """
+    if name == "builtin":
+        (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, seed]))
+        return walker(subject, _BUILTIN_SECONDS, rate_hz, path)
+    if name == "builtin_run":
+        (athlete,) = runners(1, np.random.default_rng([_BUILTIN_SEED, seed]))
+        return runner(athlete, _BUILTIN_SECONDS, rate_hz)
+    if name == "builtin_arm":
+        return bending_arm(_BUILTIN_SECONDS, rate_hz)
+    library = name.rpartition(":")[0]
+    if library.endswith((".h5", ".hdf5")):
+        motions = {motion.name: motion for motion in read_library(library)}
+        if (clip := clip_name(name)) not in motions:
+            raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
+        return motions[clip].resampled(rate_hz)
+    return load_motion(motion_file(name, data)).resampled(rate_hz)
+
+
+def motion_file(name: str, data: str | None) -> Path:
+    """The .amc or .bvh file of the motion called `name`, by its path or below the folder `data`, see `find_motion`.
+
+    Raises InputError when there is no such file.
+    """
+    if name.lower().endswith(SUFFIXES):
+        return Path(name).expanduser()
+    if data is None:
+        raise InputError(
+            "dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
+            "recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
+            f"found {name!r}"
+        )
+    try:
+        return find_clip(data, name)
+    except InputError as error:
+        raise InputError(f"dataset: motion {name!r}: {error}") from None
 
 
 def find_sources(paths: Iterable[str | Path]) -> list[Path]:
@@ -78,7 +129,6 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
     licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
     `source` is the file's name with its folder's, never the whole path.
-
     Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
     """
     path = Path(path)
@@ -99,6 +149,11 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     source = "/".join(path.resolve().parts[-2:])
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
+
+
+def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
+    """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
+    return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
 
 
 def import_sources(
@@ -173,7 +228,7 @@ def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = 
     subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
     if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
         raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
-    clips = [folder / row.subject / f"{row.name}.amc" for row in rows if row.subject in subjects]
+    clips = [folder / row.subject / f"{row.clip}.amc" for row in rows if row.subject in subjects]
     if missing := [clip for clip in clips if not clip.is_file()]:
         raise InputError(f"{missing[0]}: no such file, though the index lists it")
     return clips
@@ -191,8 +246,8 @@ def _read_index(path: Path) -> dict[str, CmuClip]:
     rows = {}
     reader = csv.DictReader(read_lines(path))
     columns = reader.fieldnames or ()
-    if not set(_INDEX_COLUMNS) <= set(columns):
-        fail(path, 1, f"expected the columns {', '.join(_INDEX_COLUMNS)} among others, found {', '.join(columns)!r}")
+    if not set(CmuClip._fields) <= set(columns):
+        fail(path, 1, f"expected the columns {', '.join(CmuClip._fields)} among others, found {', '.join(columns)!r}")
     for row in reader:
         try:
             rate_hz = float(row["rate_hz"])

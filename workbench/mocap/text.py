@@ -1,6 +1,6 @@
 """Reading motion files as text, line by line, with errors that name the file and the line."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,6 +18,13 @@ def read_lines(path: Path) -> list[str]:
     except UnicodeDecodeError:
         raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from None
     return text.removesuffix("\n").split("\n")
+
+
+def statements(lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Give the number, from 1, and the words of every line that is neither blank nor a comment (#)."""
+    for line, text in enumerate(lines, 1):
+        if (words := text.split()) and not words[0].startswith("#"):
+            yield line, words
 
 
 def fail(path: Path, line: int, sentence: str) -> NoReturn:

@@ -5,22 +5,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import ACTIVITY, DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.learning.activities import ActivityModel
-from workbench.priors.density import REFERENCE_RATE_HZ, apart, log_normal
-from workbench.priors.penalty import smoothness
+from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
+from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
 
 N_PHASES = 64
-ANGLE_SIGMA_RAD = 0.1
-LEAST_SIGMA = 1e-9
-"""Of what has no noise, so that its density exists."""
+LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists
 
 
-class Activity:
+class Activity(AllFree):
     """A prior over states {α, μ, speed of μ, root, root's velocity} of paper D's motion model, D = d + 11.
 
     Paper D fits such a model by least squares; here it is a temporal prior, so that a particle filter can be compared
@@ -32,8 +30,7 @@ class Activity:
     sigma_phase: cycles. sigma_phase_speed: cycles/s. sigma_position: m. sigma_rotation: rad, heading, pitch and roll.
     sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
     starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
-    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change between frames at 14 Hz, by the
-    fields of `Smoothness`; the others keep their defaults.
+    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change, by the fields of `Smoothness`.
 
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """
@@ -41,50 +38,30 @@ class Activity:
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, ACTIVITY, SEPARABLE)
 
     def __init__(
-        self,
-        model: ActivityModel,
-        *,
-        sigma_coefficients: float = 0.2,
-        sigma_phase: float = 0.02,
-        sigma_phase_speed: float = 0.02,
-        sigma_position: float = 0.01,
-        sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        sigma_velocity: float = 0.1,
-        start_coefficients: float = 0.5,
-        start_phase: float = 0.03,
-        start_position: float = 0.02,
-        start_rotation: float = 0.03,
-        start_velocity: float = 2.0,
+        self, model: ActivityModel, *,
+        sigma_coefficients: float = 0.2, sigma_phase: float = 0.02, sigma_phase_speed: float = 0.02,
+        sigma_position: float = 0.01, sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
+        sigma_velocity: float = 0.1, start_coefficients: float = 0.5, start_phase: float = 0.03,
+        start_position: float = 0.02, start_rotation: float = 0.03, start_velocity: float = 2.0,
         penalty: Mapping[str, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.model, names = model, model.pose_names
         self.parameters = tuple(name for name in names if name in (*names[:N_ROOT], *model.angles))
-        d = len(model.scales)
-        self.space = StateSpace.of(
-            {
-                "coefficients": (tuple(f"a{k + 1}" for k in range(d)), "σ"),
-                "phase": (("phase",), "cycle"),
-                "phase_speed": (("phase_speed",), "cycle/s"),
-                "root_position": (names[:3], "m"),
-                "root_rotation": (names[3:N_ROOT], "rad"),
-                "root_velocity": (tuple(f"{name}_velocity" for name in names[:3]), "m/s"),
-                "held": (tuple(name for name in names[N_ROOT:] if name not in model.angles), "rad"),
-            }
-        )
+        self.space = StateSpace.of({
+            **cycle_groups(tuple(f"a{k + 1}" for k in range(len(model.scales))), "σ"),
+            "root_velocity": (tuple(f"{name}_velocity" for name in names[:3]), "m/s"),
+            "held": (tuple(name for name in names[N_ROOT:] if name not in model.angles), "rad"),
+        })  # fmt: skip
         self._angles = [names.index(name) for name in model.angles]
         self._held = [names.index(name) for name in self.space.names[self.space.slices["held"]]]
-        self._sigma = np.zeros(len(self.space))
-        self._start = np.zeros(len(self.space))
-        for name, sigma, start in (
-            ("coefficients", sigma_coefficients, start_coefficients),
-            ("phase", sigma_phase, start_phase),
-            ("phase_speed", sigma_phase_speed, 0.0),
-            ("root_position", sigma_position, start_position),
-            ("root_rotation", sigma_rotation, start_rotation),
-            ("root_velocity", sigma_velocity, 0.0),
-        ):
-            self._sigma[self.space.slices[name]] = sigma
-            self._start[self.space.slices[name]] = start
+        self._sigma = by_column(
+            self.space, coefficients=sigma_coefficients, phase=sigma_phase, phase_speed=sigma_phase_speed,
+            root_position=sigma_position, root_rotation=sigma_rotation, root_velocity=sigma_velocity,
+        )  # fmt: skip
+        self._start = by_column(
+            self.space, coefficients=start_coefficients, phase=start_phase, root_position=start_position,
+            root_rotation=start_rotation,
+        )  # fmt: skip
         self._kept = 1.0 - sigma_coefficients**2
         self._start_velocity = start_velocity
         self._smoothness = smoothness(penalty)
@@ -113,11 +90,6 @@ class Activity:
         moved[:, self.space.slices["phase"]] %= 1.0
         return moved
 
-    @property
-    def free(self) -> IntArray:
-        """All columns (D,)."""
-        return np.arange(len(self.space))
-
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
         moved = self._predicted(state, dt_s)
@@ -128,10 +100,6 @@ class Activity:
         """log p(state | previous), (...), of states (..., D) that broadcast; the phase by the shortest way round."""
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
         return log_normal(apart(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
-
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """The states (N, D) as they are."""
-        return state
 
     def _predicted(self, state: FloatArray, dt_s: float) -> FloatArray:
         slices = self.space.slices
@@ -165,34 +133,14 @@ class Activity:
         poses[:, self._angles] = self.model.angles_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
         return poses
 
-    def pose_jacobian(self, state: FloatArray) -> FloatArray:
-        """Derivative of the poses with respect to the states, (N, P, D)."""
-        slices = self.space.slices
-        jacobian = np.zeros((len(state), len(self.model.pose_names), len(self.space)))
-        by_alpha, by_mu = self.model.jacobian_at(state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
-        jacobian[:, self._angles, slices["coefficients"]] = by_alpha
-        jacobian[:, self._angles, slices["phase"].start] = by_mu
-        jacobian[:, range(N_ROOT), range(slices["root_position"].start, slices["root_rotation"].stop)] = 1.0
-        jacobian[:, self._held, range(slices["held"].start, slices["held"].stop)] = 1.0
-        return jacobian
-
     def nearest(self, pose: FloatArray) -> FloatArray:
-        """The state (D,) at rest whose joint angles come nearest to those of a pose (P,).
-
-        At each of N_PHASES phases the coefficients of a ridge regression with their N(0, 1) prior and a deviation of
-        ANGLE_SIGMA_RAD of an angle; the phase with the smallest cost wins.
-        """
+        """Find the state (D,) at rest whose angles come nearest to a pose's (P,), the `best_phase` of N_PHASES."""
         phases = np.arange(N_PHASES) / N_PHASES
         none = np.zeros((N_PHASES, len(self.model.scales)))
         basis = self.model.jacobian_at(none, phases)[0] / ANGLE_SIGMA_RAD  # (N_PHASES, C, d)
         missing = (pose[self._angles] - self.model.angles_at(none, phases)) / ANGLE_SIGMA_RAD
-        normal = basis.transpose(0, 2, 1) @ basis + np.eye(basis.shape[2])
-        alpha = np.linalg.solve(normal, basis.transpose(0, 2, 1) @ missing[:, :, None])[:, :, 0]
-        left = missing - np.einsum("tcd,td->tc", basis, alpha)
-        best = int(np.argmin((left**2).sum(axis=1) + (alpha**2).sum(axis=1)))
-        state = np.zeros(len(self.space))
-        slices = self.space.slices
-        state[slices["coefficients"]], state[slices["phase"]] = alpha[best], phases[best]
-        state[slices["root_position"]], state[slices["root_rotation"]] = pose[:3], pose[3:N_ROOT]
-        state[slices["held"]] = pose[self._held]
-        return state
+        best, alpha = best_phase(basis.transpose(0, 2, 1), missing)
+        return by_column(
+            self.space, coefficients=alpha, phase=phases[best], root_position=pose[:3], root_rotation=pose[3:N_ROOT],
+            held=pose[self._held],
+        )  # fmt: skip

@@ -10,23 +10,22 @@ import numba
 import numpy as np
 from scipy.signal import resample
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.activities import ActivityModel
-from workbench.learning.cycles import ANGLES, CHANNEL_NAMES
-from workbench.learning.walking import WalkingModel
-from workbench.priors.density import REFERENCE_RATE_HZ, apart, log_normal
-from workbench.priors.penalty import smoothness
+from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel
+from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
+ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 
 
-class Cyclic:
+class Cyclic(AllFree):
     """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
 
     Noise is given per frame at 30 Hz and grows with the square root of the time between frames:
@@ -35,62 +34,45 @@ class Cyclic:
     sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
     start_*: standard deviations of the first states around the starting pose, in the same units;
     start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
-    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the others keep their
-    defaults.
+    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
     leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
     torso's own axis (A eq. 16), so that a torso that leans does not sink. Where the model has learned how the root
-    sways and turns in a cycle (`cycles.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
+    sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
     """
 
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
 
     def __init__(
-        self,
-        model: WalkingModel,
-        *,
-        sigma_coefficients: float = 0.05,
-        sigma_phase: float = 0.009,
-        sigma_phase_speed: float = 0.01,
+        self, model: WalkingModel, *,
+        sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        start_coefficients: float = 0.3,
-        start_phase: float = 0.015,
-        start_position: float = 0.01,
-        start_rotation: float = 0.02,
-        penalty: Mapping[str, float] | None = None,
-    ) -> None:
+        start_coefficients: float = 0.3, start_phase: float = 0.015,
+        start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
+    ) -> None:  # fmt: skip
         for name, given in (("sigma_position", sigma_position), ("sigma_rotation", sigma_rotation)):
             if len(given) != 3:
                 raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")
         self.model = model
         self.sways = model.mean.shape[1] > len(CHANNEL_NAMES)
         self.parameters = POSE_NAMES
-        self.sigma_coefficients = sigma_coefficients
-        self.sigma_phase = sigma_phase
-        self.sigma_phase_speed = sigma_phase_speed
-        self.sigma_position = np.asarray(sigma_position, dtype=np.float64)
-        self.sigma_rotation = np.asarray(sigma_rotation, dtype=np.float64)
-        self.start_coefficients = start_coefficients
-        self.start_phase = start_phase
-        self.start_position = start_position
-        self.start_rotation = start_rotation
+        self.space = StateSpace.of(cycle_groups(tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ"))
+        self._sigma = by_column(
+            self.space, coefficients=sigma_coefficients, phase=sigma_phase, phase_speed=sigma_phase_speed,
+            root_position=sigma_position, root_rotation=sigma_rotation,
+        )  # fmt: skip
+        self._start = by_column(
+            self.space, coefficients=start_coefficients, phase=start_phase, phase_speed=model.cycle_rate_hz[1],
+            root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
+        )  # fmt: skip
+        self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), motion_model(model)
-        self.space = StateSpace.of(
-            {
-                "coefficients": (tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ"),
-                "phase": (("phase",), "cycle"),
-                "phase_speed": (("phase_speed",), "cycle/s"),
-                "root_position": (POSE_NAMES[:3], "m"),
-                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
-            }
-        )
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
         self._table = np.ascontiguousarray(resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
-        self._slope = TABLE_PHASES / 2.0 * (np.roll(self._table, -1, axis=0) - np.roll(self._table, 1, axis=0))
 
     @property
     def powers(self) -> Powers:
@@ -99,28 +81,14 @@ class Cyclic:
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the state whose pose comes nearest to a starting pose (P,)."""
-        state = np.repeat(self.nearest(pose)[None], n, axis=0)
-        noise = rng.standard_normal((n, len(self.space)))
-        slices = self.space.slices
-        state[:, slices["coefficients"]] += self.start_coefficients * noise[:, slices["coefficients"]]
-        state[:, slices["phase"]] += self.start_phase * noise[:, slices["phase"]]
-        mean, deviation = self.model.cycle_rate_hz
-        state[:, slices["phase_speed"]] = mean + deviation * noise[:, slices["phase_speed"]]
-        state[:, slices["root_position"]] += self.start_position * noise[:, slices["root_position"]]
-        still = np.where(self.sigma_rotation > 0.0, self.start_rotation, 0.0)
-        state[:, slices["root_rotation"]] += still * noise[:, slices["root_rotation"]]
-        state[:, slices["phase"]] %= 1.0
+        state = self.nearest(pose) + self._start * rng.standard_normal((n, len(self.space)))
+        state[:, self.space.slices["phase"]] %= 1.0
         return state
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
         noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * rng.standard_normal(state.shape)
-        return self._drifted(state, state + self._deviations() * noise, dt_s)
-
-    @property
-    def free(self) -> IntArray:
-        """All columns (D,)."""
-        return np.arange(len(self.space))
+        return self._drifted(state, state + self._sigma * noise, dt_s)
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
@@ -129,19 +97,14 @@ class Cyclic:
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast; the phase by the shortest way round."""
         mean = self.mean(previous.reshape(-1, len(self.space)), dt_s).reshape(previous.shape)
-        sigma = np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._deviations()
-        return log_normal(apart(self.space, mean, state), sigma)
-
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """The states (N, D) as they are."""
-        return state
+        return log_normal(apart(self.space, mean, state), np.sqrt(dt_s * REFERENCE_RATE_HZ) * self._sigma)
 
     def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
         """`moved`, which is `state` with its noise, after the drift of `dt_s` seconds."""
         slices = self.space.slices
         speed = decode(self._speed, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
         heading = state[:, slices["root_rotation"]][:, 0]
-        kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self.sigma_coefficients**2))
+        kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self._sigma_coefficients**2))
         moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
         moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0
         moved[:, slices["root_position"]][:, 0] += dt_s * speed * np.cos(heading)
@@ -157,59 +120,45 @@ class Cyclic:
             root = root + turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
         return np.concatenate([root, channels[:, ANGLES]], 1)
 
-    def pose_jacobian(self, state: FloatArray) -> FloatArray:
-        """Derivative of the poses with respect to the states, (N, P, D)."""
-        slices = self.space.slices
-        coefficients, phase = state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0]
-        jacobian = np.zeros((len(state), len(self.parameters), len(self.space)))
-        curves = interpolate_reference(self._table, phase)
-        slopes = decode(self._slope, coefficients, phase)
-        jacobian[:, N_ROOT:, slices["coefficients"]] = curves[:, 1:, ANGLES].transpose(0, 2, 1)
-        jacobian[:, N_ROOT:, slices["phase"].start] = slopes[:, ANGLES]
-        jacobian[:, range(N_ROOT), range(slices["root_position"].start, slices["root_rotation"].stop)] = 1.0
-        if self.sways:
-            root, heading = slice(len(CHANNEL_NAMES), None), state[:, slices["root_rotation"]][:, 0]
-            for k in range(slices["coefficients"].stop):
-                jacobian[:, :N_ROOT, k] = turned(curves[:, 1 + k, root], heading)
-            jacobian[:, :N_ROOT, slices["phase"].start] = turned(slopes[:, root], heading)
-            sway = turned(decode(self._table, coefficients, phase)[:, root], heading + np.pi / 2.0)
-            jacobian[:, :2, slices["root_rotation"].start] = sway[:, :2]
-        return jacobian
-
     def nearest(self, pose: FloatArray) -> FloatArray:
-        """The state (D,) with the learned phase speed whose joint angles come nearest to those of a pose (P,).
+        """Find the state (D,) with the learned phase speed whose angles come nearest to those of a pose (P,).
 
-        For every phase of the table the best coefficients are those of a ridge regression with the learned N(0, 1)
-        prior and an angle's standard deviation of 0.1 rad; the phase with the smallest cost wins.
+        It is at the `best_phase` of the table.
         """
         angles = self._table[:, :, ANGLES]
-        missing = (pose[N_ROOT:] - angles[:, 0]) / 0.1
-        basis = angles[:, 1:] / 0.1
-        normal = basis @ basis.transpose(0, 2, 1) + np.eye(basis.shape[1])
-        coefficients = np.linalg.solve(normal, (basis @ missing[:, :, None]))[:, :, 0]
-        left = missing - np.einsum("tk,tkc->tc", coefficients, basis)
-        best = int(np.argmin((left**2).sum(axis=1) + (coefficients**2).sum(axis=1)))
-        state = np.empty(len(self.space))
-        state[self.space.slices["coefficients"]] = coefficients[best]
-        state[self.space.slices["phase"]] = best / TABLE_PHASES
-        state[self.space.slices["phase_speed"]] = self.model.cycle_rate_hz[0]
+        missing = (pose[N_ROOT:] - angles[:, 0]) / ANGLE_SIGMA_RAD
+        best, coefficients = best_phase(angles[:, 1:] / ANGLE_SIGMA_RAD, missing)
         root = pose[:N_ROOT].copy()
         if self.sways:
-            sway = decode(self._table, coefficients[best : best + 1], np.array([best / TABLE_PHASES]))
+            sway = decode(self._table, coefficients[None], np.array([best / TABLE_PHASES]))
             sway = sway[:, len(CHANNEL_NAMES) :]
             root -= turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
-        state[self.space.slices["root_position"].start : self.space.slices["root_rotation"].stop] = root
-        return state
+        return by_column(
+            self.space, coefficients=coefficients, phase=best / TABLE_PHASES, phase_speed=self.model.cycle_rate_hz[0],
+            root_position=root[:3], root_rotation=root[3:],
+        )  # fmt: skip
 
-    def _deviations(self) -> FloatArray:
-        return np.concatenate(
-            [
-                np.full(len(self.model.scales), self.sigma_coefficients),
-                [self.sigma_phase, self.sigma_phase_speed],
-                self.sigma_position,
-                self.sigma_rotation,
-            ]
-        )
+
+def cycle_groups(coefficients: tuple[str, ...], unit: str) -> dict[str, tuple[tuple[str, ...], str]]:
+    """Name the columns that states of a cycle begin with, see `StateSpace.of`; unit: of the coefficients."""
+    return {
+        "coefficients": (coefficients, unit), "phase": (("phase",), "cycle"),
+        "phase_speed": (("phase_speed",), "cycle/s"), "root_position": (POSE_NAMES[:3], "m"),
+        "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+    }  # fmt: skip
+
+
+def best_phase(basis: FloatArray, missing: FloatArray) -> tuple[int, FloatArray]:
+    """Find which of T phases explains angles best, and the coefficients (d,) there.
+
+    At each the coefficients are those of a ridge regression of what is missing (T, C) from the mean on the components
+    (T, d, C), with their N(0, 1) prior, both over an angle's deviation; the phase with the smallest cost wins.
+    """
+    normal = basis @ basis.transpose(0, 2, 1) + np.eye(basis.shape[1])
+    coefficients = np.linalg.solve(normal, basis @ missing[:, :, None])[:, :, 0]
+    residuals = missing - np.einsum("tk,tkc->tc", coefficients, basis)
+    best = int(np.argmin((residuals**2).sum(axis=1) + (coefficients**2).sum(axis=1)))
+    return best, coefficients[best]
 
 
 def motion_model(model: WalkingModel) -> ActivityModel:
@@ -219,20 +168,15 @@ def motion_model(model: WalkingModel) -> ActivityModel:
     """
     mean_hz, deviation_hz = model.cycle_rate_hz
     return ActivityModel(
-        angles=CHANNEL_NAMES[ANGLES],
-        mean=model.mean[:, ANGLES],
-        components=model.components[:, :, ANGLES],
-        scales=model.scales,
-        explained=np.array([model.explained]),
-        scores=np.zeros((3, len(model.scales))),
-        activities=("cycle",) * 3,
-        sources=("",) * 3,
+        angles=CHANNEL_NAMES[ANGLES], mean=model.mean[:, ANGLES], components=model.components[:, :, ANGLES],
+        scales=model.scales, explained=np.array([model.explained]), scores=np.zeros((3, len(model.scales))),
+        activities=("cycle",) * 3, sources=("",) * 3,
         cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]),
-    )
+    )  # fmt: skip
 
 
 def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
-    """What ROOT_CHANNELS (N, 5) of walkers with headings (N,) add to the root's six numbers (N, 6) in the world."""
+    """Turn ROOT_CHANNELS (N, 5) by headings (N,) into what they add to the root's six numbers (N, 6) in the world."""
     aside, others = sway[:, :1], sway[:, 1:]
     return np.hstack([-np.sin(heading)[:, None] * aside, np.cos(heading)[:, None] * aside, others])
 
@@ -250,18 +194,11 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
 
 def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
     """Compute `decode` in plain NumPy."""
-    curves = interpolate_reference(table, phase)
-    channels: FloatArray = curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
-    return channels
-
-
-def interpolate_reference(table: FloatArray, phase: FloatArray) -> FloatArray:
-    """The rows (N, 1 + d, C) of a periodic table (M, 1 + d, C) at phases (N,), in cycles."""
     place = (phase % 1.0) * len(table)
     first = np.floor(place).astype(np.int64)
     part = (place - first)[:, None, None]
-    rows: FloatArray = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
-    return rows
+    curves = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
+    return curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -13,7 +13,6 @@ from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.prior import Powers, Prior, propose
-from workbench.core.state_space import StateSpace
 from workbench.core.traits import (
     ACTIVITY,
     BODY_PARTS,
@@ -26,14 +25,13 @@ from workbench.core.traits import (
     offering,
 )
 from workbench.errors import InputError
+from workbench.mocap.retarget import wrapped
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.mixture import deal
 
 LIMBS = (
-    ("left", "shoulder", "elbow", 1.0),
-    ("right", "shoulder", "elbow", 1.0),
-    ("left", "hip", "knee", -1.0),
-    ("right", "hip", "knee", -1.0),
+    *((side, "shoulder", "elbow", 1.0) for side in ("left", "right")),
+    *((side, "hip", "knee", -1.0) for side in ("left", "right")),
 )
 """Side, upper joint, lower joint, and whether the lower joint bends forwards (1) or backwards (−1)."""
 
@@ -70,14 +68,11 @@ class Flipping:
         if not 0.0 < probability <= share < 1.0:
             raise InputError(f"prior: expected 0 < probability <= share < 1 for flips, found {probability} and {share}")
         self.base, self.probability, self.share = base, probability, share
-        self.space: StateSpace = base.space
-        self.parameters = base.parameters
+        self.space, self.parameters = base.space, base.parameters
         self.limbs = [limb for limb in LIMBS if all(self._column(name) is not None for name in angles(limb))]
         if not self.limbs:
-            raise InputError(
-                "prior: flips need a base with columns of its own for the twist and the bend of a limb, as smooth and "
-                f"jitter have; it has {', '.join(self.space.slices)}"
-            )
+            columns = "columns of its own for the twist and the bend of a limb, as smooth and jitter have"
+            raise InputError(f"prior: flips need a base with {columns}; it has {', '.join(self.space.slices)}")
         self._camera = camera
         self._skeleton = person_skeleton(from_height(1.75))
 
@@ -141,7 +136,7 @@ class Flipping:
         bent = np.arccos(np.clip(-seen[:, 2], -1.0, 1.0))
         more = np.arctan2(forwards * seen[:, 1], forwards * seen[:, 0])
         flipped = poses.copy()
-        flipped[:, turn] = _turn(poses[:, turn] + outwards * more)
+        flipped[:, turn] = wrapped(poses[:, turn] + outwards * more)
         flipped[:, bend] = bent
         limits = self._skeleton.limits[[turn, bend]]
         allowed = ((flipped[:, [turn, bend]] >= limits[:, 0]) & (flipped[:, [turn, bend]] <= limits[:, 1])).all(axis=1)
@@ -157,9 +152,3 @@ def angles(limb: tuple[str, str, str, float]) -> tuple[str, str]:
     """The parameters that turn a limb over: the twist above it and its own bend."""
     side, upper, lower, _ = limb
     return f"{side}_{upper}_twist", f"{side}_{lower}_flexion"
-
-
-def _turn(angle: FloatArray) -> FloatArray:
-    """Angles without whole turns, in [−π, π)."""
-    turned: FloatArray = (angle + np.pi) % (2.0 * np.pi) - np.pi
-    return turned

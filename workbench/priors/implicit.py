@@ -14,15 +14,17 @@ from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.windows import Windows, pose_rows
-from workbench.priors import implicit_tree
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.implicit_density import ImplicitDensity
 from workbench.priors.implicit_fidelity import log_importance
 from workbench.priors.implicit_prediction import Prediction
 from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
-from workbench.priors.implicit_tree import LEAVES, Tree, median_tree, sign_tree
+from workbench.priors.implicit_tree import LEAVES, Tree, draw, median_tree, sign_tree
 
-SEARCHES = ("exact", "sign_tree", "median_tree")
+TREES: dict[str, Callable[[Float32Array], KdTree | Tree]] = {
+    "exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree,
+}  # fmt: skip
+"""How the data structure of every search is built."""
 PREDICTIONS = ("copy", "increment", "blend")
 MOST_EXAMPLES = 2000
 
@@ -51,10 +53,8 @@ class Implicit:
     windows to start with. Angles that are not modelled, and the root where it is not, stay as they start.
 
     inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
-    the next search looks for what goes on from there: with 0 a particle that noise has put on the true arm is thrown
-    back to the database's speed every frame, and the onset of a motion is followed late.
-
-    Deviations. Nothing keeps the angles inside the skeleton's limits but the database.
+    the next search looks for what goes on from there: with 0 the onset of a motion is followed late.
+    Deviation: nothing keeps the angles inside the skeleton's limits but the database.
     """
 
     @staticmethod
@@ -63,35 +63,22 @@ class Implicit:
         return offering(DENSITY) if keys.get("search", "exact") == "exact" else offering()
 
     def __init__(
-        self,
-        windows: Windows,
-        *,
-        search: str = "exact",
-        beta: float = 0.05,
-        epsilon: float = 0.01,
-        leaf: str = "gaussian",
-        reweight: bool = False,
-        prediction: str = "blend",
-        pull: float = 0.1,
-        inertia: float = 1.0,
+        self, windows: Windows, *,
+        search: str = "exact", beta: float = 0.05, epsilon: float = 0.01, leaf: str = "gaussian",
+        reweight: bool = False, prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
-        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01),
-        sigma_angles: float | Sequence[float] = 0.02,
-        start_beta: float = 0.05,
-        start_position: float = 0.01,
-        start_rotation: float = 0.02,
+        sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
+        start_beta: float = 0.05, start_position: float = 0.01, start_rotation: float = 0.02,
         start_angles: float = 0.02,
-    ) -> None:
+    ) -> None:  # fmt: skip
         for name, given, known in (
-            ("search", search, SEARCHES), ("prediction", prediction, PREDICTIONS), ("leaf", leaf, LEAVES),
+            ("search", search, tuple(TREES)), ("prediction", prediction, PREDICTIONS), ("leaf", leaf, LEAVES),
         ):  # fmt: skip
             if given not in known:
                 raise InputError(f"prior: {name} must be one of {', '.join(known)}, found {given!r}")
         if not (beta > 0.0 and start_beta > 0.0 and 0.0 < epsilon < 1.0):
-            raise InputError(
-                "prior: expected beta and start_beta above 0 and epsilon between 0 and 1, "
-                f"found {beta}, {start_beta}, {epsilon}"
-            )
+            found = f"{beta}, {start_beta}, {epsilon}"
+            raise InputError(f"prior: expected beta and start_beta above 0 and epsilon between 0 and 1, found {found}")
         if not (0.0 <= pull <= 1.0 and 0.0 <= inertia <= 1.0):
             raise InputError(f"prior: pull and inertia must lie between 0 and 1, found {pull} and {inertia}")
         if reweight and search == "exact":
@@ -106,16 +93,12 @@ class Implicit:
         self._start_noise = self._deviations((start_position,) * 3, (start_rotation,) * 3, start_angles)
         b = len(windows.sigmas)
         ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
-        self.space = StateSpace.of(
-            {
-                "root_position": (POSE_NAMES[:3], "m"),
-                "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
-                "angles": (POSE_NAMES[N_ROOT:], "rad"),
-                "coefficients": (tuple(f"c{k + 1}" for k in range(b)), "σ"),
-                "ahead": (ahead, "σ"),
-            }
-        )
-        self.tree = _tree(search, windows.coefficients)
+        self.space = StateSpace.of({
+            "root_position": (POSE_NAMES[:3], "m"), "root_rotation": (POSE_NAMES[3:N_ROOT], "rad"),
+            "angles": (POSE_NAMES[N_ROOT:], "rad"),
+            "coefficients": (tuple(f"c{k + 1}" for k in range(b)), "σ"), "ahead": (ahead, "σ"),
+        })  # fmt: skip
+        self.tree = TREES[search](windows.coefficients)
         self._density = self._of_search()
 
     @property
@@ -125,22 +108,21 @@ class Implicit:
 
     def searching(self, search: str, beta: float) -> "Implicit":
         """Exchange the prior's search and temperature."""
-        other = copy(self)
-        other.search, other.beta = search, beta
-        other.reweight = self.reweight and search != "exact"
-        if search != self.search:
-            other.tree = _tree(search, self.windows.coefficients)
-        other._density = other._of_search()
-        return other
+        return self._exchanged(self.windows, search, beta)
 
     def only(self, kept: BoolArray) -> "Implicit":
         """Restrict the prior to drawing from the windows kept (n,) alone, with the odds they have among themselves."""
-        restricted = copy(self)
-        restricted.windows = self.windows.only(kept)
-        restricted.prediction = replace(self.prediction, windows=restricted.windows)
-        restricted.tree = _tree(self.search, restricted.windows.coefficients)
-        restricted._density = restricted._of_search()
-        return restricted
+        return self._exchanged(self.windows.only(kept), self.search, self.beta)
+
+    def _exchanged(self, windows: Windows, search: str, beta: float) -> "Implicit":
+        other = copy(self)
+        other.windows, other.search, other.beta = windows, search, beta
+        other.reweight = self.reweight and search != "exact"
+        other.prediction = replace(self.prediction, windows=windows)
+        if search != self.search or windows is not self.windows:
+            other.tree = TREES[search](windows.coefficients)
+        other._density = other._of_search()
+        return other
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) at a starting pose (P,) with noise, and with the windows of entries that end near it.
@@ -203,12 +185,12 @@ class Implicit:
         """An entry (N,) for each probe (N, b), whitened coefficients."""
         if isinstance(self.tree, Tree):
             uniforms = rng.random((len(probes), self.tree.depth + 1))
-            return implicit_tree.draw(self.tree, probes, self.beta, uniforms, self.leaf)
+            return draw(self.tree, probes, self.beta, uniforms, self.leaf)
         uniforms = rng.random(len(probes))
         order, firsts = group_equal(probes)
         counts = np.diff(np.append(firsts, len(probes)))
-        found = search(self.tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
         entries = np.empty(len(probes), dtype=np.int64)
+        found = search(self.tree, probes[order[firsts]], counts, self.beta, uniforms[order], self.epsilon)
         entries[order] = found.entries
         return entries
 
@@ -240,10 +222,7 @@ class Implicit:
         return None
 
     def _deviations(
-        self,
-        position: tuple[float, float, float],
-        rotation: tuple[float, float, float],
-        angles: float | Sequence[float],
+        self, position: Sequence[float], rotation: Sequence[float], angles: float | Sequence[float]
     ) -> FloatArray:
         n_angles = len(self.windows.angles)
         for name, given, size in (
@@ -255,11 +234,4 @@ class Implicit:
         if self.windows.root:
             deviations[:N_ROOT] = (*position, *rotation)
         deviations[[POSE_NAMES.index(name) for name in self.windows.angles]] = angles
-        deviations *= np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)
-        return deviations
-
-
-def _tree(search: str, coefficients: Float32Array) -> KdTree | Tree:
-    build: dict[str, Callable[[Float32Array], KdTree | Tree]]
-    build = {"exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree}
-    return build[search](coefficients)
+        return deviations * np.sqrt(REFERENCE_RATE_HZ / self.windows.rate_hz)

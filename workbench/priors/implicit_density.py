@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, Prediction
@@ -24,8 +24,7 @@ from workbench.priors.implicit_search import (
     padded,
 )
 
-BLOCK = 1 << 14
-"""Windows whose ways are computed at a time."""
+BLOCK = 1 << 14  # windows whose ways are computed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +66,7 @@ class ImplicitDensity:
     The windows i are those that the exact search finds, with the probabilities that it draws them with, so that this is
     the density of what `Implicit.step` draws; all others together have the part `epsilon` of the mass of eq. 6 at most.
     Free are the pose's columns, of which those that are not modelled have no noise. The memory follows from which
-    window it was: `complete` draws that from p(i | pose_t, c_t−1) and slides the memory on by the noise that then led
-    to the pose.
+    window it was: `complete` draws that from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies.
 
     States must be one library frame apart: over several, the windows in between would have to be summed over.
     """
@@ -103,36 +101,30 @@ class ImplicitDensity:
         known = N_POSE + self.tree.n_components  # the pose and the coefficients say it all
         before = np.broadcast_to(previous[..., :known], (*shape, known)).reshape(-1, known)
         after = np.broadcast_to(state[..., :N_POSE], (*shape, N_POSE)).reshape(-1, N_POSE)
-        density, _ = log_mixture(
-            self.tree, self._probes(before), self.beta, self.epsilon, self._ways, self._way(before, after)
-        )
-        same = (np.abs(after - before[:, :N_POSE])[:, self._held] <= SAME).all(axis=1)
+        density, _ = self._log_mixture(before, after)
+        held = ~np.isin(np.arange(N_POSE), self.prediction.moved)  # the columns that are not modelled
+        same = (np.abs(after - before[:, :N_POSE])[:, held] <= SAME).all(axis=1)
         return np.where(same, density, -np.inf).reshape(shape)
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """States (N, D) with their poses, and memories drawn given those. A pose that no window leads to gets one of
         those that the search finds."""
         self._one_row(dt_s)
-        _, entries = log_mixture(
-            self.tree, self._probes(previous), self.beta, self.epsilon, self._ways, self._way(previous, state),
-            rng.random(len(state)),
-        )  # fmt: skip
+        _, entries = self._log_mixture(previous, state, rng.random(len(state)))
         return self.prediction.arrive(previous, state[:, :N_POSE], entries)
 
     @cached_property
     def _ways(self) -> WindowWays:
         return WindowWays.of(self.prediction)
 
-    @cached_property
-    def _held(self) -> BoolArray:
-        """The pose's columns (P,) that are not modelled."""
-        return ~np.isin(np.arange(N_POSE), self.prediction.moved)
-
     def _probes(self, state: FloatArray) -> FloatArray:
         return state[:, N_POSE : N_POSE + self.tree.n_components]
 
-    def _way(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        return self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
+    def _log_mixture(
+        self, before: FloatArray, after: FloatArray, uniforms: FloatArray | None = None
+    ) -> tuple[FloatArray, IntArray]:
+        white = self._ways.whitened(self.prediction.way(before[:, :N_POSE], after[:, :N_POSE]))
+        return log_mixture(self.tree, self._probes(before), self.beta, self.epsilon, self._ways, white, uniforms)
 
     def _one_row(self, dt_s: float) -> None:
         rate_hz = self.prediction.windows.rate_hz
@@ -145,14 +137,9 @@ class ImplicitDensity:
 
 
 def log_mixture(
-    tree: KdTree,
-    probes: FloatArray,
-    beta: float,
-    epsilon: float,
-    ways: WindowWays,
-    white: FloatArray,
+    tree: KdTree, probes: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray,
     uniforms: FloatArray | None = None,
-) -> tuple[FloatArray, IntArray]:
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """log Σ_i p(i | c) N(way; way_i, Σ), (N,), and an entry (N,) drawn from its terms, for probes c (N, b).
 
     white: ways (N, K) as in `WindowWays.white`. uniforms: (N,) in [0, 1); None: nothing is drawn. One search for each

@@ -29,18 +29,12 @@ def total_variation(p: FloatArray, q: FloatArray) -> float:
 
 
 def fidelity(
-    tree: Tree | KdTree,
-    coefficients: Float32Array,
-    probes: FloatArray,
-    beta: float,
-    rng: np.random.Generator,
-    *,
-    leaf: str = "gaussian",
-    epsilon: float = 0.01,
-) -> Fidelity:
+    tree: Tree | KdTree, coefficients: Float32Array, probes: FloatArray, beta: float, rng: np.random.Generator, *,
+    leaf: str = "gaussian", epsilon: float = 0.01,
+) -> Fidelity:  # fmt: skip
     """Compare the search's distribution with the exact one by enumeration, for probes (K, b) over all entries (n, b).
 
-    Nothing is sampled but the distances, 100 draws a probe from either distribution.
+    Only the distances are sampled, by 100 draws a probe from either distribution.
     """
     variations, visited, effective, distances, exact_distances = [], [], [], [], []
     for probe in probes:
@@ -54,12 +48,10 @@ def fidelity(
         distances.append(squares[_inverse(q, uniforms)])
         exact_distances.append(squares[_inverse(exact, uniforms)])
     return Fidelity(
-        total_variation=float(np.mean(variations)),
-        distance=float(np.median(distances)),
-        exact_distance=float(np.median(exact_distances)),
-        visited=float(np.mean(visited)),
+        total_variation=float(np.mean(variations)), distance=float(np.median(distances)),
+        exact_distance=float(np.median(exact_distances)), visited=float(np.mean(visited)),
         effective=float(np.median(effective)),
-    )
+    )  # fmt: skip
 
 
 def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float, leaf: str = "gaussian") -> FloatArray:
@@ -69,10 +61,7 @@ def log_importance(tree: Tree, probe: FloatArray, entries: IntArray, beta: float
     and both are known, q as the product of the branches' probabilities on the way to the entry. A filter multiplies a
     particle's weight by the exponential. Both are computed for all entries, so this costs a scan per probe.
     """
-    log_weights: FloatArray = (
-        exact_log_prob(tree.coefficients, probe, beta)[entries] - log_proposal(tree, probe, beta, leaf)[entries]
-    )
-    return log_weights
+    return exact_log_prob(tree.coefficients, probe, beta)[entries] - log_proposal(tree, probe, beta, leaf)[entries]
 
 
 def _distribution(
@@ -91,5 +80,4 @@ def _distribution(
 def _inverse(distribution: FloatArray, uniforms: FloatArray) -> IntArray:
     cumulative = distribution.cumsum()
     places = np.searchsorted(cumulative, uniforms * cumulative[-1], side="right")
-    inside: IntArray = np.minimum(places, len(cumulative) - 1)
-    return inside
+    return np.minimum(places, len(cumulative) - 1)

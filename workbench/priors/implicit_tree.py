@@ -11,20 +11,17 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.priors.implicit_search import FASTMATH, exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
-TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))
-"""Φ, to be interpolated linearly."""
-TABLE_ERROR = 2e-5
-"""Above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5."""
-NEGLIGIBLE = 40.0
-"""Entries whose log odds are lower by this than the nearest one's add nothing to a float64."""
-FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, to be interpolated linearly
+TABLE_ERROR = 2e-5  # above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5
+NEGLIGIBLE = 40.0  # entries whose log odds are lower by this than the nearest one's add nothing to a float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +86,7 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
         # leaf after leaf, so that each is fetched once, and equal probes, such as a parent's children, share its odds
         turns = np.argsort(leaves, kind="stable")
         _pick(tree.rows, probes, firsts, sizes, turns, beta, uniforms[:, -1], places)
-    entries: IntArray = tree.order[firsts + places]
-    return entries
+    return tree.order[firsts + places]
 
 
 def draw_reference(
@@ -108,7 +104,10 @@ def draw_reference(
             node = 2 * node + 1 + goes_right
             low, high = (middle, high) if goes_right else (low, middle)
         inside = tree.order[tree.starts[low] : tree.starts[high]]
-        odds = np.exp(_leaf_log_prob(tree, inside, probe, beta, leaf)).cumsum()
+        if leaf == "uniform":
+            odds = np.full(len(inside), 1.0 / len(inside)).cumsum()
+        else:
+            odds = np.exp(exact_log_prob(tree.coefficients[inside], probe, beta)).cumsum()
         entries[i] = inside[min(np.searchsorted(odds, uniform[-1] * odds[-1], side="right"), len(inside) - 1)]
     return entries
 
@@ -135,14 +134,6 @@ def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussi
     within = inside - np.repeat(np.logaddexp.reduceat(inside, tree.starts[:-1][full]), sizes[full])
     log_prob = np.empty(len(tree.order))
     log_prob[tree.order] = np.repeat(whole[full], sizes[full]) + within
-    return log_prob
-
-
-def _leaf_log_prob(tree: Tree, inside: IntArray, probe: FloatArray, beta: float, leaf: str) -> FloatArray:
-    if leaf == "uniform":
-        return np.full(len(inside), -np.log(len(inside)))
-    exponents = -((tree.coefficients[inside].astype(np.float64) - probe) ** 2).sum(axis=1) / (2.0 * beta)
-    log_prob: FloatArray = exponents - logsumexp(exponents)
     return log_prob
 
 

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,8 +12,7 @@ from scipy.special import logsumexp
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.prior import Density, Powers, Prior, propose
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Density, Powers, Prior, Smoothness, propose
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
@@ -58,7 +57,7 @@ class Mixture:
         for name, prior in others:
             if (prior.space.names, prior.space.units) != (first[1].space.names, first[1].space.units):
                 raise InputError(f"prior: the mixture's {name!r} and {first[0]!r} must have the same columns")
-        self.space = _with_component(first[1].space)
+        self.space = first[1].space.appended("component", ("component",), ("",))
         self.parameters = _union(priors)
 
     @property
@@ -67,18 +66,15 @@ class Mixture:
         found = [prior.powers.density for prior in self.priors.values()]
         densities = [density for density in found if density is not None]
         same = len(densities) == len(found) and all(np.array_equal(d.free, densities[0].free) for d in densities)
-        return Powers(
-            density=MixtureDensity(densities, self.weights) if same else None,
-            smoothness=common_smoothness(self.priors),
-            examples=all_examples(self.priors),
-        )
+        density = MixtureDensity(densities, self.weights) if same else None
+        return Powers(density, smoothness=common_smoothness(self.priors), examples=all_examples(self.priors))
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
         component = deal(self.weights, n, rng)
         state = np.empty((n, len(self.space)))
         state[:, -1] = component
-        for prior, own in self._groups(component):
+        for _, _, prior, own in _groups(self.priors, component):
             state[own, :-1] = prior.start(pose, int(own.sum()), rng)
         return state
 
@@ -99,7 +95,7 @@ class Mixture:
         correction = np.full(len(self.weights), -np.inf)
         possible = self.weights > 0.0
         correction[possible] = np.log(self.weights[possible] / self.shares[possible])
-        return correction[_component(state)]
+        return correction[state[:, -1].astype(np.int64)]
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -110,16 +106,10 @@ class Mixture:
     ) -> tuple[FloatArray, FloatArray]:
         moved, log_weights = np.empty_like(state), np.zeros(len(state))
         moved[:, -1] = component
-        for prior, own in self._groups(component):
+        for _, _, prior, own in _groups(self.priors, component):
             common = np.ascontiguousarray(state[own, :-1])
             moved[own, :-1], log_weights[own] = propose(prior, common, dt_s, rng)
         return moved, log_weights
-
-    def _groups(self, component: IntArray) -> Iterator[tuple[Prior, BoolArray]]:
-        """Every prior that has particles, with a mask (N,) of them."""
-        for k, prior in enumerate(self.priors.values()):
-            if (own := component == k).any():
-                yield prior, own
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +135,7 @@ class MixtureDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        density: FloatArray = logsumexp(self._log_terms(previous, state, dt_s), axis=0)
-        return density
+        return logsumexp(self._log_terms(previous, state, dt_s), axis=0)
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with k drawn from its posterior ∝ π_k p_k, and then what follows from others by prior k.
@@ -213,7 +202,9 @@ class Switching:
         self.priors = dict(priors)
         self.weights = _probabilities("weights", priors, weights)
         self.switching = switching
-        self.space = _with_component(_with_velocity(side_by_side(priors)))
+        velocities = tuple(f"{name}_velocity" for name in POSE_NAMES), ("m/s",) * 3 + ("rad/s",) * (len(POSE_NAMES) - 3)
+        moving = side_by_side(priors).appended("velocity", *velocities)
+        self.space = moving.appended("component", ("component",), ("",))
         self.parameters = _union(priors)
 
     @property
@@ -226,8 +217,8 @@ class Switching:
         component = deal(self.weights, n, rng)
         state = np.zeros((n, len(self.space)))
         state[:, -1] = component
-        for _, prior, columns, own in self._groups(component):
-            state[own, columns] = prior.start(pose, int(own.sum()), rng)
+        for _, name, prior, own in _groups(self.priors, component):
+            state[own, self.space.slices[name]] = prior.start(pose, int(own.sum()), rng)
         return state
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -237,12 +228,13 @@ class Switching:
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the proposals of the priors that have one, and the log weights (N,) that correct for it."""
         velocity = self.space.slices["velocity"]
-        before, poses = _component(state), self.pose(state)
+        before, poses = state[:, -1].astype(np.int64), self.pose(state)
         stays = rng.random(len(state)) < (1.0 - self.switching) ** (dt_s * REFERENCE_RATE_HZ)
         component = np.where(stays, before, deal(self.weights, len(state), rng))
         moved, log_weights = np.zeros_like(state), np.zeros(len(state))
         moved[:, -1] = component
-        for k, prior, columns, own in self._groups(component):
+        for k, name, prior, own in _groups(self.priors, component):
+            columns = self.space.slices[name]
             current = np.ascontiguousarray(state[own, columns])
             if (new := before[own] != k).any():
                 current[new] = _enter(prior, poses[own][new], state[own, velocity][new], rng)
@@ -253,15 +245,9 @@ class Switching:
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         poses = np.empty((len(state), len(POSE_NAMES)))
-        for _, prior, columns, own in self._groups(_component(state)):
-            poses[own] = prior.pose(np.ascontiguousarray(state[own, columns]))
+        for _, name, prior, own in _groups(self.priors, state[:, -1].astype(np.int64)):
+            poses[own] = prior.pose(np.ascontiguousarray(state[own, self.space.slices[name]]))
         return poses
-
-    def _groups(self, component: IntArray) -> Iterator[tuple[int, Prior, slice, BoolArray]]:
-        """Every prior that has particles: its index, itself, its columns, and a mask (N,) of its particles."""
-        for k, (name, prior) in enumerate(self.priors.items()):
-            if (own := component == k).any():
-                yield k, prior, self.space.slices[name], own
 
 
 def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
@@ -272,8 +258,14 @@ def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArra
     """
     positions = (rng.permutation(n) + rng.random()) / n
     last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
-    component: IntArray = np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
-    return component
+    return np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)
+
+
+def _groups(priors: Mapping[str, Prior], component: IntArray) -> Iterator[tuple[int, str, Prior, BoolArray]]:
+    """Give every prior that has particles: its index, its name, itself, and a mask (N,) of its particles."""
+    for k, (name, prior) in enumerate(priors.items()):
+        if (own := component == k).any():
+            yield k, name, prior, own
 
 
 def common_smoothness(priors: Mapping[str, Prior]) -> Smoothness | None:
@@ -304,34 +296,15 @@ def _union(priors: Mapping[str, Prior]) -> tuple[str, ...]:
     return tuple(name for name in POSE_NAMES if name in moved)
 
 
-def _component(state: FloatArray) -> IntArray:
-    return state[:, -1].astype(np.int64)
-
-
-def _with_component(space: StateSpace) -> StateSpace:
-    last = slice(len(space), len(space) + 1)
-    return StateSpace((*space.names, "component"), (*space.units, ""), {**space.slices, "component": last})
-
-
 def side_by_side(priors: Mapping[str, Prior]) -> StateSpace:
-    """The columns of every prior, called "<prior>.<column>"; slices "<prior>" and "<prior>.<group>"."""
-    names: list[str] = []
-    units: list[str] = []
-    slices: dict[str, slice] = {}
-    for prior_name, prior in priors.items():
-        first = len(names)
-        names += [f"{prior_name}.{column}" for column in prior.space.names]
-        units += prior.space.units
-        slices[prior_name] = slice(first, len(names))
-        for group, columns in prior.space.slices.items():
-            slices[f"{prior_name}.{group}"] = slice(first + columns.start, first + columns.stop)
-    return StateSpace(tuple(names), tuple(units), slices)
-
-
-def _with_velocity(space: StateSpace) -> StateSpace:
-    names = (*space.names, *(f"{name}_velocity" for name in POSE_NAMES))
-    units = (*space.units, *["m/s"] * 3, *["rad/s"] * (len(POSE_NAMES) - 3))
-    return StateSpace(names, units, {**space.slices, "velocity": slice(len(space), len(names))})
+    """Put columns of all priors together, called "<prior>.<column>"; slices "<prior>" and "<prior>.<group>"."""
+    whole = StateSpace((), (), {})
+    for name, own in ((name, prior.space) for name, prior in priors.items()):
+        first = len(whole)
+        whole = whole.appended(name, tuple(f"{name}.{column}" for column in own.names), own.units)
+        groups = {f"{name}.{group}": slice(first + s.start, first + s.stop) for group, s in own.slices.items()}
+        whole = replace(whole, slices={**whole.slices, **groups})
+    return whole
 
 
 def _probabilities(option: str, priors: Mapping[str, Prior], given: Mapping[str, float]) -> FloatArray:

@@ -20,8 +20,7 @@ class Partwise:
         p(s_t | s_t−1) = Π_k p_k(s_k,t | s_k,t−1)
 
     Motions of the parts then combine as they were never recorded together, at the price of losing what couples them.
-    A state is the columns of every prior side by side, called "<part>.<column>". Parameters that no prior moves stay
-    as they start.
+    A state is the columns of every prior side by side, called "<part>.<column>". Parameters that none moves stay.
 
     priors: by the part's name. Raises InputError when there is none or two move the same parameter.
     """
@@ -58,8 +57,7 @@ class Partwise:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        moved = [prior.step(self.part(state, part), dt_s, rng) for part, prior in self.priors.items()]
-        return np.concatenate(moved, axis=1)
+        return np.concatenate([p.step(self.part(state, part), dt_s, rng) for part, p in self.priors.items()], axis=1)
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D), by the proposals of the parts that have one, and the log weights (N,) that correct for it."""
@@ -89,7 +87,7 @@ class Partwise:
         return poses
 
     def part(self, state: FloatArray, part: str) -> FloatArray:
-        """The columns of states (..., D) that belong to a part."""
+        """Take the columns of states (..., D) that belong to a part."""
         return np.ascontiguousarray(state[..., self.space.slices[part]])
 
 
@@ -113,19 +111,12 @@ class PartwiseDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        total: FloatArray = sum(
-            (
-                density.log_transition(self.prior.part(previous, part), self.prior.part(state, part), dt_s)
-                for part, density in self.parts.items()
-            ),
-            start=np.zeros(()),
-        )
-        return total
+        part = self.prior.part
+        terms = (p.log_transition(part(previous, name), part(state, name), dt_s) for name, p in self.parts.items())
+        return sum(terms, start=np.zeros(()))
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with every part's columns that follow from others drawn given those."""
-        completed = [
-            density.complete(self.prior.part(previous, part), self.prior.part(state, part), dt_s, rng)
-            for part, density in self.parts.items()
-        ]
-        return np.concatenate(completed, axis=1)
+        part = self.prior.part
+        whole = (p.complete(part(previous, name), part(state, name), dt_s, rng) for name, p in self.parts.items())
+        return np.concatenate(list(whole), axis=1)

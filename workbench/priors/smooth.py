@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
@@ -16,57 +16,33 @@ from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.errors import InputError
-from workbench.priors.density import REFERENCE_RATE_HZ, log_normal
-from workbench.priors.penalty import smoothness
+from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
 
 log = logging.getLogger(__name__)
-
 UNLIMITED = 1e6
-FAR = 1e8
-"""So many deviations from the mean, a draw between limits lies on the nearer one, to rounding."""
-
-SIGMA = MappingProxyType(
-    {
-        "root_position": 0.010,
-        "root_rotation": 0.010,
-        "neck": 0.020,
-        "shoulder": 0.020,
-        "shoulder_twist": 0.040,
-        "elbow": 0.030,
-        "hip": 0.015,
-        "knee": 0.025,
-    }
-)
+LEAST_SCALE = 1e-30
+FAR = 1e8  # so many deviations from the mean, a draw between limits lies on the nearer one, to rounding
+SIGMA = MappingProxyType({
+    "root_position": 0.010, "root_rotation": 0.010, "neck": 0.020, "shoulder": 0.020, "shoulder_twist": 0.040,
+    "elbow": 0.030, "hip": 0.015, "knee": 0.025,
+})  # fmt: skip
 """σ^φ per frame at 30 Hz, m or rad. Ours: smaller for heavier limbs, as the paper says without giving numbers."""
 
-SIGMA_VELOCITY = MappingProxyType(
-    {
-        "root_position": 0.085,
-        "root_rotation": 0.25,
-        "neck": 0.45,
-        "shoulder": 0.45,
-        "shoulder_twist": 1.3,
-        "elbow": 0.65,
-        "hip": 0.70,
-        "knee": 1.4,
-    }
-)
-"""σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change from frame to frame in CMU's recordings.
-
-Means over a sample of 24 clips at 30 Hz, half of them walks and half not. Legs change their speed more than arms
-there, for all their weight.
-"""
+SIGMA_VELOCITY = MappingProxyType({
+    "root_position": 0.085, "root_rotation": 0.25, "neck": 0.45, "shoulder": 0.45, "shoulder_twist": 1.3,
+    "elbow": 0.65, "hip": 0.70, "knee": 1.4,
+})  # fmt: skip
+"""σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change between frames in 24 of CMU's clips, half walks."""
 
 
-class Smooth:
+class Smooth(AllFree):
     """Constant velocity within hard limits for k of the pose's P parameters (paper A, section 6.1):
 
         φ_i,t ~ N(φ_i,t−1 + V_i,t−1 Δt, (σ_i^φ)²) given φ_i,t ∈ [φ_i,min, φ_i,max]
         V_i,t ~ N(e^(−damping Δt) V_i,t−1, (σ_i^V)²)
 
     A state holds the k moving parameters, their k velocities (m/s, rad/s) and, last, the P − k held ones, which keep
-    the values of the starting pose: the whole body has 25 + 25 numbers, an arm 4 + 4 and 21 that never change. The
-    held ones belong to the state so that a prior has no memory of its own and a state alone stands for a pose.
+    the values of the starting pose, so that a prior has no memory of its own and a state alone stands for a pose.
 
     parameters: names of the moving ones or of body parts (`skeleton.BODY_PARTS`), None for all of POSE_NAMES. sigma,
     sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
@@ -75,35 +51,25 @@ class Smooth:
     velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
     sigma. start_pose, start_velocity: deviations of the first poses around the starting pose and of the first
     velocities around zero, in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere
-    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`; the
-    others keep their defaults.
+    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
-    them. We draw from it normalised, the truncated normal, exactly: the same as redrawing until a draw falls inside,
-    and not as clipping, which would pile draws up on the limit. (Taken literally, the density would also weigh every
-    particle by its chance to stay inside.) A mean beyond a limit is no special case: draws then lie just inside,
-    about σ²/distance from it. A limit leaves the velocity alone, as in the paper, where the V_i are independent of
-    φ: it goes on pressing against the limit until its own walk, the damping or the likelihood turns it round.
-
+    them. We draw from it normalised, the truncated normal: the same as redrawing until a draw falls inside, and not as
+    clipping, which would pile draws up on the limit. A mean beyond a limit is no special case: draws then lie just
+    inside, about σ²/distance from it. A limit leaves the velocity alone, as in the paper, where the V_i are independent
+    of φ: it goes on pressing against the limit until its own walk, the damping or the likelihood turns it round.
     Raises InputError for an unknown name, a negative deviation, or limits that are none.
     """
 
     traits: ClassVar[Traits] = offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS)
 
     def __init__(
-        self,
-        *,
-        parameters: Sequence[str] | None = None,
-        sigma: Mapping[str, float] | None = None,
-        sigma_velocity: Mapping[str, float] | None = None,
-        damping: float = 0.0,
-        lowest: Mapping[str, float] | None = None,
-        highest: Mapping[str, float] | None = None,
-        start_pose: float = 2.0,
-        start_velocity: float = 3.0,
-        start_uniform: Sequence[str] = (),
+        self, *, parameters: Sequence[str] | None = None,
+        sigma: Mapping[str, float] | None = None, sigma_velocity: Mapping[str, float] | None = None,
+        damping: float = 0.0, lowest: Mapping[str, float] | None = None, highest: Mapping[str, float] | None = None,
+        start_pose: float = 2.0, start_velocity: float = 3.0, start_uniform: Sequence[str] = (),
         penalty: Mapping[str, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         for name, value in (("damping", damping), ("start_pose", start_pose), ("start_velocity", start_velocity)):
             if not 0.0 <= value < np.inf:
                 raise InputError(f"prior: {name} must be zero or a positive number, found {value}")
@@ -112,20 +78,21 @@ class Smooth:
             raise InputError("prior: parameters must name at least one parameter of the pose, found none")
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)
         self.sigma_velocity = _deviations("sigma_velocity", self.parameters, sigma_velocity or {}, SIGMA_VELOCITY)
-        self.damping = damping
         self.limits = _limits(self.parameters, lowest or {}, highest or {})
-        self.start_pose = start_pose
-        self.start_velocity = start_velocity
+        self.damping, self.start_pose, self.start_velocity = damping, start_pose, start_velocity
         self._smoothness = smoothness(penalty)
         uniform = _known("start_uniform", start_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
         for i in self._uniform:
             if np.ptp(self.limits[i]) >= UNLIMITED:
-                raise InputError(
-                    f"prior: start_uniform: {self.parameters[i]} has no limits; give it lowest and highest"
-                )
+                name = self.parameters[i]
+                raise InputError(f"prior: start_uniform: {name} has no limits; give it lowest and highest")
         held = tuple(name for name in POSE_NAMES if name not in self.parameters)
-        self.space = _space(self.parameters, held)
+        units = {name: "m" if name in POSE_NAMES[:3] else "rad" for name in POSE_NAMES}
+        moving, speeds = (tuple(units[name] + per for name in self.parameters) for per in ("", "/s"))
+        space = StateSpace.of({}).appended("pose", self.parameters, moving)
+        space = space.appended("velocity", tuple(f"{name}_velocity" for name in self.parameters), speeds)
+        self.space = space.appended("held", held, tuple(units[name] for name in held))
         self._moving = [POSE_NAMES.index(name) for name in self.parameters]
         self._taken = [*self._moving, *(len(POSE_NAMES) + i for i in self._moving), *map(POSE_NAMES.index, held)]
         self._pose_columns = [self.space.names.index(name) for name in POSE_NAMES]
@@ -140,7 +107,10 @@ class Smooth:
 
         A parameter that starts outside its limits starts just inside, which is logged as a warning.
         """
-        self._warn_of_limits(pose)
+        for i, (name, (low, high)) in enumerate(zip(self.parameters, self.limits, strict=True)):
+            value = pose[self._moving[i]]
+            if i not in self._uniform and not low <= value <= high:
+                log.warning("start: %s is %.3f, outside its limits [%.3f, %.3f]; starts inside", name, value, low, high)
         state = self.enter(np.repeat(pose[None], n, axis=0), np.zeros((n, len(POSE_NAMES))))
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
         low, high = self.limits.T
@@ -168,11 +138,6 @@ class Smooth:
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity] + noise
         return moved
 
-    @property
-    def free(self) -> IntArray:
-        """All columns (D,)."""
-        return np.arange(len(self.space))
-
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D), within the limits."""
         moving, velocity = self.space.slices["pose"], self.space.slices["velocity"]
@@ -189,22 +154,11 @@ class Smooth:
         change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
         same = (state[..., held] == previous[..., held]).all(axis=-1)
         pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
-        density: FloatArray = np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
-        return density
-
-    def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """The states (N, D) as they are."""
-        return state
+        return np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         return np.take(state, self._pose_columns, axis=1)
-
-    def _warn_of_limits(self, pose: FloatArray) -> None:
-        for i, (name, (low, high)) in enumerate(zip(self.parameters, self.limits, strict=True)):
-            value = pose[self._moving[i]]
-            if i not in self._uniform and not low <= value <= high:
-                log.warning("start: %s is %.3f, outside its limits [%.3f, %.3f]; starts inside", name, value, low, high)
 
 
 def truncated_normal(
@@ -213,18 +167,13 @@ def truncated_normal(
     """Quantiles at `uniforms`, in (0, 1), of normal distributions restricted to [low, high]; all broadcast together.
 
     x = mean + deviation Φ⁻¹(Φ(a) + u (Φ(b) − Φ(a))), a and b the standardised limits, computed with log Φ in the lower
-    tail, where it keeps its digits however far the limits lie from the mean. A deviation of zero gives the mean, or
-    the limit next to it.
+    tail, where it keeps its digits however far limits are. A deviation of zero gives the mean, or the nearest limit.
     """
-    scale = np.maximum(deviation, 1e-30)
-    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
-    upper = a + b > 0.0
-    a, b = np.where(upper, -b, a), np.where(upper, -a, b)
+    a, b, upper = _lower_tail(mean, deviation, low, high)
     u = np.where(upper, 1.0 - uniforms, uniforms)
     log_b = log_ndtr(b)
     z = ndtri_exp(log_b + np.log(u + (1.0 - u) * np.exp(log_ndtr(a) - log_b)))
-    draws: FloatArray = np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
-    return draws
+    return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
 def log_truncated_normal(
@@ -234,34 +183,28 @@ def log_truncated_normal(
 
     A deviation of zero has no density: 0 at the mean, or at the limit next to it, and −∞ elsewhere.
     """
-    scale = np.maximum(deviation, 1e-30)
-    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
-    upper = a + b > 0.0
-    a, b = np.where(upper, -b, a), np.where(upper, -a, b)
+    scale = np.maximum(deviation, LEAST_SCALE)
+    a, b, _ = _lower_tail(mean, deviation, low, high)
     with np.errstate(divide="ignore"):  # limits further than FAR leave no mass between them
         log_mass = log_ndtr(b) + np.log(-np.expm1(log_ndtr(a) - log_ndtr(b)))
     density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale) - log_mass
     density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
-    inside: FloatArray = np.where((low <= values) & (values <= high), density, -np.inf)
-    return inside
+    return np.where((low <= values) & (values <= high), density, -np.inf)
+
+
+def _lower_tail(
+    mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Standardise limits, and mirror those above the mean (the third array says which) into the lower tail."""
+    scale = np.maximum(deviation, LEAST_SCALE)
+    a, b = np.clip((low - mean) / scale, -FAR, FAR), np.clip((high - mean) / scale, -FAR, FAR)
+    upper = a + b > 0.0
+    return np.where(upper, -b, a), np.where(upper, -a, b), upper
 
 
 def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
     """Uniform numbers in (0, 1): zero, an unlimited parameter's minus infinity, gives way to its neighbour 2⁻⁵³."""
     return np.maximum(rng.random(shape), 2.0**-53)
-
-
-def _space(parameters: tuple[str, ...], held: tuple[str, ...]) -> StateSpace:
-    plain = StateSpace.of(
-        {
-            "pose": (parameters, "rad"),
-            "velocity": (tuple(f"{name}_velocity" for name in parameters), "rad/s"),
-            "held": (held, "rad"),
-        }
-    )
-    metres = [name.removesuffix("_velocity") in POSE_NAMES[:3] for name in plain.names]
-    units = [unit.replace("rad", "m") if is_m else unit for unit, is_m in zip(plain.units, metres, strict=True)]
-    return StateSpace(plain.names, tuple(units), plain.slices)
 
 
 def _keys(parameter: str) -> tuple[str, str, str]:
@@ -276,13 +219,12 @@ def _keys(parameter: str) -> tuple[str, str, str]:
 def _listed(
     option: str, parameters: tuple[str, ...], given: Mapping[str, float], default: Mapping[str, float]
 ) -> FloatArray:
-    """Tell what the tables list for the parameters, (k,): the given one before the default."""
+    """Look up the parameters' values, (k,), in the table given and, what is not there, in the default one."""
     _known(option, given, {key for parameter in POSE_NAMES for key in _keys(parameter)})
-
-    def value(parameter: str) -> float:
-        return next(table[key] for table in (given, default) for key in _keys(parameter) if key in table)
-
-    return np.array([value(parameter) for parameter in parameters], dtype=np.float64)
+    return np.array([
+        next(float(table[key]) for table in (given, default) for key in _keys(parameter) if key in table)
+        for parameter in parameters
+    ])  # fmt: skip
 
 
 def _deviations(
@@ -296,17 +238,13 @@ def _deviations(
 
 def _limits(parameters: tuple[str, ...], lowest: Mapping[str, float], highest: Mapping[str, float]) -> FloatArray:
     """Limits (k, 2) of the moving parameters. Those of the skeleton are the same for every shape."""
-    low, high = person_skeleton(from_height(1.75)).limits.T
-    limits = np.stack(
-        [
-            _listed("lowest", parameters, lowest, dict(zip(POSE_NAMES, low, strict=True))),
-            _listed("highest", parameters, highest, dict(zip(POSE_NAMES, high, strict=True))),
-        ],
-        axis=1,
-    )
-    for name, (a, b) in zip(parameters, limits, strict=True):
-        if not -UNLIMITED <= a < b <= UNLIMITED:
-            raise InputError(f"prior: lowest and highest of {name} must be numbers in this order, found {a} and {b}")
+    ends = zip(("lowest", "highest"), (lowest, highest), person_skeleton(from_height(1.75)).limits.T, strict=True)
+    columns = [_listed(name, parameters, given, dict(zip(POSE_NAMES, own, strict=True))) for name, given, own in ends]
+    limits = np.stack(columns, axis=1)
+    for name, (low, high) in zip(parameters, limits, strict=True):
+        if not -UNLIMITED <= low < high <= UNLIMITED:
+            found = f"{low} and {high}"
+            raise InputError(f"prior: lowest and highest of {name} must be numbers in this order, found {found}")
     return limits
 
 

@@ -5,18 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from workbench.evaluation.intervals import N_RESAMPLES
-from workbench.report.groups import Group, Grouping, seed_of
-from workbench.report.statistics import (
-    CHIEF,
-    LEVEL,
-    Statistic,
-    chief_names,
-    headline,
-    metric_names,
-    numbers,
-    statistic,
-    values,
-)
+from workbench.report import groups as runs
+from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, headline, metric_names, statistic
 from workbench.report.tables import Table, comma_separated, number
 from workbench.report.variation import short_names, shown
 
@@ -39,8 +29,8 @@ class Contents:
 
 
 def contents(grouping: Grouping) -> Contents:
-    """All that is said about the groups."""
-    chief = chief_names(grouping.groups)
+    """Collect all that is to be said about the groups."""
+    chief = runs.chief_names(grouping.groups)
     others = [name for name in metric_names(grouping.groups) if name not in chief]
     return Contents(
         summary=_summary(grouping),
@@ -53,15 +43,14 @@ def contents(grouping: Grouping) -> Contents:
 
 def _summary(grouping: Grouping) -> tuple[str, ...]:
     groups = grouping.groups
-    counted = Counter(
-        {
-            "complete": sum(len(group.runs) + len(group.repeats) for group in groups),
-            "failed": sum(run.status == "failed" for group in groups for run in group.incomplete),
-            "cut off or still running": sum(run.status == "running" for group in groups for run in group.incomplete),
-            "unreadable": len(grouping.unreadable),
-        }
-    )
-    said = [f"{counted.total()} recordings: " + ", ".join(f"{n} {status}" for status, n in counted.items() if n) + "."]
+    ended = Counter(run.status for group in groups for run in group.incomplete)
+    counted = {
+        "complete": sum(len(group.runs) + len(group.repeats) for group in groups),
+        **{words: ended[status] for status, words in STATUS.items()},
+        "unreadable": len(grouping.unreadable),
+    }
+    listed = ", ".join(f"{n} {status}" for status, n in counted.items() if n)
+    said = [f"{sum(counted.values())} recordings: {listed}."]
     if grouping.variation.keys:
         names = short_names(grouping.variation.keys)
         said.append(f"{len(groups)} groups by {', '.join(names.values())}, repeated over seeds.")
@@ -83,16 +72,13 @@ def _summary(grouping: Grouping) -> tuple[str, ...]:
 
 
 def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
-    found = [(group, statistic(group, metric)) for group in groups]
-    rows = tuple(_row(group, measured) for group, measured in found if measured is not None)
+    rows = []
+    for group in groups:
+        if (each := statistic(group, metric)) is not None:
+            interval = "–" if each.n < 2 else f"{number(each.low)} to {number(each.high)}"
+            rows.append((group.label, str(each.n), number(each.mean), number(each.sd), interval))
     title = f"{metric}: {CHIEF[metric]}" if metric in CHIEF else metric
-    return title, Table(_COLUMNS, rows, frozenset(_COLUMNS[1:]))
-
-
-def _row(group: Group, measured: Statistic) -> tuple[str, ...]:
-    low, high = number(measured.low), number(measured.high)
-    interval = "–" if measured.n < 2 else f"{low} to {high}"
-    return group.label, str(measured.n), number(measured.mean), number(measured.sd), interval
+    return title, Table(_COLUMNS, tuple(rows), frozenset(_COLUMNS[1:]))
 
 
 def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:
@@ -101,15 +87,15 @@ def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:
         return None
     rows = []
     for group in groups:
-        ranked = sorted(values(group, metric), key=lambda pair: pair[1])
+        ranked = sorted(runs.values(group, metric), key=lambda pair: pair[1])
         for name, (run, value) in zip(("best", "worst"), (ranked[0], ranked[-1]) if ranked else (), strict=False):
-            rows.append((group.label, name, number(value), str(seed_of(run)), str(run.path)))
+            rows.append((group.label, name, number(value), str(runs.seed_of(run)), str(run.path)))
     header = ("group", "run", metric, "seed", "recording")
     return f"best and worst runs by {metric}", Table(header, tuple(rows), frozenset((metric, "seed")))
 
 
 def group_csv(grouping: Grouping) -> str:
-    """One row a group and metric: the keys that varied, n, mean, standard deviation, interval."""
+    """Write one row a group and metric: the keys that varied, n, mean, standard deviation, interval."""
     keys = grouping.variation.keys
     header = ("group", *short_names(keys).values(), "metric", "n", "mean", "sd", "low_95", "high_95")
     rows = [
@@ -122,14 +108,14 @@ def group_csv(grouping: Grouping) -> str:
 
 
 def run_csv(grouping: Grouping) -> str:
-    """Tidy: one row a complete run and metric."""
+    """Write one row a complete run and metric, tidy."""
     keys = grouping.variation.keys
     header = ("recording", "group", *short_names(keys).values(), "seed", "metric", "value")
     rows = [
-        (str(run.path), group.label, *_cells(group, keys), seed_of(run), metric, value)
+        (str(run.path), group.label, *_cells(group, keys), runs.seed_of(run), metric, value)
         for group in grouping.groups
         for run in group.runs
-        for metric, value in sorted(numbers(run).items())
+        for metric, value in sorted(runs.numbers(run).items())
     ]
     return comma_separated(header, rows)
 

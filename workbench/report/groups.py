@@ -1,25 +1,35 @@
-"""Runs that differ in nothing but their seed, grouped; and what is wrong with them."""
+"""Runs that differ in nothing but their seed, grouped: what is wrong with them, and what their metrics come to."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError
-from workbench.recording.read.reader import Run, Unreadable
-from workbench.report.variation import (
-    EXPERIMENT,
-    Settings,
-    Variation,
-    comparable,
-    flat,
-    label,
-    seeds_of_parts,
-    shown,
-    what_varied,
-)
+import numpy as np
 
-_STATUS = {"failed": "failed", "running": "cut off or still running"}
+from workbench.arrays import FloatArray
+from workbench.errors import InputError
+from workbench.evaluation.intervals import bootstrap_interval
+from workbench.recording.read.reader import Run, Unreadable
+from workbench.report import variation as varied
+from workbench.report.variation import EXPERIMENT, Settings, Variation
+
+LEVEL = 0.95
+
+CHIEF: dict[str, str] = {
+    "error_abs_mm": "mean joint error (mm)",
+    "error_rel_mm": "mean joint error, pelvis on pelvis (mm)",
+    "error_px": "mean error in the image (px)",
+    "held": "held throughout (fraction of runs)",
+    "coverage_90": "coverage of the 90 % band (fraction)",
+    "activity_accuracy": "activity told right (fraction)",
+    "seconds": "time taken (s)",
+    "likelihood_evaluations": "likelihood evaluations",
+}
+"""The metrics that a person asks for first, with what they are and their units."""
+HEADLINES = ("error_abs_mm", "error_px")
+"""What runs are ranked by: the first that any of them has; less is better."""
+STATUS = {"failed": "failed", "running": "cut off or still running"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +70,7 @@ class Grouping:
         for group in self.groups:
             for run in group.incomplete:
                 again = "; a complete one is there" if seed_of(run) in map(seed_of, group.runs) else ""
-                status = _STATUS.get(run.status, run.status)
+                status = STATUS.get(run.status, run.status)
                 found.append(f"{group.label}, seed {seed_of(run)}: {status}, not counted{again} ({run.path})")
             found += [
                 f"{group.label}, seed {seed_of(run)}: recorded more than once, not counted again ({run.path})"
@@ -73,7 +83,7 @@ class Grouping:
 
 
 def seed_of(run: Run) -> int:
-    """The run's seed; raises InputError when its configuration has none."""
+    """Return the run's seed; raises InputError when its configuration has none."""
     seed = run.settings.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{run.path}: expected a configuration with a whole number as its seed, found {seed!r}")
@@ -81,21 +91,21 @@ def seed_of(run: Run) -> int:
 
 
 def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
-    """The runs by what varied in their configurations; one whose configuration cannot be read joins the unreadable."""
+    """Group the runs by what varied in their configurations; one without a readable one joins the unreadable."""
     readable: list[tuple[Run, dict[str, Any]]] = []
     problems = list(unreadable)
     for run in runs:
         try:
             seed_of(run)
-            readable.append((run, flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
+            readable.append((run, varied.flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
         except InputError as error:
             problems.append(Unreadable(Path(run.path), str(error)))
-    repeated = seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
+    repeated = varied.seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
     readable = [(run, {k: v for k, v in settings.items() if k not in repeated}) for run, settings in readable]
-    variation = what_varied([settings for _, settings in readable])
+    variation = varied.what_varied([settings for _, settings in readable])
     members: dict[tuple[str, ...], list[tuple[Run, dict[str, Any]]]] = {}
     for run, settings in readable:
-        values = tuple(comparable(settings, key) for key in variation.keys)
+        values = tuple(varied.comparable(settings, key) for key in variation.keys)
         members.setdefault(values, []).append((run, settings))
     seeds = {seed_of(run) for run, _ in readable}
     groups = [_group([run for run, _ in found], found[0][1], variation, seeds) for found in members.values()]
@@ -110,7 +120,7 @@ def _group(runs: Sequence[Run], settings: Settings, variation: Variation, seeds:
         if run.status == "complete" and complete.setdefault(seed_of(run), run) is not run:
             repeats.append(run)
     return Group(
-        label=label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
+        label=varied.label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
         values={key: settings[key] for key in variation.keys if key in settings},
         settings=settings,
         runs=tuple(complete[seed] for seed in sorted(complete)),
@@ -125,4 +135,83 @@ def _rank(group: Group, key: str) -> tuple[int, float, str]:
     if key not in group.values:
         return 2, 0.0, ""
     value = group.values[key]
-    return (0, float(value), "") if isinstance(value, int | float) else (1, 0.0, shown(key, value))
+    return (0, float(value), "") if isinstance(value, int | float) else (1, 0.0, varied.shown(key, value))
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A metric over a group's runs. n: those with a finite value. sd: of the sample. low, high: of the interval.
+
+    sd, low and high are NaN for fewer than two runs.
+    """
+
+    metric: str
+    n: int
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+def numbers(run: Run) -> dict[str, float]:
+    """Return a complete run's metrics and its cost, by name."""
+    return {**run.result, **run.properties.get("cost", {})}
+
+
+def metric_names(groups: Sequence[Group]) -> list[str]:
+    """Name the metrics that any of the runs has: the chief ones first, the others by the alphabet."""
+    found = {name for group in groups for run in group.runs for name in numbers(run)}
+    return [name for name in CHIEF if name in found] + sorted(found - CHIEF.keys())
+
+
+def chief_names(groups: Sequence[Group]) -> list[str]:
+    """Name the chief metrics, and all of those that only studies have."""
+    tracked = {name for group in groups for run in group.runs if not run.is_study for name in numbers(run)}
+    return [name for name in metric_names(groups) if name in CHIEF or name not in tracked]
+
+
+def headline(groups: Sequence[Group]) -> str | None:
+    """Name the error that the runs are ranked by; None where there is none, as in studies."""
+    found = metric_names(groups)
+    return next((name for name in HEADLINES if name in found), None)
+
+
+def values(group: Group, metric: str) -> list[tuple[Run, float]]:
+    """Return the group's runs with their value of a metric, where it is finite."""
+    found = [(run, float(numbers(run).get(metric, np.nan))) for run in group.runs]
+    return [(run, value) for run, value in found if np.isfinite(value)]
+
+
+def statistic(group: Group, metric: str) -> Statistic | None:
+    """Sum up the metric over the group's runs; None when no run has it.
+
+    The resampling has a generator of its own, so that a group's interval does not depend on the other groups.
+    """
+    sample = np.array([value for _, value in values(group, metric)])
+    if not len(sample):
+        return None
+    low, high = interval(sample)
+    sd = float(sample.std(ddof=1)) if len(sample) > 1 else float("nan")
+    return Statistic(metric, len(sample), float(sample.mean()), sd, float(low), float(high))
+
+
+def interval(sample: FloatArray) -> FloatArray:
+    """Return the interval (2, ...) of the mean of a sample (n, ...)."""
+    return bootstrap_interval(sample, np.random.default_rng(0), LEVEL)
+
+
+def joint_errors(run: Run) -> Mapping[str, float]:
+    """Return every joint's mean distance from its true place, mm, over the frames after the first that have truth.
+
+    Empty for studies and without truth. The first frame is given, not tracked.
+    """
+    if run.is_study:
+        return {}
+    estimate, truth = run.joints, run.true_joints
+    frames, mine, true = np.intersect1d(estimate.frames, truth.frames, return_indices=True)
+    tracked = frames > estimate.frames.min(initial=np.iinfo(np.int64).max)
+    if not tracked.any():
+        return {}
+    apart = estimate.positions[mine[tracked]] - truth.positions[true[tracked]]
+    means = 1e3 * np.linalg.norm(apart, axis=2).mean(axis=0)
+    return {name: float(value) for name, value in zip(estimate.names, means, strict=True)}

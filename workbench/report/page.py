@@ -2,9 +2,9 @@
 
 import base64
 import html
+from dataclasses import dataclass
 
 from workbench.report.contents import Contents
-from workbench.report.picture import Picture
 from workbench.report.tables import Table, escaped, markdown, markup, printable, text
 
 _STYLE = """
@@ -33,8 +33,18 @@ summary { cursor: pointer; font-weight: 600; }
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A plot as PNG. name: of its file. caption: what is to be seen, one or two sentences."""
+
+    name: str
+    title: str
+    caption: str
+    png: bytes
+
+
 def terminal(found: Contents) -> str:
-    """The report as plain text, without the lesser metrics."""
+    """Write the report as plain text, without the lesser metrics."""
     parts = ["\n".join(found.summary)]
     if found.problems:
         parts.append("\n".join(("not counted or missing:", *(f"- {problem}" for problem in found.problems))))
@@ -45,7 +55,7 @@ def terminal(found: Contents) -> str:
 
 
 def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:
-    """The report with its pictures beside it."""
+    """Write the report with its pictures beside it."""
     parts = [f"# {escaped(title)}", escaped(" ".join(found.summary))]
     if found.problems:
         listed = "\n".join(f"- {escaped(problem)}" for problem in found.problems)
@@ -53,10 +63,9 @@ def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:
     parts += [
         f"## {picture.title}\n\n![{picture.title}]({picture.name}.png)\n\n{picture.caption}" for picture in pictures
     ]
-    sections = (("Metrics", found.chief), ("Other metrics", found.others))
     if found.extremes:
         parts.append(f"## {_capital(escaped(found.extremes[0]))}\n\n{markdown(found.extremes[1])}")
-    for heading, tables in sections:
+    for heading, tables in (("Metrics", found.chief), ("Other metrics", found.others)):
         if tables:
             parts.append(f"## {heading}")
             parts += [f"### {escaped(name)}\n\n{markdown(table)}" for name, table in tables]
@@ -64,12 +73,15 @@ def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:
 
 
 def as_page(title: str, found: Contents, pictures: list[Picture]) -> str:
-    """The report with its pictures inside. It has no scripts, and forbids itself to load anything from anywhere."""
+    """Write the report with its pictures inside. It has no scripts, and forbids itself to load anything."""
     parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="note">{html.escape(" ".join(found.summary))}</p>']
     if found.problems:
         listed = "".join(f"<li>{html.escape(problem)}</li>" for problem in found.problems)
         parts.append(f'<section class="problems"><strong>Not counted or missing</strong><ul>{listed}</ul></section>')
-    parts += [_figure(picture) for picture in pictures]
+    for picture in pictures:
+        data = base64.b64encode(picture.png).decode("ascii")
+        image = f'<img alt="{html.escape(picture.title)}" src="data:image/png;base64,{data}">'
+        parts.append(f"<figure>{image}<figcaption>{html.escape(picture.caption)}</figcaption></figure>")
     if found.extremes:
         parts.append(f"<h2>{html.escape(_capital(found.extremes[0]))}</h2>\n{markup(found.extremes[1])}")
     if found.chief:
@@ -84,12 +96,6 @@ def as_page(title: str, found: Contents, pictures: list[Picture]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         f"<title>{html.escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
     )
-
-
-def _figure(picture: Picture) -> str:
-    data = base64.b64encode(picture.png).decode("ascii")
-    image = f'<img alt="{html.escape(picture.title)}" src="data:image/png;base64,{data}">'
-    return f"<figure>{image}<figcaption>{html.escape(picture.caption)}</figcaption></figure>"
 
 
 def _section(title: str, table: Table) -> str:

@@ -1,21 +1,22 @@
 """The report's plots: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.style import context
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
-from workbench.recording.study.drawing import GREY, INK, STYLE, label_ends, png
-from workbench.report.groups import Group, Grouping
-from workbench.report.picture import Picture
-from workbench.report.series import Colour, all_series, mixed, n_particles
-from workbench.report.statistics import CHIEF, headline, interval, joint_errors, statistic, values
+from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
+from workbench.report.groups import CHIEF, Group, Grouping, headline, interval, joint_errors, statistic, values
+from workbench.report.page import Picture
+from workbench.report.variation import label
 
 _STYLE = STYLE | {
     "font.size": 10.0, "axes.titlesize": 12.0, "axes.labelsize": 10.0, "xtick.labelsize": 10.0, "ytick.labelsize": 10.0,
@@ -24,10 +25,31 @@ _STYLE = STYLE | {
 _LABEL_GAP = 0.06  # of the axes' height
 _FAR_APART = 4.0
 _MOST_GROUPS = 8  # per joint: more bands on a line hide each other
+_LIGHTEST = 0.55
+_N_PARTICLES = "inference.n_particles"
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Groups that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
+
+    label: what the groups have in common. groups: by rising number of particles.
+    """
+
+    label: str
+    groups: tuple[Group, ...]
+    colour: Colour
+
+    def shade(self, group: Group) -> Colour:
+        """Return the group's own colour: the series' for most particles, lighter for fewer."""
+        behind = len(self.groups) - 1 - self.groups.index(group)
+        return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
 
 
 def pictures(grouping: Grouping) -> list[Picture]:
-    """The plots that these groups allow: none of studies, which track nobody."""
+    """Draw the plots that these groups allow: none of studies, which track nobody."""
     metric = headline(grouping.groups)
     if metric is None:
         return []
@@ -37,10 +59,30 @@ def pictures(grouping: Grouping) -> list[Picture]:
     return [picture for picture in made if picture is not None]
 
 
+def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
+    """Return the series with the least `metric`, one for each colour, in the groups' order; and how many more exist.
+
+    Groups without the metric are in none.
+    """
+    keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
+    members: dict[str, list[Group]] = {}
+    for group in grouping.groups:
+        if statistic(group, metric) is not None:
+            name = label(keys, group.values) or str(group.settings["experiment"])
+            members.setdefault(name, []).append(group)
+    best = sorted(members, key=lambda name: min(_mean(group, metric) for group in members[name]))[: len(SERIES)]
+    shown = [name for name in members if name in best]
+    series = [
+        Series(name, tuple(sorted(members[name], key=_n_particles)), to_rgb(colour))
+        for name, colour in zip(shown, SERIES, strict=False)
+    ]
+    return series, len(members) - len(series)
+
+
 def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
     series, left_out = all_series(grouping, metric)
-    counts = sorted({n_particles(group) for line in series for group in line.groups if n_particles(group) > 0.0})
-    if not any(len({n_particles(group) for group in line.groups}) > 1 for line in series):
+    counts = sorted({_n_particles(group) for line in series for group in line.groups} - {0.0})
+    if not any(len({_n_particles(group) for group in line.groups}) > 1 for line in series):
         return None
     figure, axes = _canvas("Error against particles", "particles", CHIEF[metric])
     axes.set_xscale("log")
@@ -48,8 +90,8 @@ def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
     axes.xaxis.set_minor_locator(NullLocator())
     ends = []
     for line in series:
-        groups = [group for group in line.groups if n_particles(group) > 0.0]
-        x = np.array([n_particles(group) for group in groups])
+        groups = [group for group in line.groups if _n_particles(group) > 0.0]
+        x = np.array([_n_particles(group) for group in groups])
         mean, low, high = _columns(groups, metric)
         axes.fill_between(x, low, high, color=line.colour, alpha=0.18, linewidth=0.0)
         axes.plot(x, mean, color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
@@ -60,7 +102,7 @@ def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
     _error_axis(axes, [group for line in series for group in line.groups], metric)
     _name_ends(axes, ends)
     caption = "Lines are means over seeds, bands their 95 % intervals, dots single runs." + _of_more(left_out)
-    return _picture("error_against_particles", "Error against particles", caption, figure)
+    return _picture("error_against_particles", caption, figure)
 
 
 def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
@@ -85,11 +127,14 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
             axes.plot(seconds[i], mean[i], color=line.colour, marker="o", markersize=6.0)
             if len(groups) > 1:
                 axes.annotate(
-                    f"{n_particles(group):.0f}", (seconds[i], mean[i]), (0.0, 9.0), textcoords="offset points",
+                    f"{_n_particles(group):.0f}", (seconds[i], mean[i]), (0.0, 9.0), textcoords="offset points",
                     ha="center", va="bottom", fontsize=8.0, color=GREY,
                 )  # fmt: skip
         ends.append((line.label, line.colour, float(seconds[-1]), float(mean[-1])))
-    _widen(axes, [x for _, _, x, _ in ends])
+    left, right = axes.get_xlim()
+    if right < 4.0 * left:  # at least a factor of four around the points, so that a logarithmic axis has ticks
+        middle = float(np.exp(np.mean(np.log([x for _, _, x, _ in ends]))))
+        axes.set_xlim(min(left, middle / 2.5), max(right, middle * 2.5))
     _error_axis(axes, [group for line in timed for group in line.groups], metric)
     _name_ends(axes, ends)
     numbered = " Small numbers count particles." if any(len(line.groups) > 1 for line in timed) else ""
@@ -97,7 +142,7 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
         "Large dots are means over seeds, bands the errors' 95 % intervals, small dots single runs. The time is that "
         f"of the inference alone, on the machine that ran it.{numbered}{_of_more(left_out)}"
     )
-    return _picture("error_against_time", "Error against time", caption, figure)
+    return _picture("error_against_time", caption, figure)
 
 
 def _coverage(grouping: Grouping, _: str) -> Picture | None:
@@ -122,14 +167,18 @@ def _coverage(grouping: Grouping, _: str) -> Picture | None:
         "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
         "should be. Large dots are means over seeds, bands their 95 % intervals, small dots single runs."
     )
-    return _picture("coverage", "Coverage of the 90 % band", caption + _of_more(left_out), figure)
+    return _picture("coverage", caption + _of_more(left_out), figure)
 
 
 def _per_joint(grouping: Grouping, metric: str) -> Picture | None:
     series, _ = all_series(grouping, metric)
     every = [(line, group) for line in series for group in line.groups]
     rows = sorted(every, key=lambda row: _mean(row[1], metric))[:_MOST_GROUPS]
-    measured = {group: _samples(group) for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)}
+    measured: dict[Group, dict[str, list[float]]] = {group: {} for _, group in rows}
+    for group, samples in tqdm(measured.items(), "joints", unit="group", leave=False, disable=None):
+        for run in group.runs:
+            for name, error in joint_errors(run).items():
+                samples.setdefault(name, []).append(error)
     names = list(dict.fromkeys(name for samples in measured.values() for name in samples))
     if not names:
         return None
@@ -152,7 +201,7 @@ def _per_joint(grouping: Grouping, metric: str) -> Picture | None:
     caption = "Dots are means over frames and seeds, bands the 95 % intervals over seeds; the best group is on top."
     if len(every) > len(rows):
         caption += f" The {len(every) - len(rows)} groups with larger errors are left out."
-    return _picture("error_per_joint", "Error of each joint", caption, figure)
+    return _picture("error_per_joint", caption, figure)
 
 
 def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -> tuple[Figure, Axes]:
@@ -198,25 +247,15 @@ def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: Colour, widt
     low, high = interval(sample)
     _band(axes, [low, high], [y, y], colour, width)
     if single:
-        _dots(axes, sample, np.full(len(sample), y), mixed(colour, 0.0, 0.3))
+        _dots(axes, sample, np.full(len(sample), y), _mixed(colour, 0.0, 0.3))
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
 
 
 def _columns(groups: Sequence[Group], metric: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Means, lower and upper ends, one a group; the ends are NaN where there is no interval."""
-    found = [statistic(group, metric) for group in groups]
-    rows = [(one.mean, one.low, one.high) if one else (np.nan,) * 3 for one in found]
-    mean, low, high = np.array(rows).T
+    each = [statistic(group, metric) for group in groups]
+    mean, low, high = np.array([(row.mean, row.low, row.high) if row else (np.nan,) * 3 for row in each]).T
     return mean, low, high
-
-
-def _samples(group: Group) -> dict[str, list[float]]:
-    """Every joint's mean error, mm, one a run that has true joints."""
-    samples: dict[str, list[float]] = {}
-    for run in group.runs:
-        for name, error in joint_errors(run).items():
-            samples.setdefault(name, []).append(error)
-    return samples
 
 
 def _mean(group: Group, metric: str) -> float:
@@ -226,20 +265,24 @@ def _mean(group: Group, metric: str) -> float:
 
 def _name_ends(axes: Axes, ends: Sequence[tuple[str, Colour, float, float]]) -> None:
     """Labels beside the ends (label, colour, x, y) of lines, in darker colours."""
-    label_ends(axes, [(name, mixed(colour, 0.0, 0.25), x, y) for name, colour, x, y in ends], _LABEL_GAP, 10.0)
+    label_ends(axes, [(name, _mixed(colour, 0.0, 0.25), x, y) for name, colour, x, y in ends], _LABEL_GAP, 10.0)
 
 
-def _widen(axes: Axes, x: Sequence[float]) -> None:
-    """Show at least a factor of four around the points, so that a logarithmic axis has ticks."""
-    low, high = axes.get_xlim()
-    if high < 4.0 * low:
-        middle = float(np.exp(np.mean(np.log(x))))
-        axes.set_xlim(min(low, middle / 2.5), max(high, middle * 2.5))
+def _n_particles(group: Group) -> float:
+    """The group's number of particles, 0 where it has none."""
+    found = group.settings.get(_N_PARTICLES)
+    return float(found) if isinstance(found, int | float) else 0.0
+
+
+def _mixed(colour: Colour, other: float, part: float) -> Colour:
+    """A colour with a part of white (other = 1) or black (0)."""
+    red, green, blue = (value + part * (other - value) for value in colour)
+    return red, green, blue
 
 
 def _of_more(left_out: int) -> str:
     return f" Shown are the best; {left_out} more are in the tables." if left_out else ""
 
 
-def _picture(name: str, title: str, caption: str, figure: Figure) -> Picture:
-    return Picture(name, title, caption, png(figure, bbox_inches="tight"))
+def _picture(name: str, caption: str, figure: Figure) -> Picture:
+    return Picture(name, figure.axes[0].get_title(loc="left"), caption, png(figure, bbox_inches="tight"))

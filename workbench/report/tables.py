@@ -19,7 +19,7 @@ class Table:
 
 
 def number(value: float) -> str:
-    """Four significant digits, or all of them before the point; a dash for what is not known."""
+    """Write four significant digits, or all of them before the point; a dash for what is not known."""
     if not np.isfinite(value):
         return "–"
     if abs(value) < 1e-12:  # nothing, or what rounding leaves of it
@@ -48,21 +48,21 @@ def printable(words: str) -> str:
 
 
 def markdown(table: Table) -> str:
-    """A pipe table."""
+    """Write a pipe table."""
     rule = ["---:" if name in table.numeric else "---" for name in table.header]
     rows = [[escaped(cell) for cell in row] for row in (table.header, *table.rows)]
     return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:]))
 
 
 def escaped(words: str) -> str:
-    """Text of others for Markdown: nothing in it is markup, and it stays within its cell."""
+    """Escape text of others for Markdown: nothing in it is markup, and it stays within its cell."""
     for mark in "\\|`*_<>[]":
         words = words.replace(mark, f"\\{mark}")
     return " ".join(words.split())
 
 
 def markup(table: Table) -> str:
-    """An HTML table; cells of numeric columns have the class `number`."""
+    """Write an HTML table; cells of numeric columns have the class `number`."""
     kinds = [' class="number"' if name in table.numeric else "" for name in table.header]
 
     def line(cells: Sequence[str], tag: str) -> str:
@@ -74,7 +74,7 @@ def markup(table: Table) -> str:
 
 
 def comma_separated(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """CSV with a header; floats in full, nothing where a number is not finite."""
+    """Write CSV with a header; floats in full, nothing where a number is not finite."""
     file = StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)

@@ -8,15 +8,7 @@ from typing import Any
 
 TARGET = "._target_"
 EXPERIMENT = "experiment"
-_REPETITION = ("seed",)
-_WITHOUT_EFFECT = (
-    "threads",
-    "paths",
-    "recorder",
-    "parts",
-    "learn",
-    "people",
-)  # on numbers
+_WITHOUT_EFFECT = ("threads", "paths", "recorder", "parts", "learn", "people")  # on numbers
 _PLACES = (".data", ".cache")
 
 Settings = Mapping[str, Any]
@@ -33,13 +25,13 @@ class Variation:
 
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
     """Tell what may have influenced a run's numbers but the seed: {dotted key: value}."""
-    kept = {key: value for key, value in settings.items() if key not in (*_REPETITION, *_WITHOUT_EFFECT)}
+    kept = {key: value for key, value in settings.items() if key not in ("seed", *_WITHOUT_EFFECT)}
     leaves = {key: value for key, value in _leaves(kept) if not key.endswith(_PLACES)}
     return {EXPERIMENT: experiment, **leaves}
 
 
 def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[str]:
-    """The seeds of parts that are the run's own in every run, such as `dataset.seed=${seed}`: they too only repeat."""
+    """Find the seeds of parts that are the run's own in every run, such as `dataset.seed=${seed}`: they only repeat."""
     names = {key for row in settings for key in row if key.endswith(".seed")}
     return {
         name for name in names if all(row.get(name, seed) == seed for row, seed in zip(settings, seeds, strict=True))
@@ -55,7 +47,7 @@ def _leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str,
 
 
 def what_varied(settings: Sequence[Settings]) -> Variation:
-    """The fewest keys that tell different settings apart.
+    """Find the fewest keys that tell different settings apart.
 
     A key that repeats another's value is left out; so is one that only changes with a choice, which is a key whose
     values are text: the keys of a prior that another prior has not, say, or what an experiment sets.
@@ -81,20 +73,20 @@ def _leads(first: Sequence[str], second: Sequence[str], choice: bool) -> bool:
 
 
 def comparable(row: Settings, name: str) -> str:
-    """A value as text that is equal for equal values; a list of one is its item, a key that is not there is empty."""
+    """Write a value as text, equal for equal values; a list of one is its item, a key that is not there is empty."""
     value = row.get(name, [])
     return json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value, sort_keys=True, default=str)
 
 
 def short_names(keys: Sequence[str]) -> dict[str, str]:
-    """Names to show for dotted keys: their last part, or for the choice of a part its group, where that is unique."""
+    """Shorten dotted keys to their last part, or for the choice of a part its group, where that is unique."""
     parts = {key: key.removesuffix(TARGET).split(".") for key in keys}
     last = [words[-1] for words in parts.values()]
     return {key: words[-1] if last.count(words[-1]) == 1 else ".".join(words) for key, words in parts.items()}
 
 
 def shown(key: str, value: Any) -> str:
-    """A value as a person would write it; what a part is made by as the name of the part."""
+    """Write a value as a person would; what a part is made by as the name of the part."""
     if key.endswith(TARGET):
         name = str(value).rpartition(".")[2]
         return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
@@ -106,7 +98,7 @@ def shown(key: str, value: Any) -> str:
 
 
 def label(keys: Sequence[str], values: Settings) -> str:
-    """One line that tells a group from the others: `walking, n_particles=200`. Keys that it has not are left out."""
+    """Return one line that tells a group from the others, of the keys that it has: `walking, n_particles=200`."""
     names = short_names(keys)
     texts = {key: shown(key, values[key]) for key in keys if key in values}
     chosen = (EXPERIMENT, *(key for key in keys if key.endswith(TARGET)))

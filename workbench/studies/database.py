@@ -44,7 +44,7 @@ class Probes:
 def left_out_probes(
     prior: Prior, clip: str | None, frame: int | None, n_probes: int, rng: np.random.Generator
 ) -> Probes:
-    """Probes from the prior's own database, of which their clips, at most a quarter of all, are then left out.
+    """Take probes from the prior's own database, of which their clips, at most a quarter of all, are then left out.
 
     An entry that is its own probe would be all that is drawn at a low temperature, and its neighbours in time nearly
     so; leaving the clip out asks what a filter asks, for somebody else's or another take's motion. The components are
@@ -85,15 +85,9 @@ class Temperature:
     """
 
     def __init__(
-        self,
-        prior: Prior,
-        *,
-        clip: str | None = None,
-        frame: int | None = None,
-        betas: Sequence[float] = (0.01, 0.1, 1.0, 10.0),
-        n_draws: int = 10,
-        n_probes: int = 20,
-    ) -> None:
+        self, prior: Prior, *, clip: str | None = None, frame: int | None = None,
+        betas: Sequence[float] = (0.01, 0.1, 1.0, 10.0), n_draws: int = 10, n_probes: int = 20,
+    ) -> None:  # fmt: skip
         if not betas or min(betas) <= 0.0 or min(n_draws, n_probes) < 1:
             raise InputError("study: expected temperatures above zero, and one draw and probe or more")
         self.prior, self.clip, self.frame = prior, clip, frame
@@ -102,21 +96,16 @@ class Temperature:
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Draw, compare with the exact distribution, and say what is to be seen."""
         probes = left_out_probes(self.prior, self.clip, self.frame, self.n_probes, rng)
-        sticks = [
-            self._sticks(probes, name, beta, rng) for name in SEARCHES for beta in self.betas
-        ]  # fmt: skip
+        sticks = [self._sticks(probes, name, beta, rng) for name in SEARCHES for beta in self.betas]
         scanned = np.unique([*SCANNED_BETAS, probes.prior.beta])
         found = {name: _fidelities(probes, name, scanned, rng) for name in SEARCHES}
         here = int(np.searchsorted(scanned, probes.prior.beta))
         tree, ours = found["sign_tree"][here], found["exact"][here]
         metrics = {
-            "tv_sign_tree": tree.total_variation,
-            "tv_search": ours.total_variation,
-            "visited_pct": 100.0 * ours.visited,
-            "distance_sign_tree": tree.distance,
-            "distance_search": ours.distance,
-            "distance_exact": ours.exact_distance,
-        }
+            "tv_sign_tree": tree.total_variation, "tv_search": ours.total_variation,
+            "visited_pct": 100.0 * ours.visited, "distance_sign_tree": tree.distance,
+            "distance_search": ours.distance, "distance_exact": ours.exact_distance,
+        }  # fmt: skip
         return StudyResult(metrics, (*sticks, *_fidelity_curves(probes, scanned, found, rng)), self._note(probes))
 
     def _sticks(self, probes: Probes, name: str, beta: float, rng: np.random.Generator) -> Sticks:
@@ -151,16 +140,9 @@ class CoefficientHistograms:
     """
 
     def __init__(
-        self,
-        prior: Prior,
-        *,
-        clip: str | None = None,
-        frame: int | None = None,
-        beta: float = 1.0,
-        n_draws: int = 1000,
-        components: Sequence[int] = (3, 7, 11, 15),
-        n_bins: int = 30,
-    ) -> None:
+        self, prior: Prior, *, clip: str | None = None, frame: int | None = None, beta: float = 1.0,
+        n_draws: int = 1000, components: Sequence[int] = (3, 7, 11, 15), n_bins: int = 30,
+    ) -> None:  # fmt: skip
         if not beta > 0.0 or min(n_draws, n_bins, *components) < 1:
             raise InputError("study: expected beta above 0, and draws, bins and components from 1")
         self.prior, self.clip, self.frame, self.beta = prior, clip, frame, beta
@@ -184,10 +166,13 @@ class CoefficientHistograms:
         sampling = []
         for name, label in SEARCHES.items():
             for k in components:
-                edges = _edges(probe[k - 1], both[:, k - 1], np.sqrt(self.beta), self.n_bins)
+                centre, deviation, drawn = probe[k - 1], np.sqrt(self.beta), both[:, k - 1]
+                low, high = min(centre - 3.5 * deviation, drawn.min()), max(centre + 3.5 * deviation, drawn.max())
+                edges = np.linspace(low, high + 1e-9, self.n_bins + 1)
                 mass = np.histogram(draws[name][:, k - 1], edges)[0] / self.n_draws
-                model = np.diff(ndtr((edges - probe[k - 1]) / np.sqrt(self.beta)))
-                figures.append(_bars(f"coefficients/{label}, c{k}", f"c{k} (σ)", edges, mass, model))
+                model, width = np.diff(ndtr((edges - centre) / deviation)), edges[1] - edges[0]
+                middles = 0.5 * (edges[1:] + edges[:-1])
+                figures.append(Bars(f"coefficients/{label}, c{k}", middles, mass / width, f"c{k} (σ)", model / width))
                 outside = 1.0 - model.sum()  # the Gaussian's tails, where nothing was drawn
                 metrics[f"tv_c{k}_{METRIC_NAMES[name]}"] = 0.5 * float(np.abs(mass - model).sum() + outside)
                 sampling.append(0.5 * float(np.sqrt(2.0 * model * (1.0 - model) / (np.pi * self.n_draws)).sum()))
@@ -206,7 +191,7 @@ class CoefficientHistograms:
 
 
 def _shown_window(windows: Windows, clip: str | None, frame: int | None, rng: np.random.Generator) -> int:
-    """The index of the window that ends at a frame of a clip."""
+    """Find the index of the window that ends at a frame of a clip."""
     if clip is None:
         inside = np.arange(len(windows))
     else:
@@ -245,19 +230,16 @@ def _fidelity_curves(
     def curves(name: str, y_name: str, lines: dict[str, FloatArray]) -> Curves:
         return Curves(f"fidelity/{name}", x, lines, "log₁₀ β", y_name, mark)
 
-    def over(name: str, field: str, factor: float = 1.0) -> FloatArray:
-        return factor * np.array([getattr(one, field) for one in found[name]])
+    def over(field: str, factor: float = 1.0) -> dict[str, FloatArray]:
+        return {SEARCHES[name]: factor * np.array([getattr(at, field) for at in each]) for name, each in found.items()}
 
     anything = rng.integers(len(probes.prior.windows), size=(len(probes.coefficients), 100))
     blind = ((probes.prior.windows.coefficients[anything] - probes.coefficients[:, None]) ** 2).sum(axis=2)
-    variation = {label: over(name, "total_variation") for name, label in SEARCHES.items()}
-    visited = {label: over(name, "visited", 100.0) for name, label in SEARCHES.items()}
-    distance = {label: over(name, "distance") for name, label in SEARCHES.items()}
-    distance["exact odds"] = over("exact", "exact_distance")
+    distance = over("distance") | {"exact odds": over("exact_distance")[SEARCHES["exact"]]}
     distance["blind chance"] = np.full(len(x), float(np.median(blind)))
     return (
-        curves("total variation to the exact odds", "total variation", variation),
-        curves("entries visited", "% of the database", visited),
+        curves("total variation to the exact odds", "total variation", over("total_variation")),
+        curves("entries visited", "% of the database", over("visited", 100.0)),
         curves("from probe to draw", "median |c − cₜ|²  (σ²)", distance),
     )
 
@@ -269,15 +251,3 @@ def _poses(windows: Windows, rows: IntArray) -> FloatArray:
     if windows.root:
         poses[:, [POSE_NAMES.index("root_pitch"), POSE_NAMES.index("root_roll")]] = windows.rows[rows, -2:]
     return poses
-
-
-def _bars(name: str, x_name: str, edges: FloatArray, mass: FloatArray, model: FloatArray) -> Bars:
-    """Masses in bins as densities."""
-    width = edges[1] - edges[0]
-    return Bars(name, 0.5 * (edges[1:] + edges[:-1]), mass / width, x_name, model / width)
-
-
-def _edges(centre: float, values: FloatArray, deviation: float, n_bins: int) -> FloatArray:
-    """Bins over all values and three and a half deviations to either side of the centre."""
-    low, high = centre - 3.5 * deviation, centre + 3.5 * deviation
-    return np.linspace(min(low, values.min()), max(high, values.max()) + 1e-9, n_bins + 1)

@@ -12,24 +12,21 @@ from workbench.errors import InputError
 from workbench.learning.gaps import METHODS, gap_study, gappy_sequences, remove_markers
 from workbench.learning.imputation import impute, impute_linear, impute_paper, impute_periodic
 from workbench.mocap.motion import Motion
-from workbench.studies.learning import angle, cyclic, degrees, title, walks
+from workbench.studies.learning import WalkStudy, angle, cyclic, degrees, title
 
 NAMES = dict(zip(METHODS, ("ours", "linear", "periodic spline", "paper's FPCA"), strict=True))
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "right_shoulder_flexion", "right_elbow_flexion")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImputeGaps:
+class ImputeGaps(WalkStudy):
     """Error of the imputed samples, by method and by how much was removed; and one walk filled in.
 
-    motions, data, cache, subjects: as for `training_motions`. fractions: parts of the samples removed. The walk shown
-    is the one filled in middling well, at the middle fraction. Metrics: those of `gap_study` with blocks removed; with
-    _markers at the end, with whole markers removed for half a cycle.
+    fractions: parts of the samples removed. The walk shown is the one filled in middling well, at the middle fraction.
+    Metrics: those of `gap_study` with blocks removed; with _markers at the end, with whole markers removed for half a
+    cycle.
     """
 
-    motions: str = "builtin"
-    data: str | None = None
-    cache: str = "~/.cache/workbench"
     subjects: Sequence[str] | None = ("08", "16", "32", "35", "38")
     fractions: Sequence[float] = (0.1, 0.2, 0.3)
 
@@ -40,7 +37,7 @@ class ImputeGaps:
         """
         if not self.fractions or not all(0.0 < fraction <= 0.9 for fraction in self.fractions):
             raise InputError(f"study: fractions must lie between 0 and 0.9, found {list(self.fractions)}")
-        motions, _ = cyclic(walks(self.motions, self.data, self.cache, self.subjects))
+        motions, _ = cyclic(self.walks())
         fractions = sorted(self.fractions)
         blocks = gap_study(motions, fractions, rng)
         markers = gap_study(motions, fractions, rng, remove_markers)
@@ -55,10 +52,7 @@ class ImputeGaps:
 
 def _errors(name: str, fractions: Sequence[float], measured: Mapping[str, float]) -> Curves:
     percents = np.array([round(100 * fraction) for fraction in fractions])
-    curves = {
-        label: np.array([measured[f"rmse_deg_{percent}{method}"] for percent in percents])
-        for method, label in NAMES.items()
-    }
+    curves = {label: np.array([measured[f"rmse_deg_{p}{method}"] for p in percents]) for method, label in NAMES.items()}
     return Curves(f"gaps/{name}", percents.astype(np.float64), curves, "percent missing", "RMSE in degrees")
 
 
@@ -83,7 +77,7 @@ def _filled(motions: Sequence[Motion], fraction: float, rng: np.random.Generator
 
 
 def in_gaps(missing: BoolArray) -> BoolArray:
-    """Missing samples (F,) and their neighbours, so that a curve drawn over a gap meets the observed ones."""
+    """Mark missing samples (F,) and their neighbours, so that a curve drawn over a gap meets the observed ones."""
     return np.convolve(missing, np.ones(3), mode="same") > 0.0
 
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,17 +23,26 @@ ANGLES = tuple(
 log = logging.getLogger(__name__)
 
 
-def walks(motions: str, data: str | None, cache: str, subjects: Sequence[str] | None) -> tuple[Motion, ...]:
-    """The motions to study, see `training_motions`; says which they are."""
-    found = training_motions(motions, data=data, cache=cache, subjects=subjects)
-    people = sorted({motion.subject for motion in found})
-    seconds = sum(len(motion) / motion.rate_hz for motion in found)
-    log.info("motions: %d walks (%s) of %d people, %.0f s", len(found), motions, len(people), seconds)
-    return found
+@dataclass(frozen=True, kw_only=True)
+class WalkStudy:
+    """What every study of walks is told. motions, data, cache, subjects: as for `training_motions`."""
+
+    motions: str = "builtin"
+    data: str | None = None
+    cache: str = "~/.cache/workbench"
+    subjects: Sequence[str] | None = None
+
+    def walks(self) -> tuple[Motion, ...]:
+        """Return the motions to study, see `training_motions`; says which they are."""
+        found = training_motions(self.motions, data=self.data, cache=self.cache, subjects=self.subjects)
+        people = {motion.subject for motion in found}
+        seconds = sum(len(motion) / motion.rate_hz for motion in found)
+        log.info("motions: %d walks (%s) of %d people, %.0f s", len(found), self.motions, len(people), seconds)
+        return found
 
 
 def cyclic(motions: Sequence[Motion]) -> tuple[list[Motion], list[float]]:
-    """The motions in which a period is found, and their periods in frames; the others are named in a warning.
+    """Select the motions in which a period is found, and their periods in frames; the others are named in a warning.
 
     Raises InputError when none is left.
     """
@@ -54,20 +64,20 @@ def angle(name: str) -> int:
 
 
 def title(name: str) -> str:
-    """A parameter's name as words."""
+    """Return a parameter's name as words."""
     return name.replace("_", " ")
 
 
 def degrees(curves: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Curves in rad as curves in degrees."""
+    """Return curves in rad as curves in degrees."""
     return {label: np.degrees(curve) for label, curve in curves.items()}
 
 
 def closed(curve: FloatArray) -> FloatArray:
-    """A curve (T,) over phases 0, 1/T, … with its first value again at phase 1."""
+    """Close a curve (T,) over phases 0, 1/T, … with its first value again at phase 1."""
     return np.append(curve, curve[0])
 
 
 def phases(n: int) -> FloatArray:
-    """Phases 0, 1/n, …, 1 (n + 1,) of a closed curve."""
+    """Return phases 0, 1/n, …, 1 (n + 1,) of a closed curve."""
     return np.linspace(0.0, 1.0, n + 1)

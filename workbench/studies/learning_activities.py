@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from workbench.arrays import FloatArray
 from workbench.core.study import Curves, Figure, Scatter, StudyResult
-from workbench.learning.activities import ActivityModel, fewest, learn_activities
-from workbench.learning.activity_classes import accuracy_left_out, error_left_out_deg, mean_rates_hz
+from workbench.learning.activities import (
+    ActivityModel,
+    accuracy_left_out,
+    error_left_out_deg,
+    fewest,
+    learn_activities,
+    mean_rates_hz,
+)
 from workbench.learning.activity_cycles import ActivityCycles, activity_cycles
 from workbench.learning.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title
@@ -54,10 +60,8 @@ class LearnWalkRun:
         )
         cycles = activity_cycles(motions, most_per_clip=self.most_per_clip)
         log.info("motions: %d cycles (%s) of %d clips", len(cycles), self.motions, len(set(cycles.sources)))
-        models = {
-            label: learn_activities(cycles, angles=[part], n_components=EIGENVECTORS)
-            for label, part in PARTS_SHOWN.items()
-        }
+        parts = PARTS_SHOWN.items()
+        models = {name: learn_activities(cycles, angles=[part], n_components=EIGENVECTORS) for name, part in parts}
         metrics = _metrics(cycles, models)
         whole = models["whole body"]
         figures: tuple[Figure, ...] = (
@@ -70,7 +74,7 @@ class LearnWalkRun:
 
 
 def style(source: str) -> str:
-    """The style in the name of a Bandai clip; of other clips the person: the name up to the clip's number or path."""
+    """Return the style in the name of a Bandai clip, of others the person: the name up to the clip's number or path."""
     bandai = re.fullmatch(r"dataset-\d+_[^_]+_([^_]+)_\d+", source)
     return bandai[1] if bandai else source.rpartition("_")[0] or source
 

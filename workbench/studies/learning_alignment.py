@@ -9,28 +9,23 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.study import Curves, StudyResult
 from workbench.learning.alignment import Alignment, align
-from workbench.studies.learning import angle, closed, cyclic, degrees, phases, title, walks
+from workbench.studies.learning import WalkStudy, angle, closed, cyclic, degrees, phases, title
 
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion")
 N_BINS = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class AlignCycles:
+class AlignCycles(WalkStudy):
     """Folded walks before and after alignment, and the error of every pass.
 
-    motions, data, cache, subjects: as for `training_motions`. Metrics: n_sequences; passes; deviation_before and
-    deviation_after, the root mean square deviation from the reference in standard deviations of the angles.
+    Metrics: n_sequences; passes; deviation_before and deviation_after, the root mean square deviation from the
+    reference in standard deviations of the angles.
     """
-
-    motions: str = "builtin"
-    data: str | None = None
-    cache: str = "~/.cache/workbench"
-    subjects: Sequence[str] | None = None
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Align and show; draws nothing. Raises InputError when no walk has a period."""
-        motions, periods = cyclic(walks(self.motions, self.data, self.cache, self.subjects))
+        motions, periods = cyclic(self.walks())
         sequences = [motion.poses[:, N_ROOT:] for motion in motions]
         alignment = align(sequences, periods)
         deviations = np.sqrt(alignment.errors / sum(series.size for series in sequences))
@@ -43,41 +38,36 @@ class AlignCycles:
         before = [fold(series, np.arange(len(series)) / p) for series, p in zip(sequences, periods, strict=True)]
         after = [fold(series, alignment.phases(i, len(series))) for i, series in enumerate(sequences)]
         names = [motion.name for motion in motions]
+        count = np.arange(float(len(deviations)))
+        errors = {"all walks": deviations}
         figures = (
-            *(_before(names, before, name) for name in SHOWN),
-            _errors(deviations),
-            *(_after(names, after, alignment, name) for name in SHOWN),
+            *(_cycle(names, before, name, "before", None) for name in SHOWN),
+            Curves("alignment/error", count, errors, "pass", "RMS deviation in standard deviations"),
+            *(_cycle(names, after, name, "after", alignment) for name in SHOWN),
         )
         return StudyResult(metrics, figures, _note(metrics))
 
 
 def fold(series: FloatArray, at: FloatArray) -> FloatArray:
-    """Mean (64, m) of a series (F, m) in equal bins of the cycle, at phases (F,) in cycles; NaN in an empty bin."""
+    """Average a series (F, m) at phases (F,), cycles, in equal bins of the cycle: (64, m), NaN in an empty bin."""
     bins = np.floor((at % 1.0) * N_BINS).astype(np.int64) % N_BINS
     sums, count = np.zeros((N_BINS, series.shape[1])), np.bincount(bins, minlength=N_BINS)[:, None]
     np.add.at(sums, bins, series)
     return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
-def _before(names: Sequence[str], folded: Sequence[FloatArray], name: str) -> Curves:
-    curves = [closed(curve[:, angle(name)]) for curve in folded]
-    mean = {"mean": np.nanmean(curves, axis=0)}
-    return _cycle(f"alignment/{title(name)} before", mean, dict(zip(names, curves, strict=True)))
-
-
-def _after(names: Sequence[str], folded: Sequence[FloatArray], alignment: Alignment, name: str) -> Curves:
-    faint = {label: closed(curve[:, angle(name)]) for label, curve in zip(names, folded, strict=True)}
-    spline = alignment.reference[:: len(alignment.reference) // N_BINS, angle(name)]
-    return _cycle(f"alignment/{title(name)} after", {"reference spline": closed(spline)}, faint)
-
-
-def _cycle(name: str, curves: dict[str, FloatArray], faint: dict[str, FloatArray]) -> Curves:
-    return Curves(name, phases(N_BINS), degrees(curves), "cycle", "degrees", faint=degrees(faint))
-
-
-def _errors(deviations: FloatArray) -> Curves:
-    count = np.arange(float(len(deviations)))
-    return Curves("alignment/error", count, {"all walks": deviations}, "pass", "RMS deviation in standard deviations")
+def _cycle(
+    names: Sequence[str], folded: Sequence[FloatArray], name: str, when: str, alignment: Alignment | None
+) -> Curves:
+    """Every walk's folded angle, and their mean or, after an alignment, its reference spline."""
+    each = [closed(curve[:, angle(name)]) for curve in folded]
+    if alignment is None:
+        curves = {"mean": np.nanmean(each, axis=0)}
+    else:
+        step = len(alignment.reference) // N_BINS
+        curves = {"reference spline": closed(alignment.reference[::step, angle(name)])}
+    heading, faint = f"alignment/{title(name)} {when}", dict(zip(names, each, strict=True))
+    return Curves(heading, phases(N_BINS), degrees(curves), "cycle", "degrees", faint=degrees(faint))
 
 
 def _note(metrics: dict[str, float]) -> str:

@@ -8,29 +8,24 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.core.study import Curves, StudyResult
 from workbench.learning.gaps import ClipPeriods, period_study
-from workbench.studies.learning import ANGLES, angle, title, walks
+from workbench.studies.learning import ANGLES, WalkStudy, angle, title
 
 STATED_PCT = 2.0
 """Clips whose periods differ by more are named."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeriodSnr:
+class PeriodSnr(WalkStudy):
     """Signal-to-noise ratio over the period, and the periods found against those of the hip events.
 
-    motions, data, cache, subjects: as for `training_motions`. missing: part of the samples that is removed, in
-    blocks, for a second measurement. Metrics: those of `period_study`.
+    missing: part of the samples that is removed, in blocks, for a second measurement. Metrics: those of `period_study`.
     """
 
-    motions: str = "builtin"
-    data: str | None = None
-    cache: str = "~/.cache/workbench"
-    subjects: Sequence[str] | None = None
     missing: float = 0.3
 
     def run(self, rng: np.random.Generator) -> StudyResult:
         """Find every walk's period twice. Raises InputError as `training_motions` and `period_study` do."""
-        study = period_study(walks(self.motions, self.data, self.cache, self.subjects), rng, self.missing)
+        study = period_study(self.walks(), rng, self.missing)
         every, noise = study["clips"], study["white_noise"]
         assert isinstance(every, tuple)
         assert isinstance(noise, Mapping)
@@ -42,14 +37,14 @@ class PeriodSnr:
 
 
 def on_grid(x: FloatArray, places: FloatArray, values: FloatArray) -> FloatArray:
-    """Values (k,) at places (k,), which are among x (n,), as a curve (n,) over x; NaN elsewhere."""
+    """Put values (k,) at places (k,), which are among x (n,), as a curve (n,) over x; NaN elsewhere."""
     curve = np.full(len(x), np.nan)
     curve[np.searchsorted(x, places)] = values
     return curve
 
 
 def log10(ratios: FloatArray) -> FloatArray:
-    """Decimal logarithms; NaN for ratios that are not positive.
+    """Take decimal logarithms; NaN for ratios that are not positive.
 
     A deviation from the paper's figure, which is linear: single angles differ by powers of ten at the peak.
     """

@@ -1,5 +1,7 @@
 """The shape of an average person, and the limbs that hang on the skeleton."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,6 @@ def test_limbs_reach_from_joint_to_joint():
 
 def test_a_skeleton_takes_other_bone_lengths():
     skeleton = person(from_height(1.75)).skeleton
-    longer = skeleton.with_offsets(1.1 * skeleton.offsets)
+    longer = replace(skeleton, offsets=1.1 * skeleton.offsets)
     np.testing.assert_array_equal(longer.offsets, 1.1 * skeleton.offsets)
     assert longer.dof_names == skeleton.dof_names

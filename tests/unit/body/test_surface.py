@@ -30,7 +30,7 @@ def test_the_field_is_that_of_the_paper(sharpness, level):
     scene = scenes.lone(half, sharpness=sharpness, level=level)
     points = np.random.default_rng(1).normal(0.0, 0.1, (50, 3))
     d = np.sum((points / half) ** 2, axis=1)
-    expected = scene[1].strength * np.exp(-sharpness * d) - level
+    expected = level * np.exp(sharpness) * np.exp(-sharpness * d) - level
     np.testing.assert_allclose(at(scene, points, "field"), expected, rtol=1e-12, atol=1e-14)
 
 

@@ -1,13 +1,15 @@
 """The skins of bodies: the person's lies on the limbs' cones, and any skeleton has one along its bones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import surface_scenes as scenes
 
 from workbench.body.kinematics import forward
-from workbench.body.limbs import person
+from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
-from workbench.body.surface import attach, person_surface, residuals, skeleton_surface
+from workbench.body.surface import attach, limbs_surface, person_surface, residuals
 from workbench.body.surface_reference import log_fields
 from workbench.errors import InputError
 
@@ -64,7 +66,7 @@ def test_parts_are_the_limbs_on_their_joints():
 @pytest.mark.parametrize("seed", range(3))
 def test_any_skeleton_has_a_skin_along_its_bones(seed):
     skeleton = scenes.tree(seed)
-    surface = skeleton_surface(skeleton, thickness=0.15)
+    surface = limbs_surface(skeleton_limbs(skeleton, thickness=0.15))
     assert surface.part_names == skeleton.names[1:]  # every bone, by its far joint
     pose = np.random.default_rng(seed).normal(0.0, 1.0, len(skeleton.dof_names))
     frames = forward(skeleton, pose[None])
@@ -82,7 +84,9 @@ def test_any_skeleton_has_a_skin_along_its_bones(seed):
 
 def test_radii_and_ends_are_those_given():
     skeleton = scenes.BODY.skeleton
-    surface = skeleton_surface(skeleton, radii={"left_knee": (0.09, 0.07)}, ends={"left_wrist": (0.18, 0.02, 0.05)})
+    surface = limbs_surface(
+        skeleton_limbs(skeleton, radii={"left_knee": (0.09, 0.07)}, ends={"left_wrist": (0.18, 0.02, 0.05)})
+    )
     thigh = surface.half_sizes[surface.parts == surface.part_names.index("left_knee")]
     np.testing.assert_allclose(thigh[:, :2], [[0.09, 0.07]] * len(thigh))
     wrist = skeleton.joint("left_wrist")
@@ -98,13 +102,13 @@ def test_radii_and_ends_are_those_given():
 
 def test_what_cannot_have_a_skin_is_refused():
     with pytest.raises(InputError, match="no joint 'tail'"):
-        skeleton_surface(scenes.BODY.skeleton, radii={"tail": (0.1, 0.1)})
+        limbs_surface(skeleton_limbs(scenes.BODY.skeleton, radii={"tail": (0.1, 0.1)}))
     with pytest.raises(InputError, match="expected a skeleton with bones"):
-        skeleton_surface(scenes.lone()[0])
+        limbs_surface(skeleton_limbs(scenes.lone()[0]))
 
 
 def test_bones_without_a_length_have_no_skin():
     skeleton = scenes.BODY.skeleton
     offsets = skeleton.offsets.copy()
     offsets[skeleton.joint("neck")] = 0.0
-    assert "neck" not in skeleton_surface(skeleton.with_offsets(offsets)).part_names
+    assert "neck" not in limbs_surface(skeleton_limbs(replace(skeleton, offsets=offsets))).part_names

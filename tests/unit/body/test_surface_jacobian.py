@@ -7,13 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workbench.body.kinematics import axis_rotations, forward
-from workbench.body.surface import KINDS, attach, residual_jacobian, residuals, skeleton_surface
+from workbench.body.limbs import skeleton_limbs
+from workbench.body.surface import KINDS, attach, limbs_surface, residual_jacobian, residuals
 
 SEEDS = st.integers(0, 2**32 - 1)
 TREE = scenes.tree(7)
 SCENES = {
     "person": scenes.PERSON,
-    "tree": (TREE, skeleton_surface(TREE)),
+    "tree": (TREE, limbs_surface(skeleton_limbs(TREE))),
     "parts across joints": (TREE, scenes.blended(7, TREE)),
 }
 STEP = 1e-6  # truncation and rounding both stay below 1e-8 of the derivative, which is asked to 1e-6

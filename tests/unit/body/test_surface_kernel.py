@@ -6,21 +6,22 @@ import surface_scenes as scenes
 
 from workbench.body import surface_reference
 from workbench.body.kinematics import forward, forward_reference
+from workbench.body.limbs import skeleton_limbs
 from workbench.body.surface import (
     KINDS,
     attach,
+    limbs_surface,
     nearest_distances,
     nearest_residual_jacobian,
     residual_jacobian,
     residuals,
-    skeleton_surface,
 )
 from workbench.errors import InputError
 
 TREES = [scenes.tree(seed) for seed in range(3)]
 SCENES = {
     "person": scenes.PERSON,
-    **{f"tree {i}": (tree, skeleton_surface(tree)) for i, tree in enumerate(TREES)},
+    **{f"tree {i}": (tree, limbs_surface(skeleton_limbs(tree))) for i, tree in enumerate(TREES)},
     **{f"parts across joints {i}": (tree, scenes.blended(i, tree)) for i, tree in enumerate(TREES)},
 }
 

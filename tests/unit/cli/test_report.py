@@ -17,9 +17,10 @@ from workbench.body.kinematics import joints
 from workbench.cli import report
 from workbench.core.study import StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
-from workbench.report.statistics import joint_errors
+from workbench.report.groups import joint_errors
 
 PLOTS = ["coverage", "error_against_particles", "error_against_time", "error_per_joint"]
 
@@ -186,9 +187,9 @@ def test_joint_errors_need_a_truth(run, tmp_path):
 
 def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
     labels = {"run_id": "s", "config_yaml": "seed: 0\nstudy: {a: 1}", "provenance": {"experiment": "learn_walk"}}
-    with StudyRecorder(tmp_path / "run.rrd", **labels) as recording:
-        recording.log(StudyResult({"explained": 0.75}, (), "note"))
-        recording.set_cost({"seconds": 2.0})
+    with RecordingFile(tmp_path / "run.rrd", **labels) as recording:
+        record_study(recording, StudyResult({"explained": 0.75}, (), "note"))
+        recording.send_property("cost", {"seconds": 2.0})
     assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     assert "One group, learn_walk" in told

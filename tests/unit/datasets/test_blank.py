@@ -5,7 +5,7 @@ import pytest
 
 from workbench.datasets.blank import Blank
 from workbench.errors import InputError
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 
 def test_frames_are_empty_and_evenly_spaced():

@@ -7,10 +7,10 @@ import pytest
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.datasets.scenes.splice import gait_phases, splice
-from workbench.datasets.scenes.take import find_take, given_start
+from workbench.datasets.scenes.take import Scene, find_take, given_start
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import average_subject, subjects, walker
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 RATE = 60.0
 WALK = walker(average_subject(), 6.0, RATE)
@@ -124,7 +124,7 @@ def test_too_little_of_a_motion_is_said(motions, n, words):
 
 
 def test_a_take_is_the_motion_at_its_rate_with_its_truth():
-    take = find_take("builtin", data=None, rate_hz=14.0, n_frames=20, first_frame=3)
+    take = find_take(Scene(motion="builtin", n_frames=20, first_frame=3))
     assert np.array_equal(take.motion.poses, find_motion("builtin", data=None, rate_hz=56.0).poses[12:89:4])
     assert [truth.activity for truth in take.truths] == ["walk"] * 20
     first, last = take.phase_ends
@@ -134,7 +134,7 @@ def test_a_take_is_the_motion_at_its_rate_with_its_truth():
 
 
 def test_a_take_of_several_motions_tells_each_ones_activity():
-    take = find_take(["builtin", "builtin_run"], data=None, rate_hz=14.0, n_frames=28)
+    take = find_take(Scene(motion=["builtin", "builtin_run"], n_frames=28))
     activities = [truth.activity for truth in take.truths]
     assert activities == ["walk"] * 14 + ["run"] * 14
     speeds = 14.0 * np.linalg.norm(np.diff(take.motion.poses[:, :2], axis=0), axis=1)
@@ -142,7 +142,7 @@ def test_a_take_of_several_motions_tells_each_ones_activity():
 
 
 def test_the_rough_start_is_as_far_off_as_it_says_and_the_same_every_time():
-    take = find_take("builtin", data=None, rate_hz=14.0, n_frames=4)
+    take = find_take(Scene(motion="builtin", n_frames=4))
     assert np.array_equal(take.rough_start(3), take.rough_start(3))
     errors = np.stack([take.rough_start(seed) for seed in range(400)]) - take.motion.poses[0]
     # 4 standard errors of a σ from 1200 numbers; angles at their limits are left out
@@ -151,7 +151,7 @@ def test_the_rough_start_is_as_far_off_as_it_says_and_the_same_every_time():
 
 
 def test_a_start_that_cannot_be_given_is_refused():
-    arm = find_take("builtin_arm", data=None, rate_hz=14.0, n_frames=20)
+    arm = find_take(Scene(motion="builtin_arm", n_frames=20))
     assert given_start("points", "auto", arm, 0) == (None, None)
     with pytest.raises(InputError, match="'builtin arm' has no gait cycle; use start=auto"):
         given_start("points", "given", arm, 0)

@@ -32,7 +32,7 @@ def reference_depth(body, pose, points):
     """First hits by the plain NumPy ray caster, one ray a point."""
     seen = CAMERA.to_camera(points)
     directions = (seen[None, :, :2] / seen[None, :, 2:]).astype(np.float32)
-    rays = Rays(1, directions, np.empty((2, 0), np.float32), np.empty((2, 0), np.float32))
+    rays = Rays(1, directions)
     return cast_reference(body, pose, CAMERA, rays).depth[0]
 
 

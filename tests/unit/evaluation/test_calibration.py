@@ -18,7 +18,7 @@ from workbench.evaluation.calibration import (
     share_below,
 )
 from workbench.evaluation.errors import step_errors
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.intervals import weighted_quantiles
 
 N = 20_001
 EVEN = np.full(N, 1.0 / N)

@@ -13,9 +13,8 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.errors import InputError
 from workbench.experiment.build import build, check_targets, resolved
-from workbench.experiment.config_source import PartsConfigSource, typed
 from workbench.experiment.parts import GROUPS, options
-from workbench.experiment.schema import keys_of, prepare_hydra
+from workbench.experiment.schema import PartsConfigSource, keys_of, prepare_hydra, typed
 
 CONF = files("workbench.conf")
 CHOICES = [(group, option) for group in GROUPS for option in options(group)]

@@ -6,7 +6,7 @@ import pytest
 
 from analysis.benchmarks.batch import TOLERANCE, Dense, by_scipy
 from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
+from workbench.inference.fit.decoding import FitData
 from workbench.inference.fit.motion import fit_motion, fit_problem
 
 
@@ -14,7 +14,7 @@ from workbench.inference.fit.motion import fit_motion, fit_problem
 def problem():
     times, states = scenes.walk(6)
     residuals = scenes.joint_residuals(states, noise_m=0.01, outliers=0.1)
-    return fit_problem(scenes.decoder(), residuals, times, Loss("geman_mcclure", 3.0), Smoothness(), 1)
+    return fit_problem(scenes.decoder(), FitData(residuals, times, Loss("geman_mcclure", 3.0)), 1)
 
 
 @pytest.fixture(scope="module")

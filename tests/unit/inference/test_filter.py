@@ -13,8 +13,7 @@ from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
 from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, n_ancestors
-from workbench.inference.particles.resampling import RESAMPLING
-from workbench.inference.particles.weights import effective_sample_size
+from workbench.inference.particles.weights import RESAMPLING, effective_sample_size
 
 
 class Constant(Memoryless):

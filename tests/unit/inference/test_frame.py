@@ -6,12 +6,12 @@ from least_squares_scenes import EVERY_JOINT, WALKER, decoder, disturbed, joint_
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
-from workbench.core.observation_residuals import keypoint_residual
-from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
+from workbench.core.residual import Loss, keypoint_residual
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.fit.frame import Gaussian, fit_frame, follow, global_motion, pose_prior, track_poses
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame import Gaussian, fit_frame, follow, global_motion
+from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.fit.motion import fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import best_lines, find_phase, roots_from_points
 from workbench.inference.fit.residuals import joint_residual
@@ -47,25 +47,27 @@ def test_the_decoder_differentiates_its_poses():
 def test_marked_keypoints_over_frames_recover_the_motion():
     times, states = walk(9)
     # a mark's deviation of 2 px is 1 cm at the walker's 3.5 m; the priors pull less than that
-    problem = fit_problem(decoder(), keypoint_residuals(states), times, Loss("huber", 1.0), Smoothness(style=0.01), 1)
+    problem = fit_problem(
+        decoder(), FitData(keypoint_residuals(states), times, Loss("huber", 1.0), Smoothness(style=0.01)), 1
+    )
     found, _, _ = fit_motion(problem, disturbed(states), tolerance=1e-10, max_iterations=60)
     truth = joints(WALKER, decoder().poses(states))
     assert np.abs(joints(WALKER, decoder().poses(found)) - truth).max() < 0.01
 
 
 def test_the_root_is_found_in_every_frame_from_the_one_before():
-    _, states = walk(12)
+    times, states = walk(12)
     truth = states.copy()
     states[:, -6:] = states[0, -6:] + np.array([0.05, -0.05, 0.03, 0.05, -0.05, 0.05])  # what follows is not known
     truth[:, 3] += 2.0 * np.arange(12) / 14.0  # at a runner's speed, 23 cm a frame
-    found = global_motion(decoder(), joint_residuals(truth), ROBUST, states)
+    found = global_motion(decoder(), FitData(joint_residuals(truth), times, ROBUST), states)
     np.testing.assert_allclose(found, truth, atol=1e-4)
 
 
 def test_root_phase_and_style_are_followed():
     times, states = walk(20, rate_hz=1.1)
     states[10:, 2] += 0.02 * np.arange(10)  # the pace quickens
-    found = follow(decoder(), joint_residuals(states), times, ROBUST, states[:4], Smoothness())
+    found = follow(decoder(), FitData(joint_residuals(states), times, ROBUST), states[:4])
     # where the phase bends by one deviation of its prior, at most that is held back; four frames on nothing is
     np.testing.assert_allclose(found[:, 2], states[:, 2], atol=0.02)
     np.testing.assert_allclose(found[14:, 2], states[14:, 2], atol=0.002)
@@ -73,23 +75,27 @@ def test_root_phase_and_style_are_followed():
 
 
 def test_poses_are_tracked_without_a_model():
-    _, states = walk(6)
+    times, states = walk(6)
     truth = decoder().poses(states)
-    poses, covariances, searches = track_poses(PoseDecoder(WALKER), joint_residuals(states), SQUARED, truth[0] + 0.02)
-    np.testing.assert_allclose(poses, truth, atol=1e-4)
-    assert all(np.all(np.diff(search.costs) < 0.0) for search in searches)
-    assert np.linalg.eigvalsh(covariances).min() > 0.0
+    fit = fit_poses(PoseDecoder(WALKER), FitData(joint_residuals(states), times, SQUARED), truth[0] + 0.02)
+    np.testing.assert_allclose(fit.poses, truth, atol=1e-4)
+    assert np.linalg.eigvalsh(fit.covariance).min() > 0.0
+    pose = truth[0] + 0.02
+    for residual in joint_residuals(states):
+        search = fit_frame(PoseDecoder(WALKER), residual, SQUARED, pose)
+        assert np.all(np.diff(search.costs) < 0.0)
+        pose = search.x
 
 
 def test_what_nothing_tells_of_keeps_its_place_and_is_uncertain():
-    _, states = walk(1)
+    times, states = walk(1)
     pose = decoder().poses(states)[0]
     foot = np.array([WALKER.joint("left_ankle")])
     seen = joint_residual(WALKER, foot, joints(WALKER, pose[None])[0, foot] + 0.02, 0.01)
-    poses, covariances, _ = track_poses(PoseDecoder(WALKER), [seen], SQUARED, pose)
+    fit = fit_poses(PoseDecoder(WALKER), FitData([seen], times, SQUARED), pose)
     right = [WALKER.dof("right_hip_flexion"), WALKER.dof("right_knee_flexion")]
-    np.testing.assert_array_equal(poses[0, right], pose[right])
-    np.testing.assert_allclose(np.diagonal(covariances[0])[right], 1.0)
+    np.testing.assert_array_equal(fit.poses[0, right], pose[right])
+    np.testing.assert_allclose(np.diagonal(fit.covariance[0])[right], 1.0)
 
 
 def test_a_frame_under_a_gaussian_prior_is_the_closed_form():
@@ -136,7 +142,7 @@ def recovered(seed):
     start[:6] += rng.standard_normal(6) * np.array([*[0.03] * 3, *[0.05] * 3])
     poses = MotionDecoder(WALKER, decoder().model, start)
     residuals = joint_residuals(states, sigma_m=0.02, noise_m=0.03, outliers=0.15, seed=seed)
-    found = find_phase(poses, residuals, np.arange(8) / 14.0, ROBUST, Smoothness(), start[:6])
+    found = find_phase(poses, FitData(residuals, np.arange(8) / 14.0, ROBUST), start[:6])
     return np.abs((found[:, 2] - states[:, 2] + 0.5) % 1.0 - 0.5).max() < 0.1
 
 

@@ -9,12 +9,10 @@ from least_squares_scenes import WALKER, decoder, joint_residuals, walk
 from workbench.body.kinematics import joints
 from workbench.core.frame import Frame
 from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.fit.frame import pose_prior
-from workbench.inference.fit.frame_by_frame import fit_poses
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
+from workbench.inference.fit.least_squares import steps
 from workbench.inference.fit.motion_fit import fit_sequence
-from workbench.inference.fit.posterior import steps
 
 ROBUST = Loss("geman_mcclure", 3.0)
 
@@ -28,8 +26,8 @@ def sequence(n_frames=10, frames_per_style=1, phases=None, **scene):
     start = decoder().poses(states)[0]
     start[:6] += 0.03
     fit = fit_sequence(
-        MotionDecoder(WALKER, decoder().model, start), joint_residuals(states, noise_m=0.01, **scene), times, ROBUST,
-        smoothness=Smoothness(), frames_per_style=frames_per_style, phases=phases,
+        MotionDecoder(WALKER, decoder().model, start),
+        FitData(joint_residuals(states, noise_m=0.01, **scene), times, ROBUST), frames_per_style, phases=phases,
     )  # fmt: skip
     return fit, states, times
 
@@ -43,9 +41,7 @@ def test_a_sequence_is_fitted_from_a_rough_start(frames_per_style, phases):
     assert np.linalg.norm(found - truth, axis=2).mean() < 0.01
     assert all(later <= earlier for earlier, later in pairwise(fit.costs))
     assert fit.inliers.mean() == pytest.approx(0.85, abs=0.1)
-    np.testing.assert_array_equal(fit.mu, fit.states[:, 2])
-    np.testing.assert_array_equal(fit.alpha, fit.states[:, :2])
-    assert len(np.unique(fit.alpha, axis=0)) == 10 // frames_per_style
+    assert len(np.unique(fit.states[:, :2], axis=0)) == 10 // frames_per_style
     assert set(fit.timing_s) == {"start", "least_squares"}
 
 
@@ -75,7 +71,7 @@ def test_particles_are_drawn_from_the_posterior():
         apart = (np.cov(step.particles.T) - fit.state_covariance[t]) / np.outer(spread, spread)
         np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
         phase = step.particles[:, step.space.slices["phase"]]
-        assert 0.0 <= np.median(phase) % 1.0 == pytest.approx(fit.mu[t] % 1.0, abs=0.01)
+        assert 0.0 <= np.median(phase) % 1.0 == pytest.approx(fit.states[t, 2] % 1.0, abs=0.01)
 
 
 def test_the_band_covers_the_truth_as_often_as_it_says():
@@ -102,12 +98,10 @@ def test_the_same_seed_gives_the_same_bits():
 def test_without_a_model_the_state_is_the_pose(prior):
     times, states = walk(6)
     truth = decoder().poses(states)
-    fit = fit_poses(
-        PoseDecoder(WALKER), joint_residuals(states, noise_m=0.005), ROBUST, truth[0], prior and pose_prior(prior)
-    )
+    data = FitData(joint_residuals(states, noise_m=0.005), times, ROBUST)
+    fit = fit_poses(PoseDecoder(WALKER), data, truth[0], prior and pose_prior(prior))
     assert np.abs(joints(WALKER, fit.poses) - joints(WALKER, truth)).max() < 0.03
-    assert fit.alpha.shape == (6, 0)
-    assert np.isnan(fit.mu).all()
+    np.testing.assert_array_equal(fit.states, fit.poses)
     step = next(steps(fit, frames(times), 50, np.random.default_rng(0)))
     np.testing.assert_array_equal(step.particles, step.poses)
     assert step.space.names == WALKER.dof_names

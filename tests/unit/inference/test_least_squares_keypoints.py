@@ -8,9 +8,8 @@ from least_squares_scenes import Knowing, SineModel
 from workbench.core.frame import Frame
 from workbench.core.observations import kinds_seen, observe
 from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame_by_frame import FrameByFrame
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.motion import fit_problem
@@ -41,7 +40,7 @@ def test_the_gradient_over_frames_is_that_of_finite_differences():
     shown = frames(times, keypoints(poses, sigma_px=4.0, missed=0.2))
     residuals = [views_residual(BODY.skeleton, one.keypoints, 3.0) for one in observed(shown)]
     decoder = MotionDecoder(BODY.skeleton, SineModel(), poses[0])
-    problem = fit_problem(decoder, residuals, times, Loss("huber", 2.0), Smoothness(), 1)
+    problem = fit_problem(decoder, FitData(residuals, times, Loss("huber", 2.0)), 1)
     x = problem.unknowns(decoder.states(np.array([0.2, 0.1]), phases + 0.05, poses[:, :6] + 0.03))
     moves = 1e-6 * np.eye(len(x))
     exact = np.array([(problem.expand(x + move).cost - problem.expand(x - move).cost) / 2e-6 for move in moves])

@@ -12,8 +12,8 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import person_surface
 from workbench.core.frame import Frame, View
-from workbench.core.observation_residuals import surface_residual
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
+from workbench.core.residual import surface_residual
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import MotionDecoder
 from workbench.inference.fit.frame_by_frame import FrameByFrame
@@ -200,7 +200,7 @@ def test_points_that_the_likelihood_does_not_look_at_are_not_fitted():
 
 
 def test_what_is_out_of_range_is_an_error():
-    with pytest.raises(InputError, match="most_points must be above zero"):
+    with pytest.raises(InputError, match="most_points must be positive"):
         fitting(most_points=0)
     with pytest.raises(InputError, match="frames_per_style must be above zero"):
         MotionFit(0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_residuals, walk
 
+from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss
-from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder
+from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.motion import fit_motion, fit_problem
 
 T = 8
@@ -19,9 +19,8 @@ SQUARED, ROBUST = Loss("squared", 1.0), Loss("geman_mcclure", 3.0)
 
 def problem(frames_per_style, loss=SQUARED, smoothness=None, **scene):
     times, states = walk(T)
-    smoothness = Smoothness() if smoothness is None else smoothness
-    residuals = joint_residuals(states, **scene)
-    return fit_problem(decoder(), residuals, times, loss, smoothness, frames_per_style), states
+    data = FitData(joint_residuals(states, **scene), times, loss, smoothness or Smoothness())
+    return fit_problem(decoder(), data, frames_per_style), states
 
 
 def whole_residual(fitted, x):
@@ -117,7 +116,7 @@ def test_constant_speed_costs_nothing_at_uneven_times():
     times = times + 0.03 * np.random.default_rng(0).random(T)
     slope = np.arange(1.0, 8.0)
     states[:, 2:] = states[0, 2:] + times[:, None] * slope
-    fitted = fit_problem(decoder(), joint_residuals(states), times, SQUARED, Smoothness(), T)
+    fitted = fit_problem(decoder(), FitData(joint_residuals(states), times, SQUARED), T)
     rows = (fitted.penalty @ fitted.unknowns(states))[2:]  # the first two are those of α
     assert len(rows) == 7 * (T - 2)
     np.testing.assert_allclose(rows, 0.0, atol=1e-10)
@@ -181,7 +180,7 @@ def test_a_linear_problem_is_solved_as_the_kalman_smoother_does():
     residuals = [
         lambda pose, seen=seen: ((pose[:8] - seen) / deviation, rows / deviation) for seen in measured
     ]  # fmt: skip
-    fitted = fit_problem(poses, residuals, np.arange(T) / 14.0, SQUARED, smoothness, 1)
+    fitted = fit_problem(poses, FitData(residuals, np.arange(T) / 14.0, SQUARED, smoothness), 1)
     found, covariances, search = fit_motion(fitted, np.zeros((T, 8)), tolerance=1e-14)
     assert search.iterations < 12
     variances = np.diagonal(covariances, axis1=1, axis2=2)
@@ -207,4 +206,4 @@ def test_times_that_do_not_increase_are_an_error():
     times, states = walk(T)
     times[3] = times[2]
     with pytest.raises(InputError, match="times of the frames to increase"):
-        fit_problem(decoder(), joint_residuals(states), times, SQUARED, Smoothness(), 1)
+        fit_problem(decoder(), FitData(joint_residuals(states), times, SQUARED), 1)

@@ -12,14 +12,12 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
 from workbench.core.residual import Loss, robust, stacked
-from workbench.core.smoothness import Smoothness
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import PoseDecoder
+from workbench.inference.fit.decoding import FitData, PoseDecoder
 from workbench.inference.fit.frame_by_frame import FrameByFrame
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.residuals import limit_residual, views_residual
-from workbench.inference.fit.smooth import smooth_problem
-from workbench.inference.fit.smooth_fit import SmoothFit
+from workbench.inference.fit.smooth_fit import SmoothFit, smooth_problem
 from workbench.inference.start.limb_lengths import LENGTHS, length_jacobian, measure, of_keypoints, shape_of
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
@@ -83,7 +81,8 @@ def test_the_gradient_of_a_smooth_fit_is_that_of_finite_differences():
     seen = observed(SKELETON, frames(SKELETON, times, poses, sigma_px=4.0))
     limits = limit_residual(SKELETON, 0.05)
     each = [robust(views_residual(SKELETON, one.keypoints, 3.0), Loss("geman_mcclure", 1.5)) for one in seen]
-    problem = smooth_problem(PoseDecoder(SKELETON), [stacked([one, limits]) for one in each], times, Smoothness())
+    data = FitData([stacked([one, limits]) for one in each], times, Loss("squared", 1.0))
+    problem = smooth_problem(PoseDecoder(SKELETON), data)
     x = problem.unknowns(poses + 0.03)
     x[SKELETON.dof("left_knee_flexion")] = -0.3
     moves = 1e-6 * np.eye(len(x))

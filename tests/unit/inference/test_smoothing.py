@@ -173,7 +173,7 @@ def test_evaluations_are_counted():
         FixedLag(plain(measured), n_particles=50),
         BackwardSimulation(plain(measured), n_particles=50, n_paths=20, moves=3),
     ):
-        likelihood = inference.likelihood
+        likelihood = inference.filter.likelihood
         steps = list(inference.run(frames(T), MEAN0, streams(1)))
         assert sum(step.evaluations for step in steps) == likelihood.evaluated > 0
 

@@ -15,9 +15,8 @@ from workbench.core.dataset import Known
 from workbench.core.frame import MarkedFrames
 from workbench.core.prior import Powers
 from workbench.errors import InputError
-from workbench.inference.start.examples import placed_costs, start_from_examples
 from workbench.inference.start.keypoints import start_from_keypoints
-from workbench.inference.start.marks import start_from_marks, usable_marks
+from workbench.inference.start.marks import placed_costs, start_from_examples, start_from_marks, usable_marks
 from workbench.inference.start.poses import start_poses
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.generated.running import builtin_runs

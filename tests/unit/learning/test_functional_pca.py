@@ -9,9 +9,16 @@ from scipy.interpolate import KroghInterpolator
 from workbench.errors import InputError
 from workbench.learning import functional_pca
 from workbench.learning.alignment import Alignment
-from workbench.learning.functional_pca import N_FOURIER, fourier_basis, fpca_paper, fpca_shrunk
+from workbench.learning.functional_pca import (
+    N_FOURIER,
+    Slices,
+    cut,
+    fill_linear,
+    fourier_basis,
+    fpca_paper,
+    fpca_shrunk,
+)
 from workbench.learning.imputation import fill_smooth, impute, impute_linear, impute_paper, impute_periodic
-from workbench.learning.slices import Slices, cut, fill_linear
 
 T, M = 48, 4
 

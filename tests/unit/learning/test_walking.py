@@ -6,9 +6,8 @@ import pytest
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
-from workbench.learning.cycles import CHANNEL_NAMES, ROOT_CHANNELS, walking_cycles
 from workbench.learning.store import Provenance, load, save
-from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.learning.walking import CHANNEL_NAMES, ROOT_CHANNELS, WalkingModel, learn_walking, walking_cycles
 from workbench.mocap.gait_events import gait_events
 from workbench.mocap.motion import Motion
 

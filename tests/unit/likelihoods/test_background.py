@@ -11,10 +11,10 @@ from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
 from workbench.likelihoods.background import Background, points_about
+from workbench.likelihoods.image_levels import log_ratio, still_scene
 from workbench.likelihoods.image_motion import ImageMotion, patch_samples
 from workbench.likelihoods.image_motion.kernel import PosedView
 from workbench.likelihoods.image_motion.reference import limb_patches
-from workbench.likelihoods.still_scene import log_ratio, still_scene
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 
@@ -32,7 +32,7 @@ def test_median_and_deviation_of_a_pixel_are_robust():
 def test_ratio_of_a_pixel(difference):
     still, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
     likelihood = Background(ROD, still, blur_px=0.0)
-    found = log_ratio(frames[-1].views[0], likelihood.scenes["front"], 0.0, EPSILON)
+    found = log_ratio(frames[-1].views[0], likelihood.scenes, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
 
 
@@ -43,7 +43,7 @@ def test_channels_count_as_one(channels):
     still, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
     scene = Background(ROD, still, blur_px=0.0).scenes["front"]
     assert scene.median.shape == empty.shape
-    found = log_ratio(frames[-1].views[0], scene, 0.0, EPSILON)
+    found = log_ratio(frames[-1].views[0], {"front": scene}, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
 
 
@@ -77,7 +77,7 @@ def test_points_about_a_limb_lie_beside_it_and_beyond_its_end():
 def walk():
     dataset = Synthetic(n_frames=24, rate_hz=10.0, width=320, height=240, person_px=130.0, focal_px=350.0)
     frames = list(dataset.frames())
-    return SimpleNamespace(clip=of_frames(frames), frames=frames, body=dataset._body)
+    return SimpleNamespace(clip=of_frames(frames), frames=frames, body=dataset.body)
 
 
 def test_a_body_at_rest_on_a_still_background_is_no_longer_as_good_as_the_truth(walk):

@@ -96,7 +96,7 @@ def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     np.testing.assert_array_equal(kept.log_ratio(["rod_0"]), model.log_ratio(["rod_0"]))
 
     likelihood = Edges(ROD, k=2.0)
-    likelihood.__dict__["model"] = kept  # instead of that of rendered people
+    likelihood.__dict__["log_ratio"] = kept.log_ratio(ROD.limbs.names)  # instead of that of rendered people
     places = np.repeat(scenes.root(), 9, axis=0)
     places[:, 1] = np.linspace(-0.4, 0.4, 9)
     frame = scenes.frame(0, (scenes.FRONT, bar()))

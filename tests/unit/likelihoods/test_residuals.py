@@ -6,12 +6,11 @@ from keypoint_scenes import BODY
 from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.surface import person_surface
-from workbench.core.observation_residuals import keypoint_residual, surface_residual
 from workbench.core.observations import Observables, Observed, observe
-from workbench.core.residual import Loss, ResidualLikelihood, robust
+from workbench.core.residual import Loss, ResidualLikelihood, keypoint_residual, robust, surface_residual
 from workbench.errors import InputError
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.likelihoods.residuals import joint_observables, product_loss, product_residual, residual_terms
+from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
 
@@ -71,19 +70,20 @@ def test_terms_with_one_loss_are_stacked_as_they_are(scene):
     seen, pose = scene
     terms = both()
     apart = [term.residual(seen)(pose) for term in terms.values()]
-    equal(product_residual(terms, EVEN, seen)(pose), [np.concatenate(part) for part in zip(*apart, strict=True)])
-    assert product_loss(terms, EVEN) == Loss("geman_mcclure", 1.5)
+    equal(Product(terms, EVEN).residual(seen)(pose), [np.concatenate(part) for part in zip(*apart, strict=True)])
+    assert Product(terms, EVEN).residual_loss == Loss("geman_mcclure", 1.5)
 
 
 @pytest.mark.parametrize(("loss", "weight"), [("huber", 1.0), ("geman_mcclure", 0.5), ("huber", 0.25)])
 def test_the_cost_of_a_product_is_the_sum_of_its_terms_losses_times_their_weights(scene, loss, weight):
     seen, pose = scene
     terms, weights = both(loss=loss), {"points": 1.0, "keypoints": weight}
+    product = Product(terms, weights)
     expected = sum(
         weights[name] * term.residual_loss(term.residual(seen)(pose)[0])[0].sum() for name, term in terms.items()
     )
-    misses, slopes = product_residual(terms, weights, seen)(pose)
-    assert product_loss(terms, weights)(misses)[0].sum() == pytest.approx(expected, rel=1e-12)
+    misses, slopes = product.residual(seen)(pose)
+    assert product.residual_loss(misses)[0].sum() == pytest.approx(expected, rel=1e-12)
     own = robust(terms["keypoints"].residual(seen), terms["keypoints"].residual_loss)(pose)
     np.testing.assert_allclose(slopes[40:], np.sqrt(weight) * own[1])
 
@@ -93,16 +93,18 @@ def test_a_product_looks_at_all_that_its_terms_look_at():
         KeypointLikelihood(BODY, sigma_px=sigma_px, which=[camera.name])
         for sigma_px, camera in zip((2.0, 3.0), CAMERAS, strict=True)
     )
-    assert joint_observables({"a": front, "b": side}) == Observables(sigma_px=2.0, which=("front", "side"))
+    assert Product({"a": front, "b": side}, {"a": 1.0, "b": 1.0}).observables == Observables(
+        sigma_px=2.0, which=("front", "side")
+    )
     every = {"a": front, "b": KeypointLikelihood(BODY), "c": SurfacePoints(BODY, sigma=0.01)}
-    assert joint_observables(every) == Observables(sigma=0.01, sigma_px=2.0)
+    assert Product(every, dict.fromkeys(every, 1.0)).observables == Observables(sigma=0.01, sigma_px=2.0)
 
 
 def test_a_term_without_residuals_is_named():
     terms = {**both(), "colour": Uniform()}
     with pytest.raises(InputError, match="least squares needs residuals of every term of a product, colour has none"):
-        residual_terms(terms, {**EVEN, "colour": 0.5})
-    assert set(residual_terms(terms, {**EVEN, "colour": 0.0})) == {"points", "keypoints"}
+        _ = Product(terms, {**EVEN, "colour": 0.5}).residual_terms
+    assert set(Product(terms, {**EVEN, "colour": 0.0}).residual_terms) == {"points", "keypoints"}
 
 
 @pytest.mark.parametrize(("name", "value"), [("loss", "cauchy"), ("scale", 0.0), ("kind", "depth")])

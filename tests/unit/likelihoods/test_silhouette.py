@@ -9,8 +9,7 @@ from still_clips import by_hand, clip, of_frames, with_block
 
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
-from workbench.likelihoods import outlines_reference
-from workbench.likelihoods.outlines import OUTWARDS, outline_sums, running_sums
+from workbench.likelihoods.outlines import OUTWARDS, outline_sums, outline_sums_reference, running_sums
 from workbench.likelihoods.silhouette import Silhouette
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
@@ -35,7 +34,7 @@ def test_the_kernel_agrees_with_numpy():
     outlines[3, 1], outlines[4, 2] = 0.0, np.nan  # not seen, and not projected
     for rim_px in (0.0, 0.4, 3.0):
         found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, rim_px)
-        expected = outlines_reference.outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
+        expected = outline_sums_reference(image, outlines.astype(np.float32), spheres, rim_px)
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of some 1000 pixels, corners to 1e-6 of 100 px
 
 
@@ -72,7 +71,7 @@ def test_how_far_away_a_person_is_is_told_without_bias():
     """The summed ratio of a walk's true poses, moved along the line of sight, is highest within 1 cm of the truth."""
     dataset = Synthetic(n_frames=24, rate_hz=8.0)
     frames, away = list(dataset.frames()), np.linspace(-0.1, 0.1, 41)
-    likelihood, total = Silhouette(dataset._body, of_frames(frames)), np.zeros(41)
+    likelihood, total = Silhouette(dataset.body, of_frames(frames)), np.zeros(41)
     camera = frames[0].views[0].camera
     for frame in frames:
         pose = frame.truth.pose

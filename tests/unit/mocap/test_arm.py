@@ -10,7 +10,7 @@ from workbench.errors import InputError
 from workbench.mocap.generated.arm import STRAIGHT_S, bending_arm
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
-from workbench.mocap.named import find_motion
+from workbench.mocap.sources import find_motion
 
 ARM = [POSE_NAMES.index(name) for name in PARTS["right_arm"]]
 ELBOW = POSE_NAMES.index("right_elbow_flexion")

@@ -10,9 +10,9 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.errors import InputError
+from workbench.mocap.export import trc_text
 from workbench.mocap.marker_files import read_markers
 from workbench.mocap.markers import in_world, joint_centres, joints_of
-from workbench.mocap.trc import trc_text
 
 BODY = person(from_height(1.75))
 

@@ -6,8 +6,7 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.errors import InputError
-from workbench.learning.activities import learn_activities
-from workbench.learning.activity_classes import accuracy_left_out
+from workbench.learning.activities import accuracy_left_out, learn_activities
 from workbench.learning.activity_cycles import activity_cycles
 from workbench.mocap.generated.gait import ANKLE_HEIGHT, builtin_motions
 from workbench.mocap.generated.running import (

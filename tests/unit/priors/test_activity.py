@@ -35,17 +35,6 @@ def test_it_decodes_the_models_angles_on_its_own_root(model):
         np.testing.assert_allclose(poses[k, columns], expected, rtol=1e-12)
 
 
-def test_the_jacobian_is_that_of_finite_differences(model):
-    prior = Activity(model)
-    state = states(prior, 4)
-    jacobian = prior.pose_jacobian(state)
-    for column in range(len(prior.space)):
-        step = np.zeros(len(prior.space))
-        step[column] = 1e-6
-        difference = (prior.pose(state + step) - prior.pose(state - step)) / 2e-6
-        np.testing.assert_allclose(jacobian[:, :, column], difference, atol=1e-7)
-
-
 def test_without_noise_phase_and_root_go_on(model):
     prior = Activity(
         model, sigma_coefficients=0.0, sigma_phase=0.0, sigma_phase_speed=0.0, sigma_position=0.0,

@@ -12,7 +12,7 @@ from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.evaluation.errors import forearm_px, held
 from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.start.trajectory import trajectory_of_keypoints
+from workbench.inference.start.keypoints import trajectory_of_keypoints
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.following import Following, Trajectory
 from workbench.priors.smooth import Smooth

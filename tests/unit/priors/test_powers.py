@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import Smoothness
 from workbench.errors import InputError
 from workbench.learning.training import activity_model
 from workbench.learning.windows import learn_windows

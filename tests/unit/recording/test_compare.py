@@ -8,12 +8,12 @@ from recording_steps import BODY, SPACE, errors, steps
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, StudyResult
-from workbench.recording.compare.compare import EXACT, Tolerance, compare, exactly_comparable
+from workbench.recording.compare.compare import EXACT, Tolerance, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense
-from workbench.recording.compare.seeds import compare_seeds
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
 from workbench.recording.write import file
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 VERSIONS = dict.fromkeys(EXACT, "1.0")
@@ -95,7 +95,7 @@ def test_weights_that_move_show_in_the_marginals(made, tracked):
 def test_elsewhere_results_may_move_by_their_tolerance(made, tracked, monkeypatch, other):
     was = made()
     if other == "platform":
-        monkeypatch.setattr(file, "_platform", lambda: "another")
+        monkeypatch.setattr(file, "get_host_cpu_name", lambda: "another")
     versions = VERSIONS | ({other: "2.0"} if other != "platform" else {})
     moved = [with_pose(step, 0, 0.001) for step in tracked]
     assert failed(was, made(moved, RESULT | {"error_mm": 42.9}, versions)) == {}
@@ -149,8 +149,8 @@ class TestAlways:
 def study(path, curve, names=("a", "b"), versions=VERSIONS, metrics=None):
     x = np.arange(4.0)
     figures = [Curves(names[0], x, {"knee": curve}, x_name="t", y_name="rad"), Bars(names[1], x, x**2, x_name="k")]
-    with StudyRecorder(path, run_id="s", config_yaml="", provenance=versions) as recorder:
-        recorder.log(StudyResult(figures=tuple(figures), metrics=metrics or {"n": 3.0}, note="what it shows"))
+    with RecordingFile(path, run_id="s", config_yaml="", provenance=versions) as recorder:
+        record_study(recorder, StudyResult(figures=tuple(figures), metrics=metrics or {"n": 3.0}, note="what it shows"))
     return read(path)
 
 
@@ -202,8 +202,9 @@ def test_a_condensed_recording_keeps_every_number_and_no_picture(made, tmp_path)
 
 def test_a_condensed_study_keeps_its_figures_without_drawings(tmp_path):
     curves = Curves("page/f", np.arange(3.0), {"a": np.array([1.0, np.nan, 3.0])}, "x", "y")
-    with StudyRecorder(tmp_path / "study.rrd", run_id="s", config_yaml="", provenance=VERSIONS) as recording:
-        recording.log(StudyResult({"error": 1.0}, (curves, Bars("b", np.arange(2.0), np.ones(2), "x")), "a note"))
+    with RecordingFile(tmp_path / "study.rrd", run_id="s", config_yaml="", provenance=VERSIONS) as recording:
+        bars = Bars("b", np.arange(2.0), np.ones(2), "x")
+        record_study(recording, StudyResult({"error": 1.0}, (curves, bars), "a note"))
     study = read(tmp_path / "study.rrd")
     condense(study, tmp_path / "kept.rrd")
     kept = read(tmp_path / "kept.rrd")

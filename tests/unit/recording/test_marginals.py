@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.intervals import weighted_quantiles
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
 
 FLOOR = np.exp(LOWEST_LOG_MASS)

@@ -8,7 +8,7 @@ import pytest
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.intervals import weighted_quantiles
 from workbench.inference.particles.filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.smooth import Smooth

@@ -9,7 +9,8 @@ from rerun.chunk import RrdReader
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.errors import InputError
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import StudyRecorder, grid, pages
+from workbench.recording.study.recorder import grid, pages, record_study
+from workbench.recording.write.file import RecordingFile
 
 CONFIG = "seed: 7\nstudy:\n  missing: 0.3  # ö\n"
 PROVENANCE = {"seed": 7, "version": "0.1.0"}
@@ -39,12 +40,12 @@ def figures():
 
 
 def recorder(path, run_id="study"):
-    return StudyRecorder(path, run_id=run_id, config_yaml=CONFIG, provenance=PROVENANCE)
+    return RecordingFile(path, run_id=run_id, config_yaml=CONFIG, provenance=PROVENANCE)
 
 
 def record(path, shown):
     with recorder(path) as recording:
-        recording.log(StudyResult(METRICS, tuple(shown), "**Paper B, fig. 1.** What is to be seen."))
+        record_study(recording, StudyResult(METRICS, tuple(shown), "**Paper B, fig. 1.** What is to be seen."))
     return path
 
 
@@ -110,7 +111,7 @@ def test_published_only_when_the_study_ends_well(tmp_path):
     with recorder(tmp_path / "run.rrd") as recording:
         assert recording.part.exists()
         assert read(recording.part).status == "running"  # what a killed process would leave
-        recording.log(StudyResult(METRICS, figures(), ""))
+        record_study(recording, StudyResult(METRICS, figures(), ""))
         assert not recording.path.exists()
     assert recording.path.exists()
     assert not recording.part.exists()

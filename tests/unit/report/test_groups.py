@@ -6,9 +6,8 @@ from report_runs import made_up
 
 from workbench.recording.read.reader import Unreadable
 from workbench.report.contents import contents
-from workbench.report.groups import group_runs, seed_of
-from workbench.report.series import all_series
-from workbench.report.statistics import chief_names, headline, metric_names, statistic
+from workbench.report.groups import chief_names, group_runs, headline, metric_names, seed_of, statistic
+from workbench.report.plots import all_series
 
 
 def sweep():

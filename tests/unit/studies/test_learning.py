@@ -5,7 +5,7 @@ import pytest
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.errors import InputError
-from workbench.learning.cycles import CHANNEL_NAMES, walking_cycles
+from workbench.learning.walking import CHANNEL_NAMES, walking_cycles
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.studies.gaps import ImputeGaps, in_gaps
 from workbench.studies.learning_alignment import AlignCycles, fold

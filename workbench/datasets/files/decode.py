@@ -1,6 +1,5 @@
 """Images out of a video file or a folder, one after the other."""
 
-import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,17 +11,16 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import ByteArray
+from workbench.datasets.files import natural_order
 from workbench.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 
 
 def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[ByteArray]:
-    """The images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0.
-
-    A video is decoded from its start, since seeking in one lands on other frames. It stops early where the source does.
-    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder.
-    """
+    """The images (height, width, 3), RGB, from number `first` to `last` (included; None: to the end), counted from 0. A
+    video is decoded from its start, since seeking in one lands on other frames. It stops early where the source does.
+    Raises InputError for a source that is missing or unreadable, and for an unreadable image in a folder."""
     if source.is_dir():
         files = image_files(source)
         for file in files[first : None if last is None else last + 1]:
@@ -43,10 +41,8 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
 
 
 def count_frames(source: Path, at_most: int | None = None) -> int:
-    """Tell how many images can be decoded, found by decoding; it stops counting at `at_most`.
-
-    Warns where a video file announces more frames than it holds. Raises InputError as `decode` does.
-    """
+    """Count the images that can be decoded, up to `at_most`, by decoding them; warns where a video file announces more
+    than it holds, raises InputError as `decode` does."""
     if source.is_dir():
         return len(image_files(source))
     n = 0
@@ -71,15 +67,10 @@ def frame_rate(source: Path) -> float | None:
 
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder in natural order: frame_9 before frame_10. Raises InputError where there are none."""
-
-    def natural(file: Path) -> list[tuple[int, str]]:
-        # digits compare by value, and before letters
-        return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", file.name)]
-
-    files = [file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
+    files = [file.name for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
         raise InputError(f"{folder}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
-    return sorted(files, key=natural)
+    return [folder / name for name in natural_order(files)]
 
 
 @contextmanager

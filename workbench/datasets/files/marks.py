@@ -4,7 +4,7 @@ import csv
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,11 @@ COLUMNS = ("frame", "joint", "u", "v", "visible")
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Marks in M frames of one video.
-
-    source: the file they come from. frames: (M,) numbers of the frames in their video, rising. pixels: (M, J, 2) marks
-    [u, v] in the full-size image, the centre of the top left pixel being (0, 0), NaN for joints without a mark, in
-    the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and where there is no mark.
-    confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by hand.
-    """
+    """Marks in M frames of one video. source: the file they come from. frames: (M,) numbers of the frames in their
+    video, rising. pixels: (M, J, 2) marks [u, v] in the full-size image, the centre of the top left pixel being (0, 0),
+    NaN for joints without a mark, in the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and
+    where there is no mark. confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by
+    hand."""
 
     source: str
     frames: IntArray
@@ -53,45 +51,35 @@ class Marks:
     def rows(self, kept: BoolArray) -> "Marks":
         """Select those of the frames `kept` (M,)."""
         confidence = None if self.confidence is None else self.confidence[kept]
-        return replace(
-            self, frames=self.frames[kept], pixels=self.pixels[kept], visible=self.visible[kept], confidence=confidence
-        )
+        return Marks(self.source, self.frames[kept], self.pixels[kept], self.visible[kept], confidence)
 
 
 def read_marks(path: str | Path, person: int | None = None) -> Marks:
-    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file.
-
-    The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming
-    the file and the line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a
-    number, and a second mark on the same joint in the same frame.
-    """
+    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file. The CSV file has the
+    columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming the file and the
+    line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a number, and a second
+    mark on the same joint in the same frame."""
     path = Path(path)
     if path.is_dir():
-        return _detected(path, person)
-    seen: dict[tuple[int, str], int] = {}
-    rows: dict[int, list[tuple[int, float, float, bool]]] = {}
+        detected = read_openpose(path, person)
+        log.info("%s: %s, %d frames", path, detected.layout, len(detected.frames))
+        pixels, confidence = detected.joints[..., :2], detected.joints[..., 2]
+        return Marks(str(path), detected.frames, pixels, np.isfinite(confidence), confidence)
+    marks: dict[tuple[int, str], tuple[int, float, float, bool]] = {}
     for line, row in _rows(path):
         frame, joint, u, v, visible = _parse(f"{path}:{line}", row)
-        if (frame, joint) in seen:
-            raise InputError(f"{path}:{line}: {joint} of frame {frame} is already marked in line {seen[frame, joint]}")
-        seen[frame, joint] = line
-        rows.setdefault(frame, []).append((JOINT_NAMES.index(joint), u, v, visible))
-    if not rows:
+        if (frame, joint) in marks:
+            before = marks[frame, joint][0]
+            raise InputError(f"{path}:{line}: {joint} of frame {frame} is already marked in line {before}")
+        marks[frame, joint] = line, u, v, visible
+    if not marks:
         raise InputError(f"{path}: expected at least one mark under the header {','.join(COLUMNS)}, found none")
-    frames = sorted(rows)
-    pixels = np.full((len(frames), len(JOINT_NAMES), 2), np.nan)
-    visible_joints = np.zeros((len(frames), len(JOINT_NAMES)), dtype=bool)
-    for m, frame in enumerate(frames):
-        for j, u, v, visible in rows[frame]:
-            pixels[m, j], visible_joints[m, j] = (u, v), visible
-    return Marks(str(path), np.array(frames), pixels, visible_joints)
-
-
-def _detected(folder: Path, person: int | None) -> Marks:
-    found = read_openpose(folder, person)
-    log.info("%s: %s, %d frames", folder, found.layout, len(found.frames))
-    pixels, confidence = found.joints[..., :2], found.joints[..., 2]
-    return Marks(str(folder), found.frames, pixels, np.isfinite(confidence), confidence)
+    frames = sorted({frame for frame, _ in marks})
+    pixels, shown = np.full((len(frames), len(JOINT_NAMES), 2), np.nan), np.zeros((len(frames), len(JOINT_NAMES)), bool)
+    for (frame, joint), (_, u, v, visible) in marks.items():
+        place = frames.index(frame), JOINT_NAMES.index(joint)
+        pixels[place], shown[place] = (u, v), visible
+    return Marks(str(path), np.array(frames), pixels, shown)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
@@ -111,8 +99,7 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
             if not any(cell.strip() for cell in cells):
                 continue
             if len(cells) != len(header):
-                place = f"{path}:{reader.line_num}"
-                raise InputError(f"{place}: expected {len(header)} cells, found {len(cells)}")
+                raise InputError(f"{path}:{reader.line_num}: expected {len(header)} cells, found {len(cells)}")
             yield reader.line_num, {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
     except csv.Error as error:
         raise InputError(f"{path}:{reader.line_num}: {error}") from None

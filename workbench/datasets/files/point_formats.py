@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from workbench.arrays import AnyArray, FloatArray
+from workbench.datasets.files import natural_order
 from workbench.errors import InputError
 from workbench.mocap.text import fail
 
@@ -28,20 +29,17 @@ _PLY_TYPES = {
 }  # fmt: skip
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_BYTES = 1 << 16
-_BEYOND = 1e12
-"""Larger coordinates are mistakes in any unit."""
+_BEYOND = 1e12  # larger coordinates are mistakes in any unit
 _DAMAGES = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError,
 )  # fmt: skip
-"""What NumPy and h5py raise for damaged files."""
+"""Errors that NumPy and h5py raise for damaged files."""
 
 
 def read_ply(path: Path) -> FloatArray:
-    """The points (K, 3) of a PLY file's vertices, as they are in the file; other properties are skipped.
-
-    Raises InputError for anything but a whole PLY file whose first element is `vertex` with scalar x, y and z.
-    """
+    """Read the points (K, 3) of a PLY file's vertices, skipping other properties; raises InputError for anything but a
+    whole PLY file whose first element is `vertex` with scalar x, y and z."""
     content = _bytes(path)
     n, columns, order, begin, others = _ply_header(path, content)
     missing = [axis for axis in AXES if axis not in columns]
@@ -50,8 +48,7 @@ def read_ply(path: Path) -> FloatArray:
     if order == "":
         first_line = content[:begin].count(b"\n") + 1
         lines = _text(path, content[begin:]).split("\n")
-        values = _rows(path, lines if others else _stripped(lines), first_line, list(columns), None, n, others)
-        return values[:, [list(columns).index(axis) for axis in AXES]]
+        return _rows(path, lines if others else _stripped(lines), first_line, list(columns), None, n, others)
     kind = np.dtype([(name, order + code) for name, code in columns.items()])
     found = len(content) - begin
     if found < n * kind.itemsize or (found > n * kind.itemsize and not others):
@@ -61,16 +58,13 @@ def read_ply(path: Path) -> FloatArray:
 
 
 def read_csv(path: Path) -> FloatArray:
-    """The points (K, 3) of a CSV file whose first line names its columns, x, y and z among them.
-
-    Raises InputError, naming the line, for anything else.
-    """
+    """Read the points (K, 3) of a CSV file whose first line names its columns, x, y and z among them; raises
+    InputError, naming the line, for anything else."""
     lines = _stripped(_text(path, _bytes(path)).removeprefix("\ufeff").split("\n"))
     columns = [cell.strip() for cell in lines[0].split(",")] if lines else []
     if len(set(columns)) < len(columns) or not set(AXES) <= set(columns):
         raise InputError(f"{path}, line 1: expected the columns x, y and z, found {', '.join(columns)[:60]!r}")
-    values = _rows(path, lines[1:], 2, columns, ",", len(lines) - 1, False)
-    return values[:, [columns.index(axis) for axis in AXES]]
+    return _rows(path, lines[1:], 2, columns, ",", len(lines) - 1, False)
 
 
 def read_npz(path: Path) -> FloatArray:
@@ -91,10 +85,8 @@ def read_npz(path: Path) -> FloatArray:
 
 
 def read_hdf5(path: Path) -> Iterator[FloatArray]:
-    """The points of every frame of an HDF5 file: the datasets (K, 3) of its group /frames, in natural order.
-
-    Raises InputError for anything else.
-    """
+    """Read the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order; raises
+    InputError for anything else."""
     try:
         with h5py.File(path, "r") as file:
             frames = file.get("frames")
@@ -112,15 +104,7 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
         raise InputError(f"{path}: expected a whole HDF5 file of points: {_said(error)}") from None
 
 
-READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}
-"""By the file's extension: one frame a file."""
-
-
-def natural_order(names: Sequence[str]) -> list[str]:
-    """Names in the order people count: frame_9 before frame_10."""
-    return sorted(
-        names, key=lambda name: [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", name)]
-    )
+READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file
 
 
 def checked(place: object, points: FloatArray, row: str = "row") -> FloatArray:
@@ -164,7 +148,7 @@ def _ply_header(path: Path, content: bytes) -> tuple[int, dict[str, str], str, i
 def _rows(
     path: Path, lines: Sequence[str], first: int, columns: Sequence[str], delimiter: str | None, n: int, more: bool
 ) -> FloatArray:
-    """n rows of numbers, one a line, the first line's number being `first`; more: other lines may follow."""
+    """Read points (n, 3), one a line, the first line's number being `first`; more: other lines may follow."""
     if len(lines) < n or (len(lines) > n and not more):
         raise InputError(f"{path}: expected {n} rows of points from line {first} on, found {len(lines)} lines")
     rows = lines[:n]
@@ -176,7 +160,7 @@ def _rows(
         values = np.empty((0, 0))
     at = [columns.index(axis) for axis in AXES]
     if values.shape == (n, len(columns)) and (np.abs(values[:, at]) < _BEYOND).all():
-        return values
+        return values[:, at]
     for number, line in enumerate(rows, first):
         cells = line.split(delimiter)
         if len(cells) != len(columns):

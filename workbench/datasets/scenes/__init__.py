@@ -1,1 +1,1 @@
-"""What datasets are made of: rendering, surroundings, points on a surface."""
+"""Parts that datasets are made of: rendering, surroundings, points on a surface."""

@@ -1,18 +1,50 @@
 """Rendered images kept in compressed files between runs; such a file may be deleted at any time."""
 
+import hashlib
+import json
 import warnings
 import zipfile
 import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from workbench.arrays import ByteArray
+from workbench.arrays import AnyArray, ByteArray
+from workbench.datasets.scenes.take import Scene
 from workbench.files import whole_file
+from workbench.mocap.motion import Motion
 
 
-def read_images(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
-    """The images (F, height, width) in `file`, or None where there is no such file or, with a warning, no sound one."""
+def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *arrays: AnyArray) -> str:
+    """Name a scene's images: a digest of the code, the motion, further arrays, and the parameters but those unseen."""
+    parameters = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in unseen}
+    shown = [code, parameters | {"motion": motion.name}, motion.shape.as_dict()]
+    digest = hashlib.sha256(json.dumps(shown).encode())
+    for array in (motion.poses, *arrays):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def cached_images(
+    cache: str | None, key: Callable[[], str], shape: tuple[int, int, int], render: Callable[[], ByteArray]
+) -> ByteArray:
+    """Return the images (F, height, width) that the folder `cache` keeps under a key, or else render them and, where
+    there is a folder, keep them there. Raises InputError when it cannot be written to."""
+    if cache is None:
+        return render()
+    file = Path(cache).expanduser() / "scenes" / f"{key()[:32]}.npz"
+    images = _read(file, shape)
+    if images is None:
+        images = render()
+        with whole_file(file, parents=True) as part, part.open("wb") as out:
+            np.savez_compressed(out, images=images)
+    return images
+
+
+def _read(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
+    """Return the images in `file`, or None where there is no such file or, with a warning, no sound one."""
     if not file.exists():
         return None
     try:
@@ -25,12 +57,3 @@ def read_images(file: Path, shape: tuple[int, int, int]) -> ByteArray | None:
         found = f"{type(error).__name__}: {error}"
     warnings.warn(f"{file}: damaged ({found}), so its images are rendered again", stacklevel=2)
     return None
-
-
-def write_images(file: Path, images: ByteArray) -> None:
-    """Write images (F, height, width) to `file` in one step: a reader sees the whole file or none.
-
-    Raises InputError when the folder cannot be written to.
-    """
-    with whole_file(file, parents=True) as part, part.open("wb") as out:
-        np.savez_compressed(out, images=images)

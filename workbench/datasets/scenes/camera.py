@@ -7,28 +7,23 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.scenes.scene import Scene
-from workbench.datasets.scenes.take import Take
+from workbench.datasets.scenes.take import Scene, Take
 from workbench.mocap.motion import Motion
 
-_MARGIN = 0.05
-"""Part of the image's width and height that the automatic camera keeps free on every side."""
+_MARGIN = 0.05  # part of the image's width and height that the automatic camera keeps free on every side
 
 
 def automatic_camera(
     scene: Scene, motion: Motion, places: FloatArray, distance_m: float, name: str = "automatic"
 ) -> tuple[Camera, float]:
     """A level camera at the height of the belly that keeps all joints `places` (F, J, 3) in view, and its distance, m.
-
-    It looks at the scene's view_deg to the motion's direction from distance_m to where
-    the person is half-way through, or from further away where the whole motion would not fit into width × height.
-    Distances obey u = f x / z for every joint of every frame: each asks for the camera to be so far away at least.
-    """
+    It looks at the scene's view_deg to the motion's direction from distance_m to where the person is half-way through,
+    or from further away where the whole motion would not fit into width × height. Distances obey u = f x / z for every
+    joint of every frame: each asks for the camera to be so far away at least."""
     width, height, focal_px = scene.width, scene.height, scene.focal_px
     angle = _direction(motion) + np.radians(scene.view_deg)
     forward, right = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([np.sin(angle), -np.cos(angle), 0.0])
     middle = motion.poses[len(motion) // 2]
-
     sideways, depth = places @ right, places @ forward - middle[:3] @ forward
     centre = 0.5 * (sideways.min() + sideways.max())
     level = motion.poses[:, 2].mean() + 0.1 * standing_height(motion, places)
@@ -49,11 +44,9 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
     """The automatic camera of a take, with a warning where it has to be further away than distance_m."""
     camera, distance = automatic_camera(scene, take.motion, take.places, distance_m, name)
     if distance > 1.01 * distance_m:
-        warnings.warn(
-            f"{scene.kind}: the camera is {distance:.1f} m away instead of {distance_m:g}, so that the whole motion "
-            "fits into its image",
-            stacklevel=2,
-        )
+        away = f"{distance:.1f} m away instead of {distance_m:g}"
+        words = f"{scene.kind}: the camera is {away}, so that the whole motion fits into its image"
+        warnings.warn(words, stacklevel=2)
     return camera
 
 

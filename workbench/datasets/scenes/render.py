@@ -6,6 +6,7 @@ ellipsoid, so that joints have no holes.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -18,10 +19,8 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 
-TEXTURE_GREY = 24.0
-"""Standard deviation of the clothes' texture at contrast 1, grey levels before shading."""
-CLUTTER_GREY = 35.0
-"""Standard deviation of the background at clutter 1, grey levels."""
+TEXTURE_GREY = 24.0  # standard deviation of the clothes' texture at contrast 1, grey levels before shading
+CLUTTER_GREY = 35.0  # standard deviation of the background at clutter 1, grey levels
 _AMBIENT = 0.6
 _LIGHT = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])  # towards the light, in the world
 _NEAR_M = 0.02
@@ -31,25 +30,27 @@ _SHIRT, _TROUSERS = ("torso", "upper_arm"), ("thigh", "calf")
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """The lines of sight of a camera, `samples` × `samples` per pixel, in its own frame.
-
-    directions: (height · samples, width · samples, 2), (x, y) at depth 1, lens distortion undone.
-    across: (2, width · samples) lowest and highest x of every column; down: (2, height · samples), y of every row.
-    """
+    """A camera's lines of sight, `samples` × `samples` per pixel, in its own frame. directions: (height · samples,
+    width · samples, 2), (x, y) at depth 1, lens distortion undone."""
 
     samples: int
     directions: Float32Array
-    across: Float32Array
-    down: Float32Array
+
+    @cached_property
+    def across(self) -> Float32Array:
+        """The lowest and the highest x of every column, (2, width · samples)."""
+        return np.stack([self.directions[..., 0].min(axis=0), self.directions[..., 0].max(axis=0)])
+
+    @cached_property
+    def down(self) -> Float32Array:
+        """The lowest and the highest y of every row, (2, height · samples)."""
+        return np.stack([self.directions[..., 1].min(axis=1), self.directions[..., 1].max(axis=1)])
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the rays of a rectangle of the picture meet first; outside the rectangle they meet nothing.
-
-    top, left: the rectangle's corner among the rays. depth: (h, w) along the camera's axis, m, inf where nothing is.
-    limb: (h, w) index into the body's limbs, -1 where nothing is.
-    """
+    """Hits of the rays of a rectangle of the picture with its corner at rays (top, left), outside which there are none.
+    depth: (h, w) along the camera's axis, m, inf where nothing is. limb: (h, w) the body's, -1 where nothing is."""
 
     top: int
     left: int
@@ -59,11 +60,9 @@ class Hits:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """One person's clothes, fixed to the limbs: noise in space, cut by the limbs' surfaces.
-
-    volume: (n, n, n) periodic band-limited noise of unit variance, in voxels of 12.5 mm. offsets: (L, 3) voxels, where
-    each limb lies in it. grey: (L,) mean grey level of the limbs. contrast: grey levels per unit of noise.
-    """
+    """One person's clothes, fixed to the limbs: noise in space, cut by the limbs' surfaces. volume: (n, n, n) periodic
+    band-limited noise of unit variance, in voxels of 12.5 mm. offsets: (L, 3) voxels, where each limb lies in it. grey:
+    (L,) mean grey level of the limbs. contrast: grey levels per unit of noise."""
 
     volume: Float32Array
     offsets: FloatArray
@@ -77,18 +76,20 @@ class Scene:
 
     body: Body
     camera: Camera
-    rays: Rays
     texture: Texture
     background: FloatArray
+
+    @cached_property
+    def rays(self) -> Rays:
+        """The camera's rays, which take longer to compute than a picture."""
+        return camera_rays(self.camera)
 
 
 @dataclass(frozen=True, eq=False)
 class _PlacedLimbs:
-    """Limbs seen by a camera. A limb's own frame starts at its axis' start, z along the axis.
-
-    rotations: (L, 3, 3) camera to limb. eyes: (L, 3) the camera's centre in the limb's frame, m.
-    sizes: (L, 5) length of the axis and semi-axes x, y at its start, x, y at its end, m.
-    """
+    """Limbs seen by a camera. A limb's own frame starts at its axis' start, z along the axis. rotations: (L, 3, 3)
+    camera to limb. eyes: (L, 3) the camera's centre in the limb's frame, m. sizes: (L, 5) length of the axis and
+    semi-axes x, y at its start, x, y at its end, m."""
 
     rotations: FloatArray
     eyes: FloatArray
@@ -97,8 +98,7 @@ class _PlacedLimbs:
 
 def camera_rays(camera: Camera, samples: int = 2) -> Rays:
     """The camera's rays, `samples` × `samples` evenly spread over every pixel."""
-    u = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
-    v = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
+    u, v = ((np.arange(size * samples) + 0.5) / samples - 0.5 for size in (camera.width, camera.height))
     if camera.distortion.any():
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)
@@ -107,14 +107,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
         x = (u - camera.matrix[0, 2]) / camera.matrix[0, 0]
         y = (v - camera.matrix[1, 2]) / camera.matrix[1, 1]
         directions = np.stack(np.meshgrid(x, y), axis=-1)
-    single: Float32Array = np.ascontiguousarray(directions, dtype=np.float32)
-    x, y = single[..., 0], single[..., 1]
-    return Rays(
-        samples=samples,
-        directions=single,
-        across=np.stack([x.min(axis=0), x.max(axis=0)]),
-        down=np.stack([y.min(axis=1), y.max(axis=1)]),
-    )
+    return Rays(samples, np.ascontiguousarray(directions, dtype=np.float32))
 
 
 def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Texture:
@@ -147,28 +140,19 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
         mask = cv2.fillPoly(np.zeros((height, width), np.uint8), [corners], 1).astype(bool)
         wall[mask] = 0.3 * wall[mask] + rng.normal(0.0, 2.0)
     wall = (wall - wall.mean()) / wall.std()
-    levels: FloatArray = np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
-    return levels
-
-
-def prepare(body: Body, camera: Camera, texture: Texture, background: FloatArray) -> Scene:
-    """The scene with its camera's rays, which take longer to compute than a picture."""
-    return Scene(body, camera, camera_rays(camera), texture, background)
+    return np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
 
 
 def render(scene: Scene, pose: FloatArray) -> FloatArray:
     """The noiseless picture (height, width), grey levels 0 to 255, of the body in a pose (P,)."""
     placed = _place(scene.body, pose, scene.camera)
-    hits = _cast_placed(placed, scene.rays)
-    n = scene.rays.samples
-    top, left = hits.top // n, hits.left // n
+    hits, n, image = _cast_placed(placed, scene.rays), scene.rays.samples, scene.background.copy()
     height, width = hits.depth.shape[0] // n, hits.depth.shape[1] // n
-    window = scene.background[top : top + height, left : left + width]
+    window = image[hits.top // n :, hits.left // n :][:height, :width]
     fine = np.repeat(np.repeat(window, n, axis=0), n, axis=1)
     seen = hits.limb >= 0
     fine[seen] = _shade(scene, placed, hits, seen)
-    image = scene.background.copy()
-    image[top : top + height, left : left + width] = fine.reshape(height, n, width, n).mean(axis=(1, 3))
+    window[:] = fine.reshape(height, n, width, n).mean(axis=(1, 3))
     return image
 
 
@@ -251,23 +235,15 @@ def _shade(scene: Scene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatAr
     limb, depth = hits.limb[rows, columns], hits.depth[rows, columns]
     direction = scene.rays.directions[rows + hits.top, columns + hits.left]
     towards = np.column_stack([direction, np.ones(len(direction))]) * depth[:, None]
-    order = np.argsort(limb, kind="stable")
-    grey = np.empty(len(limb))
-    light = scene.camera.rotation @ _LIGHT
-    texture = scene.texture
-    for k, those in zip(*_groups(limb, order), strict=True):
+    grey, light, texture = np.empty(len(limb)), scene.camera.rotation @ _LIGHT, scene.texture
+    for k in np.unique(limb):
+        those = np.flatnonzero(limb == k)
         points = placed.eyes[k] + towards[those] @ placed.rotations[k].T
         cells = (points / _VOXEL_M + texture.offsets[k]).T
         pattern = map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
         lit = np.maximum(_normals(points, placed.sizes[k]) @ (placed.rotations[k] @ light), 0.0)
         grey[those] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
     return np.clip(grey, 0.0, 255.0)
-
-
-def _groups(labels: IntArray, order: IntArray) -> tuple[IntArray, list[IntArray]]:
-    """The labels that occur, and the members of each, from the order that sorts them."""
-    values, first = np.unique(labels[order], return_index=True)
-    return values, np.split(order, first[1:])
 
 
 def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
@@ -280,8 +256,7 @@ def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
     slope = -(x**2 * (bx - ax) / rx**3 + y**2 * (by - ay) / ry**3) / (length if length > 0.0 else 1.0)
     z = np.where(on_side, slope, beyond / np.minimum(rx, ry) ** 2)
     normals = np.stack([x / rx**2, y / ry**2, z], axis=1)
-    unit: FloatArray = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return unit
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _entry_reference(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
@@ -309,9 +284,8 @@ def _depths_reference(eye: FloatArray, direction: FloatArray, size: FloatArray) 
     exact = ax * by == ay * bx
     fat = 1.0 if exact else 1.1
     r, g = fat * (ax + gx * oz), fat * gx
-    s = _entry_reference(
-        dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r, ox**2 + k * oy**2 - r * r
-    )
+    a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
+    s = _entry_reference(a, b, ox**2 + k * oy**2 - r * r)
     settled = np.full(s.shape, exact)
     for _ in range(0 if exact else 8):
         x, y, t = ox + s * dx, oy + s * dy, np.clip((oz + s * dz) / length, 0.0, 1.0)

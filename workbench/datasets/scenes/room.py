@@ -12,19 +12,16 @@ from workbench.datasets.scenes.take import Take
 from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 TEXEL_M = 0.01
-WALL_BEHIND_M = 1.5
-"""How far behind the person's way the wall stands."""
+WALL_BEHIND_M = 1.5  # how far behind the person's way the wall stands
 _WALL_SIZE, _FLOOR_SIZE = (500, 1600), (1200, 1600)
 _SAMPLES = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """An upright wall and a floor with pictures on them, one texel a centimetre.
-
-    forward, right: (3,) level directions across and along the wall. origin: (3,), m, a point of the wall's foot.
-    wall, floor: (rows, columns) grey levels, upwards and towards the camera from the wall's foot, about the origin.
-    """
+    """An upright wall and a floor with pictures on them, one texel a centimetre. forward, right: (3,) level directions
+    across and along the wall. origin: (3,), m, a point of the wall's foot. wall, floor: (rows, columns) grey levels,
+    upwards and towards the camera from the wall's foot, about the origin."""
 
     forward: FloatArray
     right: FloatArray
@@ -45,10 +42,8 @@ def room(take: Take, camera: Camera, rng: np.random.Generator, clutter: float = 
 
 
 def empty_view(room: Room, camera: Camera) -> FloatArray:
-    """What a camera before the wall and above the floor sees of the room, (height, width) grey levels, without noise.
-
-    Beyond their edges the pictures go on mirrored.
-    """
+    """Render the room as a camera before the wall and above the floor sees it, (height, width) grey levels without
+    noise; beyond their edges the pictures go on mirrored."""
     directions = camera_rays(camera, _SAMPLES).directions
     rays = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], axis=2) @ camera.rotation
     eye = camera.position - room.origin
@@ -59,8 +54,7 @@ def empty_view(room: Room, camera: Camera) -> FloatArray:
     at = eye + np.minimum(to_floor, to_wall)[..., None] * rays
     along, up, out = at @ room.right, at[..., 2], -(at @ room.forward)
     seen = np.where(on_floor, _texels(room.floor, along, out), _texels(room.wall, along, up))
-    grey: FloatArray = seen.reshape(camera.height, _SAMPLES, camera.width, _SAMPLES).mean(axis=(1, 3))
-    return grey
+    return seen.reshape(camera.height, _SAMPLES, camera.width, _SAMPLES).mean(axis=(1, 3))
 
 
 def _texels(picture: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:

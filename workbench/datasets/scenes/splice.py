@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,7 @@ from workbench.errors import InputError
 from workbench.mocap.gait_events import SHORTEST_RUN_S, gait_events
 from workbench.mocap.motion import Motion
 
-BLEND_S = 0.3
-"""How long one motion takes to become the next."""
+BLEND_S = 0.3  # how long one motion takes to become the next
 _X, _Y, _Z, _HEADING = range(4)
 _PHASE = len(POSE_NAMES)
 _PERIODS = np.array([1e9] * 3 + [2.0 * np.pi] * (_PHASE - 3) + [1.0])
@@ -21,11 +21,9 @@ _PERIODS = np.array([1e9] * 3 + [2.0 * np.pi] * (_PHASE - 3) + [1.0])
 
 @dataclass(frozen=True, eq=False)
 class Spliced:
-    """A motion and what it is made of.
-
-    clips: (F,) number of the clip that each frame is mostly of. phases: (F,) place in the gait cycle, cycles, rising
-    through whole numbers where the left thigh is furthest ahead of the right; NaN where a clip has no cycle.
-    """
+    """A motion and what it is made of. clips: (F,) number of the clip that each frame is mostly of. phases: (F,) place
+    in the gait cycle, cycles, rising through whole numbers where the left thigh is furthest ahead of the right; NaN
+    where a clip has no cycle."""
 
     motion: Motion
     clips: IntArray
@@ -38,9 +36,8 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
     The next motion is entered in the same phase of its cycle, near its middle, and over about `blend_s` seconds what
     the person does in their own frame (steps ahead and to the left, turns, height, lean and joint angles) passes from
     one motion to the next, so that place and heading are continuous. Steps and heights are scaled by the length of the
-    legs; the shape is the first person's. A single motion is only cut, to the bit.
-
-    Raises InputError for a motion that is too short and for turns of less than two frames.
+    legs; the shape is the first person's. A single motion is only cut, to the bit. Raises InputError for a motion that
+    is too short and for turns of less than two frames.
     """
     first, n = motions[0], len(motions)
     if n == 1:
@@ -56,15 +53,17 @@ def splice(motions: Sequence[Motion], n_frames: int, first_frame: int = 0, blend
     rows = _own_frame(first, first)[_stretch(first, first_frame, first_frame + int(ends[0]))]
     for motion, end in zip(motions[1:], ends[1:], strict=True):
         rows = _joined(rows, _own_frame(motion, first), motion, half, int(end))
-    poses = _in_the_world(rows[:, :_PHASE], first.poses[first_frame])
-    return Spliced(_named(first, motions, poses), np.repeat(np.arange(n), turns), rows[:, _PHASE])
+    words: dict[str, Any] = {
+        word: " + ".join(dict.fromkeys(str(getattr(motion, word)) for motion in motions))
+        for word in ("name", "activity", "source", "sha256", "licence")
+    }
+    motion = replace(first, poses=_in_the_world(rows[:, :_PHASE], first.poses[first_frame]), **words)
+    return Spliced(motion, np.repeat(np.arange(n), turns), rows[:, _PHASE])
 
 
 def gait_phases(motion: Motion) -> FloatArray:
-    """The place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`gait_events`).
-
-    Linear between those events and, at the rate of the nearest cycle, beyond them; NaN without two of them.
-    """
+    """Find the place in the gait cycle (F,), cycles, whole where the left thigh is furthest ahead (`gait_events`):
+    linear between those events and, at the nearest cycle's rate, beyond them; NaN without two of them."""
     events, frames = gait_events(motion, SHORTEST_RUN_S), np.arange(len(motion), dtype=np.float64)
     if len(events) < 2:
         return np.full(len(motion), np.nan)
@@ -76,10 +75,8 @@ def gait_phases(motion: Motion) -> FloatArray:
 
 
 def _own_frame(motion: Motion, first: Motion) -> FloatArray:
-    """Rows (F, 26): the pose with the steps to the next frame, ahead, left and round, in place of place and heading.
-
-    The last number of a row is the phase. Lengths are scaled to the legs of the person of `first`.
-    """
+    """Rows (F, 26): poses with the steps to the next frame, ahead, left and round, in place of place and heading,
+    lengths scaled to the legs of the person of `first`; and the phase."""
     legs = (first.shape.thigh + first.shape.calf) / (motion.shape.thigh + motion.shape.calf)
     rows = np.column_stack([motion.poses, gait_phases(motion)])
     c, s = np.cos(motion.poses[:, _HEADING]), np.sin(motion.poses[:, _HEADING])
@@ -114,15 +111,13 @@ def _joined(rows: FloatArray, following: FloatArray, motion: Motion, half: int, 
 
 
 def _entry(phase: float, phases: FloatArray, before: int, after: int, motion: Motion) -> int:
-    """The frame nearest the middle of a motion of phases (M,) that is in `phase` of the cycle to within 0.02.
-
-    Without cycles any frame will do. There must be `before` frames before it and `after` from it on.
-    """
+    """The frame nearest the middle of a motion of phases (M,) that is in `phase` to within 0.02 cycles, or any without
+    cycles, with `before` frames before it and `after` from it on."""
     _stretch(motion, 0, before + after)
     possible = np.arange(before, len(phases) - after + 1)
-    apart = phases[possible] - phase
-    apart = np.nan_to_num(np.abs(apart - np.round(apart)))
-    possible = possible[apart <= apart.min() + 0.02]
+    offset = phases[possible] - phase
+    offset = np.nan_to_num(np.abs(offset - np.round(offset)))
+    possible = possible[offset <= offset.min() + 0.02]
     return int(possible[np.argmin(np.abs(possible - 0.5 * (len(phases) - after + before)))])
 
 
@@ -132,12 +127,3 @@ def _stretch(motion: Motion, begin: int, end: int) -> slice:
         found, wanted = len(motion) / motion.rate_hz, end / motion.rate_hz
         raise InputError(f"dataset: motion {motion.name!r} lasts {found:.2f} s, expected at least {wanted:.2f} s of it")
     return slice(begin, end)
-
-
-def _named(first: Motion, motions: Sequence[Motion], poses: FloatArray) -> Motion:
-    """The motion of the person of `first` with the names and sources of all."""
-    words = {
-        word: " + ".join(dict.fromkeys(str(getattr(motion, word)) for motion in motions))
-        for word in ("name", "activity", "source", "sha256", "licence")
-    }
-    return replace(first, poses=poses, **words)  # type: ignore[arg-type]

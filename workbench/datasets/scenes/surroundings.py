@@ -1,6 +1,5 @@
-"""What else a camera that sees points sees: a floor, a wall and bins about a person, a bar before them."""
+"""Things beside the person that a camera sees points of: a floor, a wall and bins about a person, a bar before them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +13,7 @@ from workbench.mocap.generated.gait import ANKLE_HEIGHT
 
 BOX_M = np.array([0.8, 0.8, 1.1])
 """Half sizes of the box about the root in which clutter and outliers are kept, as a tracker would."""
-WALL_M, BINS_M = 0.65, 0.5
-"""How far behind the person's way the wall and the bins are."""
+WALL_M, BINS_M = 0.65, 0.5  # how far behind the person's way the wall and the bins are
 _BIN_RADIUS_M, _BIN_HEIGHT_M, _BAR_HEIGHT_M = 0.12, 0.7, 3.0
 _CANDIDATES = 12
 
@@ -36,11 +34,8 @@ def surroundings(take: Take, camera: Camera) -> Surroundings:
     forward = camera.rotation[2]
     behind = roots[[len(roots) // 4, 3 * len(roots) // 4]] + BINS_M * forward
     behind[:, 2] = floor
-    return Surroundings(
-        floor_m=floor,
-        wall_m=float(camera.to_camera(roots)[:, 2].max()) + WALL_M,
-        bins=uprights(take.body, behind, _BIN_RADIUS_M, _BIN_HEIGHT_M),
-    )
+    wall = float(camera.to_camera(roots)[:, 2].max()) + WALL_M
+    return Surroundings(floor, wall, uprights(take.body, behind, _BIN_RADIUS_M, _BIN_HEIGHT_M))
 
 
 def bar(take: Take, camera: Camera, width_m: float) -> Body:
@@ -54,13 +49,9 @@ def uprights(body: Body, feet: FloatArray, radius_m: float, height_m: float) -> 
     """Upright cylinders with their feet (M, 3) fixed in the world, as the limbs of a body whose pose is all zeros."""
     n = len(feet)
     limbs = Limbs(
-        names=tuple(f"upright_{i}" for i in range(n)),
-        joints=np.zeros(n, dtype=np.int64),
-        starts=feet,
-        ends=feet + np.array([0.0, 0.0, height_m]),
-        radii=np.full((n, 2, 2), radius_m),
-        spheres=np.zeros(n, dtype=bool),
-    )
+        names=tuple(f"upright_{i}" for i in range(n)), joints=np.zeros(n, dtype=np.int64), starts=feet,
+        ends=feet + np.array([0.0, 0.0, height_m]), radii=np.full((n, 2, 2), radius_m), spheres=np.zeros(n, dtype=bool),
+    )  # fmt: skip
     return replace(body, limbs=limbs)
 
 
@@ -72,10 +63,8 @@ def in_box(centre: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
 def clutter_points(
     around: Surroundings, centre: FloatArray, camera: Camera, n: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Up to n points (n, 3), m, of floor, wall and bins in the box about `centre`, as far as these do not hide them.
-
-    As many candidates are drawn evenly on each of the three, so that the small bins are not lost.
-    """
+    """Draw up to n points (n, 3), m, of floor, wall and bins in the box about `centre` that these do not hide, from as
+    many candidates on each of the three, so that the small bins are not lost."""
     many = _CANDIDATES * n
     floor, wall = in_box(centre, many, rng), in_box(centre, many, rng)
     floor[:, 2] = around.floor_m
@@ -86,12 +75,11 @@ def clutter_points(
     points = points[(np.abs(points - centre) <= BOX_M).all(axis=1) & inside(camera, points)]
     points = points[points[:, 2] >= around.floor_m - 1e-9]
     points = points[camera.to_camera(points)[:, 2] <= around.wall_m + 1e-9]
-    return not_hidden(points, camera, [(around.bins, standing)])[:n]
+    return not_hidden(points, camera, around.bins, standing)[:n]
 
 
-def not_hidden(points: FloatArray, camera: Camera, before: Sequence[tuple[Body, FloatArray]]) -> FloatArray:
-    """Select those of points (K, 3) that bodies, each in its pose (P,), do not hide from the camera."""
-    for body, pose in before:
-        if len(points):
-            points = points[first_depth(body, pose, camera, points) > camera.to_camera(points)[:, 2] - 1e-3]
-    return points
+def not_hidden(points: FloatArray, camera: Camera, body: Body, pose: FloatArray) -> FloatArray:
+    """Select those of points (K, 3) that a body in a pose (P,) does not hide from the camera."""
+    if not len(points):
+        return points
+    return points[first_depth(body, pose, camera, points) > camera.to_camera(points)[:, 2] - 1e-3]

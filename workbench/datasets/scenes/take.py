@@ -1,40 +1,75 @@
-"""A take: the stretch of someone's movement that a dataset of points shows, and what it lets be known of the start."""
+"""A scene, in which one person moves before a still camera, and its take: what the person does, frame by frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
+from workbench.core.checks import FINITE, POSITIVE, Range, at_least, check
 from workbench.core.frame import Truth
-from workbench.datasets.scenes.scene import Scene
 from workbench.datasets.scenes.splice import splice
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
-from workbench.mocap.named import find_motion, motion_file
-from workbench.mocap.sources import UNKNOWN, read_clip
+from workbench.mocap.sources import UNKNOWN, find_motion, motion_file, read_clip
 from workbench.streams import stream
 
 STARTS = ("auto", "given")
-SKELETONS = ("person", "full")
-"""The person of 25 numbers, or the motion file's own skeleton with every joint."""
+SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
 START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
-_FINE = 4
-"""Clips are spliced, and their cycles found, at this multiple of the dataset's rate."""
+_FINE = 4  # clips are spliced, and their cycles found, at this multiple of the dataset's rate
+_RANGES = {
+    "n_frames": at_least(2), "first_frame": at_least(0), "rate_hz": POSITIVE, "width": at_least(32),
+    "height": at_least(32), "focal_px": at_least(1), "view_deg": FINITE, "seed": at_least(0),
+}  # fmt: skip
+
+
+@dataclass(kw_only=True, eq=False)
+class Scene:
+    """A person's motion in n_frames frames at rate_hz, and a camera that sees it.
+
+    motion: a name as `mocap.sources.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
+    data: the folder that holds cmu/ and bandai/. path: "straight" or "circle", of the builtin walker. first_frame: of
+    the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
+    view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of
+    the builtin walker.
+    """
+
+    motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
+    data: str | None = None
+    path: str = "straight"
+    n_frames: int = 28
+    first_frame: int = 0
+    rate_hz: float = 14.0
+    width: int = 640
+    height: int = 480
+    focal_px: float = 700.0
+    view_deg: float = 90.0
+    seed: int = 0
+
+    @property
+    def kind(self) -> str:
+        """Tell what messages call the dataset, which is its class in lower case."""
+        return type(self).__name__.lower()
+
+    def source(self, rate_hz: float) -> dict[str, Any]:
+        """Return what tells `find_motion` which of a motion's versions the scene shows, at a rate."""
+        return {"data": self.data, "rate_hz": rate_hz, "path": self.path, "seed": self.seed}
+
+    def check(self, **expected: Range) -> None:
+        """Raise InputError for the first number that is not in its range, of those that all scenes share and others."""
+        check(self.kind, self, **(_RANGES | expected))
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """What a person does in the F frames of a dataset. motion: at the dataset's rate. truths: F.
-
-    body: the person's, or of the motion file's full skeleton; the poses (F, P) of motion and truths are this body's.
-    phases: (F,) cycles, see `splice.Spliced`.
-    """
+    """A person's motion in the F frames of a dataset, at its rate, and F truths. body: the person's, or of the motion
+    file's full skeleton; the poses (F, P) of motion and truths are this body's. phases: (F,) cycles, see `Spliced`."""
 
     motion: Motion
     body: Body
@@ -58,55 +93,32 @@ class Take:
         sigma = np.full(len(pose), START_SIGMA_RAD)
         sigma[:3] = START_SIGMA_M
         error = sigma * stream(seed, "rough start").standard_normal(len(pose))
-        rough: FloatArray = np.clip(pose + error, *skeleton.limits.T)
-        return rough
+        return np.clip(pose + error, *skeleton.limits.T)
 
 
-def find_take(
-    motion: str | Sequence[str], *, data: str | None, rate_hz: float, n_frames: int, first_frame: int = 0,
-    path: str = "straight", seed: int = 0, skeleton: str = "person",
-) -> Take:  # fmt: skip
-    """n_frames at rate_hz of the motion of that name, or of several spliced, from first_frame on, counted at rate_hz.
-
-    Names, data, path and seed: see `motions.find_motion`. Every frame's truth has pose, joints and, where the clip
-    says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file.
-
-    Raises InputError for a motion that cannot be found or is too short, and another skeleton.
-    """
+def find_take(scene: Scene, skeleton: str = "person") -> Take:
+    """Find the frames of a scene's motion, or of several spliced. Every frame's truth has pose, joints and, where the
+    clip says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises
+    InputError for a motion that cannot be found or is too short, and another skeleton."""
     if skeleton not in SKELETONS:
         raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
-    names = motion_names(motion)
-    clips = [find_motion(name, data=data, rate_hz=_FINE * rate_hz, path=path, seed=seed) for name in names]
-    fine = splice(clips, _FINE * (n_frames - 1) + 1, _FINE * first_frame)
-    shown = replace(fine.motion, rate_hz=rate_hz, poses=fine.motion.poses[::_FINE])
+    names, first = motion_names(scene.motion), _FINE * scene.first_frame
+    clips = [find_motion(name, **scene.source(_FINE * scene.rate_hz)) for name in names]
+    fine = splice(clips, _FINE * (scene.n_frames - 1) + 1, first)
+    shown = replace(fine.motion, rate_hz=scene.rate_hz, poses=fine.motion.poses[::_FINE])
     body = person(shown.shape)
     if skeleton == "full":
         if len(names) > 1:
             raise InputError(f"dataset: skeleton=full shows one motion, found {len(names)} to splice")
-        body, poses = _own_skeleton(clips[0], motion_file(names[0], data))
-        shown = replace(shown, poses=poses[_FINE * first_frame :: _FINE][:n_frames])
+        recorded, person_motion = read_clip(motion_file(names[0], scene.data)), clips[0]
+        own = replace(person_motion, rate_hz=recorded.rate_hz, poses=full_poses(recorded))
+        poses = own.resampled(person_motion.rate_hz).poses[first::_FINE][: scene.n_frames]
+        body, shown = full_body(recorded, person_motion.shape), replace(shown, poses=poses)
     places = joints(body.skeleton, shown.poses)
-    activities = [clips[k].activity for k in fine.clips[::_FINE]]
-    truths = tuple(
-        Truth(pose=pose, joints=place, activity=None if activity == UNKNOWN else activity)
-        for pose, place, activity in zip(shown.poses, places, activities, strict=True)
-    )
+    activities = [None if clips[k].activity == UNKNOWN else clips[k].activity for k in fine.clips[::_FINE]]
+    frames = zip(shown.poses, places, activities, strict=True)
+    truths = tuple(Truth(pose=pose, joints=place, activity=activity) for pose, place, activity in frames)
     return Take(shown, body, truths, fine.phases[::_FINE])
-
-
-def take_of(scene: Scene, skeleton: str = "person") -> Take:
-    """Tell what the person of a scene does, see `find_take`."""
-    return find_take(
-        scene.motion, data=scene.data, rate_hz=scene.rate_hz, n_frames=scene.n_frames, first_frame=scene.first_frame,
-        path=scene.path, seed=scene.seed, skeleton=skeleton,
-    )  # fmt: skip
-
-
-def _own_skeleton(motion: Motion, file: Path) -> tuple[Body, FloatArray]:
-    """The body of a motion file's own skeleton, and its poses (F, P) at the rate of `motion`, the same retargeted."""
-    clip = read_clip(file)
-    poses = replace(motion, rate_hz=clip.rate_hz, poses=full_poses(clip)).resampled(motion.rate_hz).poses
-    return full_body(clip, motion.shape), poses
 
 
 def motion_names(motion: str | Sequence[str]) -> list[str]:
@@ -120,10 +132,8 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
 def given_start(
     dataset: str, start: str, take: Take | None, seed: int
 ) -> tuple[FloatArray | None, tuple[float, float] | None]:
-    """What is offered of the start: with start="given" the rough first pose (P,) and the phase's ends; else nothing.
-
-    Raises InputError, naming the dataset, where `start` is unknown or asks for a truth that is not there.
-    """
+    """Offer with start="given" the rough first pose (P,) and the phase's ends, else nothing; raises InputError, naming
+    the dataset, where `start` is unknown or asks for a truth that is not there."""
     if start not in STARTS:
         raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
     if start == "auto":
@@ -131,8 +141,6 @@ def given_start(
     if take is None:
         raise InputError(f"{dataset}: start=given needs the truth, which is not known; use start=auto")
     if take.phase_ends is None:
-        raise InputError(
-            f"{dataset}: start=given gives the ends of the gait's phase, but {take.motion.name!r} has no gait cycle; "
-            "use start=auto"
-        )
+        lacking = f"the ends of the gait's phase, but {take.motion.name!r} has no gait cycle"
+        raise InputError(f"{dataset}: start=given gives {lacking}; use start=auto")
     return take.rough_start(seed), take.phase_ends

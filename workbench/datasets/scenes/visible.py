@@ -15,11 +15,8 @@ _SIDE, _END = 0, 2
 
 
 def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np.random.Generator) -> FloatArray:
-    """n points (n, 3), m, in the world, drawn evenly by area over what the camera sees of a body in a pose (P,).
-
-    The surface is the renderer's: cones and spheres with rounded ends. There are none of a body the camera does not
-    see, and fewer than n of one it sees very little of.
-    """
+    """Draw n points (n, 3), m, in the world, evenly by area over what the camera sees of a body's rendered surface in a
+    pose (P,); none of a body it does not see, and fewer than n of one it sees very little of."""
     points = surface_points(body, pose, TRIES * n, rng)
     depth = camera.to_camera(points)[:, 2]
     seen = np.abs(first_depth(body, pose, camera, points) - depth) < _SAME_M
@@ -27,18 +24,17 @@ def visible_points(body: Body, pose: FloatArray, camera: Camera, n: int, rng: np
 
 
 def surface_points(body: Body, pose: FloatArray, tries: int, rng: np.random.Generator) -> FloatArray:
-    """Points (K, 3), m, in the world, drawn evenly by area over all limbs in a pose (P,); about half of the tries.
-
-    A limb is a side and an ellipsoid about each end (a sphere is one), also where these lie in each other or in other
-    limbs, as in `render`.
-    """
+    """Draw points (K, 3), m, in the world, evenly by area over all limbs in a pose (P,), about half of the tries: over
+    their sides and an ellipsoid about each end, as in `render`, also where these lie in others."""
     share = _rough_areas(body)
     piece = rng.choice(share.size, tries, p=(share / share.sum()).ravel())
     limb, kind = np.divmod(piece, 3)
     own, stretch = _on_pieces(body, limb, kind, rng)
     dense = stretch / share[limb, kind]
     kept = rng.uniform(size=tries) * dense.max() < dense
-    return _placed(body, pose, limb[kept], own[kept])
+    limbs, limb, frames = body.limbs, limb[kept], forward(body.skeleton, pose[None])
+    in_joint, joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own[kept]), limbs.joints[limb]
+    return np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]
 
 
 def _rough_areas(body: Body) -> FloatArray:
@@ -51,11 +47,9 @@ def _rough_areas(body: Body) -> FloatArray:
 
 
 def _on_pieces(body: Body, limb: IntArray, kind: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """A place (K, 3), m, on every piece, in its limb's own frame, and how far its map stretches area there (K,).
-
-    The map takes heights from 0 to 1 and angles, both drawn evenly, to the surface; equal heights on the axis of a
-    sphere are equal areas (Archimedes).
-    """
+    """A place (K, 3), m, on every piece, in its limb's own frame, and how far its map stretches area there (K,). The
+    map takes heights from 0 to 1 and angles, both drawn evenly, to the surface; equal heights on the axis of a sphere
+    are equal areas (Archimedes)."""
     n = len(limb)
     height, angle = rng.uniform(size=n), rng.uniform(0.0, 2.0 * np.pi, n)
     c, s = np.cos(angle), np.sin(angle)
@@ -82,36 +76,16 @@ def _on_pieces(body: Body, limb: IntArray, kind: IntArray, rng: np.random.Genera
 def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray) -> FloatArray:
     """The depth (K,), m, where lines of sight to points (K, 3) first meet a body in a pose (P,), inf for nowhere."""
     seen = camera.to_camera(points)
-    x, y = (seen[:, :2] / seen[:, 2:]).T
-    directions = np.stack([x, y], axis=1)[None].astype(np.float32)
-    rays = Rays(
-        samples=1,
-        directions=directions,
-        across=np.stack([directions[0, :, 0]] * 2),
-        down=np.array([[directions[..., 1].min()], [directions[..., 1].max()]]),
-    )
-    hits = cast(body, pose, camera, rays)
-    depth = np.full(len(points), np.inf)
+    directions = (seen[:, :2] / seen[:, 2:])[None].astype(np.float32)
+    hits, depth = cast(body, pose, camera, Rays(1, directions)), np.full(len(points), np.inf)
     if hits.depth.size:
         depth[hits.left : hits.left + hits.depth.shape[1]] = hits.depth[0]
     return depth
 
 
 def inside(camera: Camera, points: FloatArray) -> BoolArray:
-    """Which of points (K, 3) lie in the camera's image (K,)."""
+    """Tell which of points (K, 3) lie in the camera's image (K,)."""
     pixels = camera.project(points)
     with np.errstate(invalid="ignore"):
         found = (pixels >= -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])
     return np.asarray(found.all(axis=1))
-
-
-def _placed(body: Body, pose: FloatArray, limb: IntArray, own: FloatArray) -> FloatArray:
-    """Points (K, 3) of limbs (K,), each in its limb's own frame, in the world.
-
-    A limb's own frame starts at its axis' start, with the axes of `Limbs.axes`.
-    """
-    limbs, frames = body.limbs, forward(body.skeleton, pose[None])
-    in_joint = limbs.starts[limb] + np.einsum("kij,kj->ki", limbs.axes[limb], own)
-    joint = limbs.joints[limb]
-    points: FloatArray = np.einsum("kij,kj->ki", frames.rotations[0, joint], in_joint) + frames.positions[0, joint]
-    return points

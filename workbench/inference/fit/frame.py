@@ -1,4 +1,4 @@
-"""Least squares one frame after the other: the root alone, root and motion followed, or a pose without a model."""
+"""Least squares one frame after the other: any unknowns of one, the root alone, or root and motion followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,12 +9,10 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
-from workbench.body.turns import nearest_turn
+from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
-from workbench.core.smoothness import PACE_HZ, Smoothness
-from workbench.inference.fit.arrowhead import Pattern
-from workbench.inference.fit.decoding import Decoder, MotionDecoder, PoseDecoder
-from workbench.inference.fit.solver import Minimum, Quadratic, minimise
+from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder, PoseDecoder
+from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
 WIDENED = (8.0, 1.0)
 """Scales of the loss, one after the other, with which a root is found that may start decimetres away: a redescending
@@ -24,12 +22,6 @@ STEADY_FRAMES = 6
 phase may stall, and from half a cycle behind nothing brings it back."""
 STYLE_HELD = 0.4
 """Part of the smoothness that a style has while a motion is followed: one frame alone bends it to fit a wrong phase."""
-FLAT = 1.0
-"""Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
-
-PRIOR_PHASES = 64
-PRIOR_RAD = 0.05
-"""Standard deviation of an angle beside what the motion model explains of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,25 +33,16 @@ class Gaussian:
 
     @staticmethod
     def independent(mean: FloatArray, deviations: FloatArray) -> "Gaussian":
-        """With these standard deviations (D,); infinite ones leave a number free."""
+        """Return the Gaussian with these standard deviations (D,); infinite ones leave a number free."""
         return Gaussian(mean, np.diag(1.0 / deviations))
 
 
 def fit_frame(
-    decoder: Decoder,
-    residual: ResidualFunction,
-    loss: Loss,
-    state: FloatArray,
-    *,
-    free: IntArray | None = None,
-    prior: Gaussian | None = None,
-    max_iterations: int = 20,
-    tolerance: float = 1e-3,
-) -> Minimum:
-    """The state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default.
-
-    The minimum's x is the whole state; its quadratic is that of the free columns.
-    """
+    decoder: Decoder, residual: ResidualFunction, loss: Loss, state: FloatArray, *, free: IntArray | None = None,
+    prior: Gaussian | None = None, max_iterations: int = 20, tolerance: float = 1e-3,
+) -> Minimum:  # fmt: skip
+    """Return the state near `state` (D,) that fits one frame best, over its columns `free` (n,), all by default. The
+    minimum's x is the whole state; its quadratic is that of the free columns."""
     free = np.arange(len(state)) if free is None else free
     places = _full(len(free)).place(*np.indices((len(free), len(free))))
 
@@ -78,33 +61,25 @@ def fit_frame(
             normal += rows.T @ rows
         return Quadratic(cost, gradient, _full(len(free)).fill(places, normal), trust)
 
-    found = minimise(expand, state[free], max_iterations=max_iterations, tolerance=tolerance)
-    return Minimum(_with(state, free, found.x), found.quadratic, found.costs, found.iterations)
+    search = minimise(expand, state[free], max_iterations=max_iterations, tolerance=tolerance)
+    return Minimum(_with(state, free, search.x), search.quadratic, search.costs, search.iterations)
 
 
 def fit_root(
-    decoder: PoseDecoder,
-    residual: ResidualFunction,
-    loss: Loss,
-    guesses: Sequence[FloatArray],
+    decoder: PoseDecoder, residual: ResidualFunction, loss: Loss, guesses: Sequence[FloatArray],
     widened: tuple[float, ...],
-) -> Minimum:
-    """The root of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at first.
-
-    widened: factors of the loss's scale, one after the other.
-    """
+) -> FloatArray:  # fmt: skip
+    """Fit the root (6,) of one frame, its joint angles kept: from that of the poses `guesses` (P,) that fits best at
+    first. widened: factors of the loss's scale, one after the other."""
     wide = loss.wider(widened[0])
     pose = min(guesses, key=lambda guess: float(wide(residual(guess)[0])[0].sum())) if len(guesses) > 1 else guesses[0]
     for factor in widened:
-        found = fit_frame(decoder, residual, loss.wider(factor), pose, free=np.arange(N_ROOT))
-        pose = found.x
-    return found
+        pose = fit_frame(decoder, residual, loss.wider(factor), pose, free=np.arange(N_ROOT)).x
+    return pose[:N_ROOT]
 
 
-def global_motion(
-    decoder: MotionDecoder, residuals: Sequence[ResidualFunction], loss: Loss, states: FloatArray
-) -> FloatArray:
-    """The roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
+def global_motion(decoder: MotionDecoder, data: FitData, states: FloatArray) -> FloatArray:
+    """Return the roots of all frames, each from the frame before (paper D, section 4, eq. 10), in states (T, D).
 
     The coefficients and phases of `states` are kept, and the root of its first row is the start. Where two frames are
     known the next one may also start where their motion leads: at 14 Hz a runner's root moves 25 cm a frame.
@@ -114,88 +89,37 @@ def global_motion(
     for t in tqdm(range(len(states)), desc="global motion", unit="frame", disable=None, leave=False):
         guesses = [roots[max(t - 1, 0)]] + [2.0 * roots[t - 1] - roots[t - 2]] * (t > 1)
         poses = [np.concatenate([guess, angles[t]]) for guess in guesses]
-        roots[t] = fit_root(free, residuals[t], loss, poses, WIDENED).x[:N_ROOT]
+        roots[t] = fit_root(free, data.residuals[t], data.loss, poses, WIDENED)
     return np.hstack([states[:, :-N_ROOT], roots])
 
 
-def follow(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    known: FloatArray,
-    smoothness: Smoothness,
-) -> FloatArray:
-    """States (T, D) of all frames, of which the first ones are `known` (F ≥ 2, D), and the next follow one by one.
+def follow(decoder: MotionDecoder, data: FitData, known: FloatArray) -> FloatArray:
+    """Return states (T, D) of all frames, the first ones `known` (F ≥ 2, D), the next followed one by one.
 
-    Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held;
-    the phase goes on at its mean speed of late, and the root is first found with a wide loss: what goes wrong here is
-    hard to undo.
+    Each frame has root, phase and coefficients of its own under the batch's smoothness with the frames before held; the
+    phase goes on at its mean speed of late, and the root is first found with a wide loss.
     """
-    states, free, phase = list(known), PoseDecoder(decoder.skeleton), decoder.n_style
-    gaps = PACE_HZ * np.diff(times_s)
-    for t in tqdm(range(len(known), len(residuals)), desc="following", unit="frame", disable=None, leave=False):
+    states, free = list(known), PoseDecoder(decoder.skeleton)
+    gaps, n_style = PACE_HZ * np.diff(data.times_s), decoder.n_style
+    for t in tqdm(range(len(known), len(data.residuals)), desc="following", unit="frame", disable=None, leave=False):
         before, after = gaps[t - 2 : t]
         ahead = states[t - 1] + (states[t - 1] - states[t - 2]) * (after / before)
-        ahead[: decoder.n_style] = states[t - 1][: decoder.n_style]
+        ahead[:n_style] = states[t - 1][:n_style]
         first = max(t - 1 - STEADY_FRAMES, 0)
-        speed = (states[t - 1][phase] - states[first][phase]) / gaps[first : t - 1].sum()
-        ahead[phase] = states[t - 1][phase] + speed * after
-        bend = after * np.sqrt(0.5 * (before + after)) * smoothness.second_differences
-        deviations = np.concatenate(
-            [np.full(decoder.n_style, min(1.0, STYLE_HELD * smoothness.style * np.sqrt(after))), bend]
-        )
-        near = fit_root(free, residuals[t], loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
-        state = np.concatenate([ahead[:-N_ROOT], near.x[:N_ROOT]])
-        prior = Gaussian.independent(ahead, deviations)
-        states.append(fit_frame(decoder, residuals[t], loss, state, prior=prior).x)
+        speed = (states[t - 1][n_style] - states[first][n_style]) / gaps[first : t - 1].sum()
+        ahead[n_style] = states[t - 1][n_style] + speed * after
+        bend = after * np.sqrt(0.5 * (before + after)) * data.smoothness.second_differences
+        new = min(1.0, STYLE_HELD * data.smoothness.style * np.sqrt(after))
+        prior = Gaussian.independent(ahead, np.concatenate([np.full(n_style, new), bend]))
+        root = fit_root(free, data.residuals[t], data.loss, [decoder.poses(ahead[None])[0]], WIDENED[:1])
+        state = np.concatenate([ahead[:-N_ROOT], root])
+        states.append(fit_frame(decoder, data.residuals[t], data.loss, state, prior=prior).x)
     return np.array(states)
-
-
-def track_poses(
-    decoder: PoseDecoder,
-    residuals: Sequence[ResidualFunction],
-    loss: Loss,
-    start: FloatArray,
-    prior: Gaussian | None = None,
-) -> tuple[FloatArray, FloatArray, list[Minimum]]:
-    """No motion model: poses (T, P), their covariances (T, P, P) and the searches, each from the pose of the frame
-    before (paper D, section 4.1), the first from `start` (P,), with a Gaussian `prior` over poses or without.
-
-    A joint's angles come out within half a turn of the middle of their limits: a straight arm's twist, which no point
-    tells, may have gone round. A covariance is the inverse of the Gauss–Newton matrix; what neither points nor prior
-    tell has the deviation FLAT.
-    """
-    poses, covariances, searches, pose = [], [], [], start
-    middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
-    for residual in tqdm(residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
-        searches.append(fit_frame(decoder, residual, loss, pose, prior=prior, max_iterations=40))
-        found = searches[-1].x
-        pose = nearest_turn(found, np.concatenate([pose[:N_ROOT], middle]))
-        poses.append(pose)
-        covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(pose)) / FLAT**2))
-    return np.array(poses), np.array(covariances), searches
-
-
-def pose_prior(decoder: MotionDecoder) -> Gaussian:
-    """The Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is free.
-
-    Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD.
-    """
-    phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
-    states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))
-    poses, by_style = decoder.poses(states), decoder.jacobian(states)[:, :, : decoder.n_style]
-    mean = poses.mean(axis=0)
-    spread = np.cov(poses.T, bias=True) + np.einsum("tpi,tqi->pq", by_style, by_style) / PRIOR_PHASES
-    angles = spread[N_ROOT:, N_ROOT:] + PRIOR_RAD**2 * np.eye(len(mean) - N_ROOT)
-    whitening = np.zeros((len(mean) - N_ROOT, len(mean)))
-    whitening[:, N_ROOT:] = np.linalg.inv(np.linalg.cholesky(angles))
-    return Gaussian(mean, whitening)
 
 
 @lru_cache
 def _full(n: int) -> Pattern:
-    """The pattern of a dense matrix."""
+    """Return the pattern of a dense matrix."""
     return Pattern(n_band=n, n_border=0, width=n - 1)
 
 

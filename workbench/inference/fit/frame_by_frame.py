@@ -1,32 +1,38 @@
 """The problem of every frame on its own, the baseline that loses the person (paper D, section 4.1)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from workbench.arrays import FloatArray
-from workbench.body.skeleton import Skeleton
-from workbench.core.motion_model import MotionModel
-from workbench.core.residual import Loss, ResidualFunction
+from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.body.turns import nearest_turn
+from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
-from workbench.inference.fit.first_guess import first_pose
-from workbench.inference.fit.frame import Gaussian, pose_prior, track_poses
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.fit.frame import Gaussian, fit_frame
+from workbench.inference.fit.hypotheses import first_pose
 from workbench.inference.fit.motion_fit import needed
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
+from workbench.inference.fit.solver import Minimum
 from workbench.inference.fit.task import Fit, Task, fit_of
+
+FLAT = 1.0
+"""Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
+PRIOR_PHASES = 64
+PRIOR_RAD = 0.05
+"""Standard deviation of an angle beside what the motion model explains of it."""
 
 
 @dataclass(frozen=True)
 class FrameByFrame:
-    """Fit the pose of every frame from that of the frame before, without a motion model.
-
-    pose_prior: under the Gaussian of the poses that the prior's motion model makes, see `frame.pose_prior`.
-    """
+    """Fit the pose of every frame from that of the frame before, without a motion model. pose_prior: under the Gaussian
+    of the poses that the prior's motion model makes, see `pose_prior`."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -46,20 +52,35 @@ class FrameByFrame:
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         prior = pose_prior(MotionDecoder(task.skeleton, needed(task.motion), rest)) if self.pose_prior else None
         start = first_pose(task, prior) if start is None else start
-        return fit_poses(PoseDecoder(task.skeleton), task.residuals(UPRIGHT_SIGMA_RAD), task.loss, start, prior)
+        return fit_poses(PoseDecoder(task.skeleton), task.data(UPRIGHT_SIGMA_RAD), start, prior)
 
 
-def fit_poses(
-    decoder: PoseDecoder,
-    residuals: Sequence[ResidualFunction],
-    loss: Loss,
-    start: FloatArray,
-    prior: Gaussian | None = None,
-) -> Fit:
-    """Fit poses frame by frame from a pose (P,), with a Gaussian prior over poses or not."""
-    clock = perf_counter()
-    poses, covariances, searches = track_poses(decoder, residuals, loss, start, prior)
-    iterations = float(np.mean([search.iterations for search in searches]))
+def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gaussian | None = None) -> Fit:
+    """Fit each frame from the pose of the frame before (paper D, section 4.1), the first from a pose `start` (P,), with
+    a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither points
+    nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their limits: a
+    straight arm's twist, which no point tells, may have gone round."""
+    clock, poses, covariances, searches = perf_counter(), [start], [], list[Minimum]()
+    middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
+    for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
+        searches.append(fit_frame(decoder, residual, data.loss, poses[-1], prior=prior, max_iterations=40))
+        poses.append(nearest_turn(searches[-1].x, np.concatenate([poses[-1][:N_ROOT], middle])))
+        covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(start)) / FLAT**2))
+    iterations = np.mean([search.iterations for search in searches])
     costs = tuple(search.costs[-1] for search in searches)
-    fit = fit_of(decoder, residuals, loss, poses, covariances, iterations, costs)
+    fit = fit_of(decoder, data, np.array(poses[1:]), np.array(covariances), float(iterations), costs)
     return replace(fit, timing_s={"least_squares": perf_counter() - clock})
+
+
+def pose_prior(decoder: MotionDecoder) -> Gaussian:
+    """Return the Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is
+    free. Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
+    phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
+    states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))
+    poses, by_style = decoder.poses(states), decoder.jacobian(states)[:, :, : decoder.n_style]
+    mean = poses.mean(axis=0)
+    spread = np.cov(poses.T, bias=True) + np.einsum("tpi,tqi->pq", by_style, by_style) / PRIOR_PHASES
+    angles = spread[N_ROOT:, N_ROOT:] + PRIOR_RAD**2 * np.eye(len(mean) - N_ROOT)
+    whitening = np.zeros((len(mean) - N_ROOT, len(mean)))
+    whitening[:, N_ROOT:] = np.linalg.inv(np.linalg.cholesky(angles))
+    return Gaussian(mean, whitening)

@@ -7,12 +7,14 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.observations import Keypoints, Observed
-from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.fit.frame import Gaussian, fit_frame
-from workbench.inference.fit.phase_grid import N_HEADINGS, N_PHASES
+from workbench.inference.fit.phase_grid import N_HEADINGS, N_PHASES, roots_from_points
+from workbench.inference.fit.residuals import views_residual
+from workbench.inference.fit.task import Task
 
 LEAST_KEYPOINTS = 4
 """In one view of a frame to start from, which has six numbers of a root and a phase to tell."""
@@ -21,29 +23,30 @@ KEYPOINT_LOSS = Loss("huber", 3.0)
 N_KEPT = 2
 APART_M = 0.1
 _APART_RAD = np.pi / 4.0  # between headings that are worth keeping both
+START_POINTS = 150
+"""Points a frame that the start looks at, taken evenly from all; more only make it slower."""
+START_SIGMA_M = 0.02
+START_LOSS = Loss("geman_mcclure", 1.5)
+"""The start always looks at distances with this deviation and loss: the field says nothing far from the body."""
 
 
 def enough_keypoints(seen: Observed) -> tuple[Keypoints, ...]:
-    """The frame's keypoints, where some view shows enough to start from."""
-    return seen.keypoints if any(len(one.joints) >= LEAST_KEYPOINTS for one in seen.keypoints) else ()
+    """Return the frame's keypoints, where some view shows enough to start from."""
+    return seen.keypoints if any(len(view.joints) >= LEAST_KEYPOINTS for view in seen.keypoints) else ()
 
 
 def first_keypoints(seen: Sequence[Observed]) -> tuple[Keypoints, ...]:
-    """Select those of the first frame that shows enough to start from; none where points are what it shows.
-
-    Raises InputError when no frame does.
-    """
-    for one in seen:
-        if len(one.points) or enough_keypoints(one):
-            return enough_keypoints(one)
+    """Select those of the first frame that shows enough to start from, points or keypoints; raises InputError if none
+    does."""
+    for frame in seen:
+        if len(frame.points) or enough_keypoints(frame):
+            return enough_keypoints(frame)
     raise InputError(f"least squares: expected {LEAST_KEYPOINTS} keypoints in some frame to start from, found fewer")
 
 
 def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: ResidualFunction) -> FloatArray:
-    """The likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits best.
-
-    From N_HEADINGS headings; no two of those kept are within 45°.
-    """
+    """Return the likeliest roots (n ≤ N_KEPT, 6) in one frame of keypoints, in which the mean motion at some phase fits
+    best. From N_HEADINGS headings; no two of those kept are within 45°."""
     free, own, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
     phases = np.arange(N_PHASES) / N_PHASES
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
@@ -59,40 +62,36 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
     return np.array(kept)
 
 
-def likely_pose(
-    skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: Gaussian | None
-) -> FloatArray:
-    """The pose (P,) that fits one frame of keypoints best, without a motion; prior: over poses, else of no lean only.
-
-    Where no prior holds the angles, the damping of the search does.
-    """
-    pose: FloatArray = likely_poses(skeleton, seen, residual, prior, 1)[0]
-    return pose
-
-
 def likely_poses(
     skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: Gaussian | None, most: int
 ) -> FloatArray:
-    """The poses (n ≤ most, P) that fit one frame of keypoints best, the best first: minima found from N_HEADINGS
-    headings whose joints are APART_M or more from each other in the mean."""
+    """Find the poses (n ≤ most, P) that fit one frame of keypoints best without a motion, the best first: minima found
+    from N_HEADINGS headings whose joints are APART_M or more from each other in the mean. prior: over poses, else of no
+    lean only; where none holds the angles, the damping of the search does."""
     upright = np.zeros(len(skeleton.dof_names)) if prior is None else prior.mean.copy()
     upright[:N_ROOT] = 0.0
-    found = [
+    fits = [
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
         for root in upright_roots(skeleton, seen, upright)
     ]
-    kept: list[FloatArray] = []
-    for fit in sorted(found, key=lambda fit: fit.costs[-1]):
-        places = joints(skeleton, np.stack([fit.x, *kept]))
-        if len(kept) < most and (np.linalg.norm(places[1:] - places[0], axis=2).mean(axis=1) > APART_M).all():
-            kept.append(fit.x)
-    return np.array(kept)
+    fits.sort(key=lambda fit: fit.costs[-1])
+    return distinct_poses(skeleton, np.array([fit.x for fit in fits]), most, APART_M)
+
+
+def distinct_poses(skeleton: Skeleton, poses: FloatArray, most: int, apart_m: float) -> FloatArray:
+    """Select the first, at most so many, of poses (k, P) whose joints are that far or more from those of all before."""
+    places, kept = joints(skeleton, poses), np.empty(0, dtype=np.intp)
+    for k in range(len(poses)):
+        distances = np.linalg.norm(places[kept] - places[k], axis=2).mean(axis=1)
+        if len(kept) < most and (distances > apart_m).all():
+            kept = np.append(kept, k)
+    return poses[kept]
 
 
 def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
-    """Roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the image of
-    the view that shows most of them."""
-    fullest = max(seen, key=lambda one: len(one.joints))
+    """Return roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the
+    image of the view that shows most of them."""
+    fullest = max(seen, key=lambda keypoints: len(keypoints.joints))
     roots = np.zeros((N_HEADINGS, N_ROOT))
     roots[:, 3] = np.arange(N_HEADINGS) * 2.0 * np.pi / N_HEADINGS
     for root in roots:
@@ -107,5 +106,38 @@ def _place(skeleton: Skeleton, seen: Keypoints, pose: FloatArray) -> FloatArray:
     spread = np.linalg.norm((body - middle) @ camera.rotation[:2].T)
     depth = focal * spread / max(float(np.linalg.norm(pixels - pixels.mean(axis=0))), 1.0)
     ray = np.append((pixels.mean(axis=0) - camera.matrix[:2, 2]) / camera.matrix[[0, 1], [0, 1]], 1.0)
-    place: FloatArray = camera.rotation.T @ (depth * ray - camera.translation) - middle
-    return place
+    return camera.rotation.T @ (depth * ray - camera.translation) - middle
+
+
+def coarse_data(task: Task) -> FitData:
+    """Make what the start looks at: some of the points, and keypoints where there are enough."""
+    loss = START_LOSS if "points" in kinds_seen(task.seen) else KEYPOINT_LOSS
+    return FitData([_coarse(task, frame) for frame in task.seen], task.times_s, loss, task.smoothness)
+
+
+def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
+    """Find where the person may be, (n, 6), in the first frame that shows enough: by its keypoints, else by points."""
+    keypoints = first_keypoints(task.seen)
+    if not keypoints:
+        return roots_from_points(task.skeleton, [frame.points for frame in task.seen], task.times_s)
+    return likely_roots(decoder, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px))
+
+
+def first_pose(task: Task, prior: Gaussian | None) -> FloatArray:
+    """Find a pose (P,) of the person there without a motion model; prior: over poses, see `likely_poses`. Raises
+    InputError where points alone are seen and do not tell where the person faces."""
+    keypoints = first_keypoints(task.seen)
+    if not keypoints:
+        roots = roots_from_points(task.skeleton, [frame.points for frame in task.seen], task.times_s)
+        if len(roots) > 1:
+            raise InputError("least squares: the person moves too little to tell where they face; give a start")
+        return np.concatenate([roots[0], np.zeros(len(task.skeleton.dof_names) - N_ROOT)])
+    residual = views_residual(task.skeleton, keypoints, task.sigma_px)
+    return likely_poses(task.skeleton, keypoints, residual, prior, 1)[0]
+
+
+def _coarse(task: Task, seen: Observed) -> ResidualFunction:
+    points, keypoints = seen.points[:: max(1, len(seen.points) // START_POINTS)], enough_keypoints(seen)
+    parts = [surface_residual(task.skeleton, task.surface, points, "distance", START_SIGMA_M)] * bool(len(points))
+    parts += [views_residual(task.skeleton, keypoints, task.sigma_px)] * bool(keypoints)
+    return stacked(parts)

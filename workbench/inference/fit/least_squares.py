@@ -11,21 +11,20 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
+from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
-from workbench.core.prior import Powers, Prior
+from workbench.core.prior import Powers, Prior, Smoothness
 from workbench.core.residual import ResidualLikelihood
-from workbench.core.smoothness import Smoothness
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import RESIDUALS, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.fit.posterior import steps
 from workbench.inference.fit.smooth_fit import SmoothFit
 from workbench.inference.fit.task import Fit, Problem, Task
-from workbench.learning.activity_classes import classify
+from workbench.learning.activities import classify
 
 FEW_INLIERS = 0.3
 """Where fewer of a frame's points and keypoints are near the body, the step says so."""
@@ -38,11 +37,10 @@ class LeastSquares:
     prior: its motion model and its smoothness are what holds the poses; None: `Smoothness()` alone. phase_ends: of a
     cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem: `MotionFit`,
     `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second. most_points: a
-    frame's points beyond are thinned at random. max_iterations: of the search over all frames. n_particles: drawn per
-    step.
+    frame's points beyond are thinned at random. max_iterations: of the search over all frames. n_particles: per step.
 
-    Raises InputError for numbers out of range, a likelihood without residuals, and a problem that needs a motion model
-    where there is none.
+    Raises InputError for numbers out of range, a likelihood without residuals, and a problem that lacks its motion
+    model.
 
     Deviation. D minimises the plain sum of squares of f − C, which is kind "field" and loss "squared" of the surface
     points; by default residuals are distances in metres under a loss that redescends, and the start's always are.
@@ -55,22 +53,10 @@ class LeastSquares:
         return Traits(needs=needs_of_all({"fit": fit, "problem": keys["problem"] or Traits()}))
 
     def __init__(
-        self,
-        body: Body,
-        likelihood: Likelihood | ResidualLikelihood,
-        prior: Prior | None = None,
-        phase_ends: tuple[float, float] | None = None,
-        *,
-        problem: Problem | None = None,
-        most_points: int = 1000,
-        max_iterations: int = 40,
-        n_particles: int = 500,
-    ) -> None:
-        for name, value in (
-            ("most_points", most_points), ("max_iterations", max_iterations), ("n_particles", n_particles)
-        ):  # fmt: skip
-            if not 0 < value < np.inf:
-                raise InputError(f"inference: {name} must be above zero, found {value}")
+        self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
+        phase_ends: tuple[float, float] | None = None, *, problem: Problem | None = None,
+        most_points: int = 1000, max_iterations: int = 40, n_particles: int = 500,
+    ) -> None:  # fmt: skip
         if not isinstance(likelihood, ResidualLikelihood):
             raise InputError(
                 "inference: least squares expected a likelihood with residuals, such as surface_points or keypoints, "
@@ -84,6 +70,7 @@ class LeastSquares:
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
         self.most_points, self.max_iterations, self.n_particles = most_points, max_iterations, n_particles
+        check("inference", self, most_points=POSITIVE, max_iterations=POSITIVE, n_particles=POSITIVE)
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
@@ -97,13 +84,13 @@ class LeastSquares:
         frames = list(frames)
         fit, observed, warnings = self.fit_frames(frames, start, rng_streams["start"])
         drawn = steps(fit, frames, self.n_particles, rng_streams["prior"])
-        for step, seen, said in zip(drawn, observed, warnings, strict=True):
+        for step, seen, sentences in zip(drawn, observed, warnings, strict=True):
             near, kinds = step.diagnostics["inliers"], " and ".join(kinds_seen([seen]))
             if kinds and near < FEW_INLIERS:
-                said = (*said, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
+                sentences = (*sentences, f"frame {step.frame.index}: only {near:.0%} of the {kinds} lie near the body")
             activity, probabilities = self._activity(step)
             yield replace(
-                step, warnings=said, activity=activity, attachment=self._attachment(step),
+                step, warnings=sentences, activity=activity, attachment=self._attachment(step),
                 timing_s={**step.timing_s, **self._one_evaluation(step.expected_pose, seen.points)},
                 diagnostics={**step.diagnostics, **probabilities},
             )  # fmt: skip
@@ -111,10 +98,8 @@ class LeastSquares:
     def fit_frames(
         self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator
     ) -> tuple[Fit, list[Observed], list[tuple[str, ...]]]:
-        """Fit all frames; returns the fit with what was used of each and what there is to say about it.
-
-        rng: thins points. Raises InputError when there is nothing to fit.
-        """
+        """Fit all frames; returns the fit with what was used of each and what there is to say about it. rng: thins
+        points. Raises InputError when there is nothing to fit."""
         if not frames:
             raise InputError("least squares: expected at least one frame, found none")
         seen, warnings = observe(frames, self.skeleton, self.most_points, rng, self.observables)
@@ -141,16 +126,14 @@ class LeastSquares:
         return {"residual": between - began, "residual_jacobian": perf_counter() - between}
 
     def _activity(self, step: Step) -> tuple[str | None, dict[str, float]]:
-        """Tell the activity of the step's coefficients among the model's, and the probability of each.
-
-        Paper D, section 5. Nothing where the model has one activity only.
-        """
+        """Tell the activity of the step's coefficients among the model's, and the probability of each. Paper D, section
+        5. Nothing where the model has one activity only."""
         coefficients = step.space.slices.get("coefficients")
         if coefficients is None or self.motion is None or len(set(self.motion.activities)) < 2:
             return None, {}
-        told = classify(self.motion, step.particles[:, coefficients].mean(axis=0))
-        named = zip(told.activities, told.probabilities, strict=True)
-        return str(told.labels), {f"probability_{name}": float(probability) for name, probability in named}
+        classes = classify(self.motion, step.particles[:, coefficients].mean(axis=0))
+        named = zip(classes.activities, classes.probabilities, strict=True)
+        return str(classes.labels), {f"probability_{name}": float(probability) for name, probability in named}
 
     def _attachment(self, step: Step) -> IntArray | None:
         """Find the part (K,) of each of the frame's points at the fit, -1 where none is within three deviations."""
@@ -163,3 +146,27 @@ class LeastSquares:
         missed = residuals(self.skeleton, self.surface, step.expected_pose, points[usable], kind, near)
         parts[usable] = np.where(np.abs(missed) < 3.0 * sigma, near, -1)
         return parts
+
+
+def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
+    """Yield one step per frame: particles drawn from the Gaussian posterior of its state, with even weights.
+
+    Poses are drawn by the same numbers through the derivative at the fit, so that theirs is the Gaussian of
+    `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of each other, so that an ancestor
+    means nothing. Phases are shown from the cycle they are in.
+    """
+    even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
+    phase = fit.space.slices.get("phase", slice(0))
+    for t, frame in enumerate(frames):
+        values, vectors = np.linalg.eigh(fit.state_covariance[t])  # not Cholesky: it may be singular to rounding
+        draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
+        state = fit.states[t].copy()
+        state[phase] %= 1.0
+        diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
+        yield Step(
+            frame=frame, space=fit.space, particles=state + draws,
+            poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
+            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=np.nan,
+            diagnostics=diagnostics, evaluations=fit.iterations,
+            timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
+        )  # fmt: skip

@@ -11,17 +11,14 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
-from workbench.core.smoothness import PACE_HZ, Smoothness
 from workbench.errors import InputError
-from workbench.inference.fit.arrowhead import Pattern
-from workbench.inference.fit.decoding import Decoder, MotionDecoder
-from workbench.inference.fit.solver import Minimum, Quadratic, minimise
+from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
+from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
-
-
 Row: TypeAlias = tuple[IntArray, FloatArray]
 """Columns and values of one row of R."""
 
@@ -46,15 +43,8 @@ class FitProblem:
     penalty_entries: FloatArray
 
     @staticmethod
-    def of(
-        decoder: Decoder,
-        residuals: Sequence[ResidualFunction],
-        loss: Loss,
-        columns: IntArray,
-        rows: Sequence[Row],
-        n_border: int,
-    ) -> "FitProblem":
-        """With the penalty of `rows`; the last n_border unknowns belong to all frames."""
+    def of(decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int) -> "FitProblem":
+        """Pose the problem with the penalty of `rows`; the last n_border unknowns belong to all frames."""
         n = int(columns.max()) + 1
         places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
         at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
@@ -65,19 +55,16 @@ class FitProblem:
         banded = (every[0] < n - n_border) & (every[1] < n - n_border)
         pattern = Pattern(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
         return FitProblem(
-            decoder, residuals, loss, columns, penalty, pattern,
-            frame_cells=pattern.place(i, j), penalty_cells=pattern.place(square.row, square.col),
-            penalty_entries=square.data,
+            decoder, data.residuals, data.loss, columns, penalty, pattern,
+            pattern.place(i, j), pattern.place(square.row, square.col), square.data,
         )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
-        """x (n,) of states (T, D); a style that frames share is the mean of theirs."""
-        shared = np.bincount(self.columns.ravel())
-        x: FloatArray = np.bincount(self.columns.ravel(), states.ravel()) / shared
-        return x
+        """Return x (n,) of states (T, D); a style that frames share is the mean of theirs."""
+        return np.bincount(self.columns.ravel(), states.ravel()) / np.bincount(self.columns.ravel())
 
     def expand(self, x: FloatArray) -> Quadratic:
-        """The cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""
+        """Return the cost at x (n,) and its Gauss–Newton model, with the loss's weights (iteratively reweighted)."""
         states = x[self.columns]
         poses, decoding = self.decoder.poses(states), self.decoder.jacobian(states)
         gradients, blocks, cost = np.empty(states.shape), np.empty(self.frame_cells.shape), 0.0
@@ -97,15 +84,8 @@ class FitProblem:
         return Quadratic(cost + 0.5 * float(rough @ rough), gradient, normal, np.asarray(trust, dtype=np.float64))
 
 
-def fit_problem(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    smoothness: Smoothness,
-    frames_per_style: int,
-) -> FitProblem:
-    """The problem of T frames at times (T,), s, with coefficients α for every `frames_per_style` frames.
+def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) -> FitProblem:
+    """Pose the problem of T frames with coefficients α for every `frames_per_style` of them.
 
     One for all frames is D's steady style (eq. 12), one for each its varying style (eq. 15).
 
@@ -116,21 +96,19 @@ def fit_problem(
 
     Raises InputError for times that do not increase.
     """
-    if np.any(np.diff(times_s) <= 0.0):
+    if np.any(np.diff(data.times_s) <= 0.0):
         raise InputError("least squares: expected the times of the frames to increase")
-    styles = np.arange(len(residuals)) // frames_per_style
+    times, styles = PACE_HZ * data.times_s, np.arange(len(data.times_s)) // frames_per_style
     columns, n_border = _columns(styles, decoder.n_style)
-    rows = [
-        *_style_rows(styles, columns[:, : decoder.n_style], PACE_HZ * times_s, smoothness.style),
-        *second_differences(columns[:, decoder.n_style :], PACE_HZ * times_s, smoothness.second_differences),
-    ]
-    return FitProblem.of(decoder, residuals, loss, columns, rows, n_border)
+    rows = _style_rows(styles, columns[:, : decoder.n_style], times, data.smoothness.style)
+    rows += second_differences(columns[:, decoder.n_style :], times, data.smoothness.second_differences)
+    return FitProblem.of(decoder, data, columns, rows, n_border)
 
 
 def fit_motion(
     problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4
 ) -> tuple[FloatArray, FloatArray, Minimum]:
-    """States (T, D) near `states` that fit all frames best, their marginal covariances (T, D, D), and the search.
+    """Fit all frames from `states` (T, D); returns states, their marginal covariances (T, D, D), and the search.
 
     The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation.
     Raises InputError when the observations leave some unknown undetermined.
@@ -142,21 +120,19 @@ def fit_motion(
             bar.update()
 
         start = problem.unknowns(states)
-        found = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
+        search = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
     try:
-        covariances = found.quadratic.normal.factor().covariances(problem.columns)
+        covariances = search.quadratic.normal.factor().covariances(problem.columns)
     except np.linalg.LinAlgError:
         raise InputError(
             f"least squares: what {len(states)} frames show does not determine the motion; expected more points"
         ) from None
-    return found.x[problem.columns], covariances, found
+    return search.x[problem.columns], covariances, search
 
 
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
-    """The unknowns (T, D) of each frame, and how many form the border.
-
-    A single style is the border; several stand before the frames they belong to, so that the band stays narrow.
-    """
+    """Return the unknowns (T, D) of each frame, and how many form the border. A single style is the border; several
+    stand before the frames they belong to, so that the band stays narrow."""
     n_frames, n_styles = len(styles), int(styles[-1]) + 1
     local = N_LOCAL * np.arange(n_frames)[:, None] + np.arange(N_LOCAL)
     if n_styles == 1:
@@ -168,7 +144,7 @@ def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
 
 
 def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: float) -> list[Row]:
-    """Rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
+    """Return rows of the autoregression of the styles; columns: (T, d). times: (T,) in frames at PACE_HZ."""
     first = np.searchsorted(styles, np.arange(styles[-1] + 1))
     rows = [(columns[0, k : k + 1], np.ones(1)) for k in range(columns.shape[1])]
     for before, after in pairwise(first):
@@ -180,10 +156,8 @@ def _style_rows(styles: IntArray, columns: IntArray, times: FloatArray, new: flo
 
 
 def second_differences(columns: IntArray, times: FloatArray, deviations: FloatArray) -> list[Row]:
-    """Rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
-
-    Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle.
-    """
+    """Return rows of the second differences of columns (T, m) with deviations (m,); times: (T,) in frames at PACE_HZ.
+    Over uneven times the slopes differ by as much as the random walk of a speed does from middle to middle."""
     rows = []
     for t in range(1, len(columns) - 1):
         before, after = 1.0 / np.diff(times[t - 1 : t + 2])

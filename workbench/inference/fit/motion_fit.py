@@ -1,6 +1,5 @@
 """The problem of a motion model: its style and phase and the root in every frame (paper D, sections 4.2, 4.3)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import ClassVar
@@ -10,16 +9,14 @@ from scipy.interpolate import make_interp_spline
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.motion_model import MotionModel
-from workbench.core.residual import Loss, ResidualFunction
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder
-from workbench.inference.fit.first_guess import START_GAP_S, coarse_residuals, first_roots
+from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame import follow, global_motion
-from workbench.inference.fit.motion import FitProblem, fit_motion, fit_problem
+from workbench.inference.fit.hypotheses import coarse_data, first_roots
+from workbench.inference.fit.motion import fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.fit.task import Fit, Task, fit_of
@@ -53,13 +50,10 @@ class MotionFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
-        residuals = task.residuals(UPRIGHT_SIGMA_RAD)
         return fit_sequence(
-            decoder, residuals, task.times_s, task.loss, coarse=coarse_residuals(task), smoothness=task.smoothness,
+            decoder, task.data(UPRIGHT_SIGMA_RAD), self.frames_per_style or len(task.seen), coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
-            roots=first_roots(task, decoder) if start is None else None,
-            frames_per_style=len(residuals) if self.frames_per_style is None else self.frames_per_style,
-            max_iterations=task.max_iterations,
+            roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
         )  # fmt: skip
 
 
@@ -74,66 +68,36 @@ def needed(motion: MotionModel | None) -> MotionModel:
 
 
 def fit_sequence(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    *,
-    smoothness: Smoothness,
-    frames_per_style: int,
-    phases: tuple[float, float] | None,
-    roots: FloatArray | None = None,
-    coarse: tuple[Sequence[ResidualFunction], Loss] | None = None,
-    max_iterations: int = 40,
-    tolerance: float = 1e-4,
-) -> Fit:
-    """Fit a motion model to T frames at times (T,), s, whatever their residuals are made of.
+    decoder: MotionDecoder, data: FitData, frames_per_style: int, *, phases: tuple[float, float] | None = None,
+    roots: FloatArray | None = None, coarse: FitData | None = None, max_iterations: int = 40,
+) -> Fit:  # fmt: skip
+    """Fit a motion model to frames, whatever their residuals are made of.
 
     roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
-    coarse: residuals and loss to start with, where others are faster to compute or see further. phases: those of the
-    first and the last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see
-    `phase_grid`.
+    coarse: data to start with, where others are faster to compute or see further. phases: those of the first and the
+    last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
     """
-    clock = perf_counter()
+    clock, far, times_s = perf_counter(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
-    far, wide = (residuals, loss) if coarse is None else coarse
     if phases is None:
-        states = find_states(decoder, far, times_s, wide, smoothness, roots)
+        states = find_states(decoder, far, roots)
     else:
         part = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9)
         mu = phases[0] + (phases[1] - phases[0]) * part
-        states = global_motion(decoder, far, wide, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
+        states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    problem = fit_problem(decoder, residuals, times_s, loss, smoothness, frames_per_style)
-    fit = fit_batch(problem, states, max_iterations=max_iterations, tolerance=tolerance)
+    problem = fit_problem(decoder, data, frames_per_style)
+    states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
+    fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
     return replace(fit, timing_s={"start": started - clock, "least_squares": perf_counter() - started})
 
 
-def fit_batch(problem: FitProblem, states: FloatArray, *, max_iterations: int = 40, tolerance: float = 1e-4) -> Fit:
-    """Fit all frames of a problem at once from states (T, D) near enough."""
-    states, covariances, found = fit_motion(problem, states, max_iterations=max_iterations, tolerance=tolerance)
-    return fit_of(problem.decoder, problem.residuals, problem.loss, states, covariances, found.iterations, found.costs)
-
-
-def find_states(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    smoothness: Smoothness,
-    roots: FloatArray,
-) -> FloatArray:
-    """Find states (T, D) to start from in frames that show something START_GAP_S apart, linear between and beyond."""
-    shown: list[int] = []
-    for t, residual in enumerate(residuals):
-        apart = not shown or times_s[t] - times_s[shown[-1]] > 0.99 * START_GAP_S
-        if apart and len(residual(decoder.rest)[0]):
-            shown.append(t)
-    if not shown:
+def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> FloatArray:
+    """Find states (T, D) to start from in frames that show something 1 / PACE_HZ apart, linear between and beyond."""
+    far, times_s = data.spaced(len(residual(decoder.rest)[0]) > 0 for residual in data.residuals), data.times_s
+    if not far.residuals:
         raise InputError(f"least squares: none of {len(times_s)} frames shows enough to start from; give the phases")
-    far, times = [residuals[t] for t in shown], times_s[shown]
-    known = find_phase(decoder, far, times, loss, smoothness, roots)
-    states = follow(decoder, far, times, loss, known, smoothness)
+    states = follow(decoder, far, find_phase(decoder, far, roots))
     if len(states) == 1:
         return np.repeat(states, len(times_s), axis=0)
-    return np.asarray(make_interp_spline(times, states, k=1)(times_s))
+    return np.asarray(make_interp_spline(far.times_s, states, k=1)(times_s))

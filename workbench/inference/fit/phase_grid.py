@@ -5,8 +5,7 @@ every phase is tried instead: a table of costs, frame by phase, with the root fi
 frequency is a straight line through the table; the best few lines are refined by least squares over all unknowns.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -15,11 +14,9 @@ from tqdm import tqdm
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.motion_model import MotionModel
-from workbench.core.residual import Loss, ResidualFunction
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import MotionModel
 from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder, PoseDecoder
+from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.fit.frame import WIDENED, fit_frame, fit_root
 from workbench.inference.fit.motion import fit_motion, fit_problem
 
@@ -38,68 +35,40 @@ _FINE = 4  # phases between two of the table that lines may start at
 _APART = 0.1  # cycles between lines that are worth refining both
 
 
-@dataclass(frozen=True, eq=False)
-class Style:
-    """One activity of a model as the grid tries it. alpha: (d,) mean coefficients. rates_hz: cycles per second."""
-
-    activity: str
-    alpha: FloatArray
-    rates_hz: FloatArray
-
-
-def activity_styles(model: MotionModel) -> list[Style]:
-    """Each activity's mean coefficients, with N_RATES frequencies around those of its examples."""
-    labels = np.array(model.activities)
-    styles = []
-    for activity in sorted(set(model.activities)):
-        rates, alpha = model.cycle_rate_hz[labels == activity], model.scores[labels == activity].mean(axis=0)
-        rates_hz = np.geomspace(rates.min() / SPEED_MARGIN, rates.max() * SPEED_MARGIN, N_RATES)
-        styles.append(Style(activity, alpha, rates_hz))
-    return styles
-
-
-def find_phase(
-    decoder: MotionDecoder,
-    residuals: Sequence[ResidualFunction],
-    times_s: FloatArray,
-    loss: Loss,
-    smoothness: Smoothness,
-    root: FloatArray,
-) -> FloatArray:
-    """States (F, D) of the first F ≤ N_FRAMES of the frames, each of which shows something.
-
-    root: (6,) about where the person is in the first one, or several guesses (n, 6).
-    """
-    residuals, times_s = residuals[:N_FRAMES], times_s[:N_FRAMES]
+def find_phase(decoder: MotionDecoder, data: FitData, root: FloatArray) -> FloatArray:
+    """Find states (F, D) of the first F ≤ N_FRAMES of the frames, each of which shows something. root: (6,) about where
+    the person is in the first one, or several guesses (n, 6)."""
+    data = data.some(np.arange(len(data.times_s))[:N_FRAMES])
+    frames, times_s = np.arange(len(data.times_s)), data.times_s
     lines: list[tuple[float, FloatArray]] = []
-    tried = list(product(activity_styles(decoder.model), np.atleast_2d(root)))
-    for style, guess in tqdm(tried, desc="phase", unit="grid", disable=None, leave=False):
-        costs, roots = phase_table(decoder, residuals, loss, style.alpha, guess)
-        for cost, phases in best_lines(costs, times_s, _fine_enough(style.rates_hz, times_s)):
+    tried = list(product(_activity_styles(decoder.model), np.atleast_2d(root)))
+    for (alpha, rates_hz), guess in tqdm(tried, desc="phase", unit="grid", disable=None, leave=False):
+        costs, roots = phase_table(decoder, data, alpha, guess)
+        for cost, phases in best_lines(costs, times_s, _fine_enough(rates_hz, times_s)):
             cells = np.round(phases * N_PHASES).astype(int) % N_PHASES
-            lines.append((cost, decoder.states(style.alpha, phases, roots[np.arange(len(times_s)), cells])))
+            lines.append((cost, decoder.states(alpha, phases, roots[frames, cells])))
     lines.sort(key=lambda line: line[0])
-    problem = fit_problem(decoder, residuals, times_s, loss, smoothness, len(residuals))
+    problem = fit_problem(decoder, data, len(frames))
     refined = [fit_motion(problem, states, max_iterations=15, tolerance=1e-3) for _, states in lines[:N_REFINED]]
     return min(refined, key=lambda fit: fit[2].costs[-1])[0]
 
 
 def phase_table(
-    decoder: MotionDecoder, residuals: Sequence[ResidualFunction], loss: Loss, alpha: FloatArray, root: FloatArray
+    decoder: MotionDecoder, data: FitData, alpha: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.
+    """Tabulate costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.
 
     The root of a frame starts from that of the best phase in the frame before, or in the first one from the phase that
     fits best as it is, at first with a wide loss.
     """
-    costs, roots = np.empty((len(residuals), N_PHASES)), np.empty((len(residuals), N_PHASES, N_ROOT))
+    costs, roots = np.empty((len(data.times_s), N_PHASES)), np.empty((len(data.times_s), N_PHASES, N_ROOT))
     poses = decoder.poses(decoder.states(alpha, np.arange(N_PHASES) / N_PHASES, root))
-    free, wide, near = PoseDecoder(decoder.skeleton), loss.wider(TABLE_WIDENED), list(poses)
-    for t, residual in enumerate(residuals):
-        poses[:, :N_ROOT] = fit_root(free, residual, loss, near, WIDENED[:1]).x[:N_ROOT]
+    free, wide, near = PoseDecoder(decoder.skeleton), data.loss.wider(TABLE_WIDENED), list(poses)
+    for t, residual in enumerate(data.residuals):
+        poses[:, :N_ROOT] = fit_root(free, residual, data.loss, near, WIDENED[:1])
         for k, pose in enumerate(poses):
-            found = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
-            costs[t, k], roots[t, k] = found.costs[-1], found.x[:N_ROOT]
+            fit = fit_frame(free, residual, wide, pose, free=np.arange(N_ROOT), max_iterations=6, tolerance=1e-2)
+            costs[t, k], roots[t, k] = fit.costs[-1], fit.x[:N_ROOT]
         best = int(costs[t].argmin())
         poses[:, :N_ROOT] = roots[t, best]
         near = [poses[best]]
@@ -107,18 +76,17 @@ def phase_table(
 
 
 def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> list[tuple[float, FloatArray]]:
-    """The N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
-    n_frames, n_phases = costs.shape
+    """Return the N_REFINED best lines through a table (F, N): cost and phases (F,), cycles, no two of them close."""
+    frames, n_phases = np.arange(len(costs)), costs.shape[1]
     starts = np.arange(_FINE * n_phases) / (_FINE * n_phases)
     phases = starts[:, None, None] + rates_hz[:, None] * (times_s - times_s[0])  # (start, rate, frame)
     place = phases * n_phases
     low, part = np.floor(place).astype(int), place - np.floor(place)
-    frames = np.arange(n_frames)
     sums = ((1.0 - part) * costs[frames, low % n_phases] + part * costs[frames, (low + 1) % n_phases]).sum(axis=-1)
     chosen: list[tuple[float, FloatArray]] = []
     for k in np.argsort(sums, axis=None, kind="stable"):
         line = phases[np.unravel_index(k, sums.shape)]
-        if all(_distance(line, other) > _APART for _, other in chosen):
+        if all(np.abs((line - other + 0.5) % 1.0 - 0.5).mean() > _APART for _, other in chosen):
             chosen.append((float(sums.flat[k]), line))
         if len(chosen) == N_REFINED:
             break
@@ -126,11 +94,9 @@ def best_lines(costs: FloatArray, times_s: FloatArray, rates_hz: FloatArray) -> 
 
 
 def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s: FloatArray) -> FloatArray:
-    """Rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing the
-    way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell.
-
-    Raises InputError without points in two of the first frames. Medians stand outliers, but not a wall behind.
-    """
+    """Return rough roots (n, 6) in the first of some frames of points (K, 3), m: upright, where most points are, facing
+    the way they move over the first frames, or every way (N_HEADINGS) where they move too little to tell. Raises
+    InputError without points in two of the first frames. Medians stand outliers, but not a wall behind."""
     shown = [t for t, cloud in enumerate(points[:N_FRAMES]) if len(cloud)]
     if len(shown) < 2:
         raise InputError("least squares: expected points in two of the first frames or more, found none to start from")
@@ -145,14 +111,16 @@ def roots_from_points(skeleton: Skeleton, points: Sequence[FloatArray], times_s:
     return poses[:, :N_ROOT]
 
 
+def _activity_styles(model: MotionModel) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield each activity's mean coefficients (d,), with N_RATES frequencies, Hz, around those of its examples."""
+    labels = np.array(model.activities)
+    for activity in sorted(set(model.activities)):
+        rates, alpha = model.cycle_rate_hz[labels == activity], model.scores[labels == activity].mean(axis=0)
+        yield alpha, np.geomspace(rates.min() / SPEED_MARGIN, rates.max() * SPEED_MARGIN, N_RATES)
+
+
 def _fine_enough(rates_hz: FloatArray, times_s: FloatArray) -> FloatArray:
-    """The range of frequencies in as many steps, or in so many that neighbours end less than a table's phase apart."""
+    """Divide the range of frequencies so that neighbours end less than a table's phase apart."""
     low, high = rates_hz[[0, -1]]
     steps = int(np.ceil((high - low) * (times_s[-1] - times_s[0]) * N_PHASES))
     return rates_hz if steps < len(rates_hz) else np.linspace(low, high, steps + 1)
-
-
-def _distance(first: FloatArray, second: FloatArray) -> float:
-    """The mean difference of two lines of phases, cycles, at most a half."""
-    apart = (first - second + 0.5) % 1.0 - 0.5
-    return float(np.abs(apart).mean())

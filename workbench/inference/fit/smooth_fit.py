@@ -1,29 +1,67 @@
 """The problem of poses that move smoothly and stay within the body's limits, without a motion model."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import ClassVar
 
-from workbench.arrays import FloatArray
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from tqdm import tqdm
+
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
-from workbench.body.skeleton import Skeleton
-from workbench.core.motion_model import MotionModel
-from workbench.core.observations import kinds_seen
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
+from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.prior import PACE_HZ, MotionModel
+from workbench.core.residual import SQUARED, Loss, robust, stacked
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import Traits, offering
-from workbench.inference.fit.decoding import PoseDecoder
-from workbench.inference.fit.first_guess import first_pose
-from workbench.inference.fit.hypotheses import first_keypoints
-from workbench.inference.fit.smooth import LEANING_SIGMA_RAD, first_poses, fit_smooth
+from workbench.inference.fit.decoding import FitData, PoseDecoder
+from workbench.inference.fit.frame import Gaussian, fit_frame
+from workbench.inference.fit.hypotheses import first_keypoints, first_pose, likely_poses
+from workbench.inference.fit.motion import FitProblem, fit_motion, second_differences
+from workbench.inference.fit.residuals import (
+    balance_residual,
+    ground_residual,
+    joint_residual,
+    limit_residual,
+    usual_poses,
+    usual_residual,
+    views_residual,
+)
+from workbench.inference.fit.solver import Minimum
 from workbench.inference.fit.task import Fit, Task, fit_of
+
+LIMIT_SIGMA_RAD = 0.05
+FOLLOW_SIGMA = 0.5
+"""m and rad at PACE_HZ: how far from the frame before a pose is looked for at first."""
+FAR_LOSS = Loss("huber", 3.0)
+BALANCE_LOSS = Loss("huber", 1.0)
+"""Balance is a habit: who jumps or leans on something is out of it by more than its deviation says."""
+LEANING_SIGMA_RAD = np.inf
+"""Deviation of pitch and roll beside what is usual, which says it all."""
+FLIP_ROUNDS, HOPELESS, FLIP_GAIN = 2, 2.0, 0.5
+"""Flips are tried one by one, in rounds until none helps; not those that at first cost HOPELESS times as much; those
+that gain less than FLIP_GAIN nats are not taken."""
+LIMBS = tuple(
+    (f"{side}_{upper}", f"{side}_{middle}", f"{side}_{lower}")
+    for side in ("left", "right")
+    for upper, middle, lower in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+)
+LEAST_FRAMES = 3
+"""A stretch of fewer is left to the fit, which gets there by itself."""
+FLIP_SIGMA_M = 0.03
+"""How near the joints of a limb come to where the flip has them, against the body's limits."""
+N_HYPOTHESES = 3
+"""Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
 
 
 @dataclass(frozen=True)
 class SmoothFit:
-    """Fit smooth poses to all frames at once, see `smooth.fit_smooth`.
-
-    ground_m: height of a standing person's ankles in the world, m, to which the lower foot is tied; None: to none.
-    """
+    """Fit smooth poses to all frames at once, see `fit_smooth`. ground_m: height of a standing person's ankles in the
+    world, m, to which the lower foot is tied; None: to none."""
 
     traits: ClassVar[Traits] = offering()
 
@@ -35,20 +73,16 @@ class SmoothFit:
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
-        clock = perf_counter()
-        residuals = task.residuals(LEANING_SIGMA_RAD)
-        poses, covariances, found = fit_smooth(
-            task.skeleton, residuals, task.times_s, task.loss, _starts(task, start), task.smoothness,
-            task.max_iterations, shown=[bool(kinds_seen([one])) for one in task.seen], camera=_only_camera(task),
-            ground_m=self.ground_m,
-        )  # fmt: skip
-        decoder = PoseDecoder(task.skeleton)
-        fit = fit_of(decoder, residuals, task.loss, poses, covariances, found.iterations, found.costs)
+        clock, data, skeleton = perf_counter(), task.data(LEANING_SIGMA_RAD), task.skeleton
+        poses, covariances, search = fit_smooth(
+            skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m
+        )
+        fit = fit_of(PoseDecoder(skeleton), data, poses, covariances, search.iterations, search.costs)
         return replace(fit, timing_s={"least_squares": perf_counter() - clock})
 
 
 def _starts(task: Task, start: FloatArray | None) -> FloatArray:
-    """Poses (n, P) of the first frame to start from."""
+    """Return poses (n, P) of the first frame to start from."""
     if start is not None:
         return start[None]
     if keypoints := first_keypoints(task.seen):
@@ -56,7 +90,127 @@ def _starts(task: Task, start: FloatArray | None) -> FloatArray:
     return first_pose(task, None)[None]
 
 
-def _only_camera(task: Task) -> Camera | None:
-    """The one that sees all there is; None where several do, or where there are points."""
-    cameras = {one.camera.name: one.camera for frame in task.seen for one in frame.keypoints}
-    return next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(task.seen) else None
+def fit_smooth(
+    skeleton: Skeleton, seen: Sequence[Observed], data: FitData, starts: FloatArray, max_iterations: int,
+    ground_m: float | None = None,
+) -> tuple[FloatArray, FloatArray, Minimum]:  # fmt: skip
+    """Fit poses (T, P) to what is seen of T frames; returns them, their marginal covariances (T, P, P), and the search.
+
+    Minimises Σ_t Σ_k ρ(r_tk) + limits + what is usual, see `bounded`, + the smoothness's second differences, which is
+    the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first
+    frame, of which the one wins that all frames together like best, and what is then found frame by frame, at first
+    with a loss that sees any distance: an arm that one which redescends has lost in one frame would be an outlier in
+    all that follow. That search looks at frames 1 / PACE_HZ apart. Where all is seen by one camera, which cannot tell
+    which way limbs point, they are turned over, see `flips`. ground_m: see `bounded`.
+    """
+    far = replace(data, loss=FAR_LOSS).spaced(bool(kinds_seen([frame])) for frame in seen)
+    decoder, near = PoseDecoder(skeleton), bounded(skeleton, far, ground_m)
+    poses, cost = candidates(decoder, near, starts, max_iterations)[0]
+    cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
+    if len(cameras) == 1 and "points" not in kinds_seen(seen):
+        poses = _turned_over(smooth_problem(decoder, near), skeleton, next(iter(cameras.values())), poses, cost)
+    if len(poses) > 1:
+        poses = np.asarray(make_interp_spline(far.times_s, poses, k=1)(data.times_s))
+    else:
+        poses = poses[[0] * len(data.times_s)]
+    problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
+    return fit_motion(problem, poses, max_iterations=max_iterations)
+
+
+def candidates(
+    decoder: PoseDecoder, data: FitData, starts: FloatArray, max_iterations: int
+) -> list[tuple[FloatArray, float]]:
+    """Fit poses (T, P) from each of the poses `starts` (n, P); returns them with their costs, the likeliest first."""
+    problem, fits = smooth_problem(decoder, data), []
+    for start in starts:
+        followed = _follow(decoder, data, start)
+        poses, _, minimum = fit_motion(problem, followed, max_iterations=max_iterations, tolerance=1e-3)
+        fits.append((poses, minimum.costs[-1]))
+    return sorted(fits, key=lambda fit: fit[1])
+
+
+def bounded(skeleton: Skeleton, data: FitData, ground_m: float | None = None) -> FitData:
+    """Add to what is seen, under its loss, what no loss forgives, limits and how people hold themselves: usual angles,
+    balance, and where ground_m, the height of a standing person's ankles, is known, one foot near the ground."""
+    own = [limit_residual(skeleton, LIMIT_SIGMA_RAD), usual_residual(skeleton)]
+    if set(JOINT_NAMES) <= set(skeleton.names):
+        own += [robust(balance_residual(skeleton), BALANCE_LOSS)]
+        own += [ground_residual(skeleton, ground_m)] if ground_m is not None else []
+    residuals = [stacked([robust(residual, data.loss), *own]) for residual in data.residuals]
+    return replace(data, residuals=residuals, loss=SQUARED)
+
+
+def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) -> FloatArray:
+    """Return poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows."""
+    residual = views_residual(skeleton, seen, sigma_px, LEANING_SIGMA_RAD)
+    within = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
+    return likely_poses(skeleton, seen, within, usual_poses(skeleton), N_HYPOTHESES)
+
+
+def smooth_problem(decoder: PoseDecoder, data: FitData) -> FitProblem:
+    """Pose the problem of T frames in which every one has a pose of its own."""
+    n_frames, n_dofs, smoothness = len(data.residuals), len(decoder.space), data.smoothness
+    columns = np.arange(n_frames * n_dofs).reshape(n_frames, n_dofs)
+    deviations = np.array([*smoothness.second_differences[1:], *[smoothness.angle] * (n_dofs - N_ROOT)])
+    rows = second_differences(columns, PACE_HZ * data.times_s, deviations)
+    nothing = [(columns[0, :1], np.zeros(1))]  # one or two frames have no second differences
+    return FitProblem.of(decoder, data, columns, rows or nothing, n_border=0)
+
+
+def _follow(decoder: PoseDecoder, data: FitData, start: FloatArray) -> FloatArray:
+    """Fit poses (T, P), each near the one before."""
+    poses, gaps = [start], np.diff(data.times_s, prepend=data.times_s[0] - 1.0 / PACE_HZ)
+    for t in tqdm(range(len(gaps)), desc="following", unit="frame", disable=None, leave=False):
+        prior = Gaussian.independent(poses[-1], np.full(len(start), FOLLOW_SIGMA * np.sqrt(PACE_HZ * gaps[t])))
+        poses.append(fit_frame(decoder, data.residuals[t], data.loss, poses[-1], prior=prior).x)
+    return np.array(poses[1:])
+
+
+def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses: FloatArray, cost: float) -> FloatArray:
+    """Return the poses (T, P), or such with limbs turned over in depth that fit better."""
+    for _ in range(FLIP_ROUNDS):
+        before = cost
+        for guess in tqdm(list(flips(skeleton, camera, poses)), desc="flips", disable=None, leave=False):
+            if problem.expand(problem.unknowns(guess)).cost > HOPELESS * cost:
+                continue
+            turned, _, minimum = fit_motion(problem, guess, max_iterations=12, tolerance=1e-3)
+            if minimum.costs[-1] < cost - FLIP_GAIN:
+                poses, cost = turned, minimum.costs[-1]
+        if cost == before:
+            break
+    return poses
+
+
+def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[FloatArray]:
+    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth: forearms and
+    calves that point away from a camera where they might point towards it (Sminchisescu & Triggs, Kinematic Jump
+    Processes for Monocular 3D Human Tracking, CVPR 2003).
+
+    It is turned over in all frames, or in those between two times at which it lies across the view, where nobody can
+    tell in which direction it goes on.
+    """
+    places = joints(skeleton, poses)
+    for names in LIMBS:
+        if not set(names) <= set(skeleton.names):
+            continue
+        limb = np.array([skeleton.joint(name) for name in names])
+        rays = places[:, limb[1]] - camera.position
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        away = ((places[:, limb[2]] - places[:, limb[1]]) * rays).sum(axis=1)
+        stretches = np.split(np.arange(len(poses)), np.flatnonzero(np.diff(np.sign(away))) + 1)
+        for frames in [np.arange(len(poses))] * (len(stretches) > 1) + stretches:
+            if len(frames) >= LEAST_FRAMES:
+                aims = places[:, limb[1:]].copy()
+                aims[:, 1] -= 2.0 * away[:, None] * rays
+                yield _reaching(skeleton, poses, frames, limb, aims)
+
+
+def _reaching(skeleton: Skeleton, poses: FloatArray, frames: IntArray, limb: IntArray, aims: FloatArray) -> FloatArray:
+    """Bring a limb's middle and end near aims (T, 2, 3) in some frames of poses (T, P), as far as its limits allow."""
+    reached, decoder = poses.copy(), PoseDecoder(skeleton)
+    own = np.flatnonzero(np.isin(skeleton.dof_joints, limb[:2]))
+    for t in frames:
+        aim = joint_residual(skeleton, limb[1:], aims[t], FLIP_SIGMA_M)
+        near = stacked([aim, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
+        reached[t] = fit_frame(decoder, near, SQUARED, poses[t], free=own, max_iterations=8, tolerance=1e-2).x
+    return reached

@@ -9,12 +9,11 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
-from workbench.core.motion_model import MotionModel
 from workbench.core.observations import Observed, kinds_seen
-from workbench.core.residual import Loss, ResidualFunction, ResidualLikelihood, stacked
-from workbench.core.smoothness import Smoothness
+from workbench.core.prior import MotionModel, Smoothness
+from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
-from workbench.inference.fit.decoding import Decoder
+from workbench.inference.fit.decoding import Decoder, FitData
 from workbench.inference.fit.residuals import upright_residual
 
 
@@ -23,8 +22,7 @@ class Task:
     """T frames to fit a person to. surface: of the body with this skeleton. likelihood: whose residuals are minimised.
 
     seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
-    phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a search over
-    all frames at once.
+    phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
     """
 
     skeleton: Skeleton
@@ -38,45 +36,36 @@ class Task:
     max_iterations: int = 40
 
     @property
-    def loss(self) -> Loss:
-        """That of the likelihood's residuals."""
-        return self.likelihood.residual_loss
-
-    @property
     def sigma_px(self) -> float:
-        """Deviation of a keypoint, px; infinite where the likelihood does not look at any."""
+        """Return deviation of a keypoint, px; infinite where the likelihood does not look at any."""
         return self.likelihood.observables.sigma_px or np.inf
 
-    def residuals(self, upright_rad: float) -> list[ResidualFunction]:
-        """Make the residuals of every frame, by the likelihood; with keypoints comes an upright person, see
-        `upright_residual`.
-
-        Where keypoints are all there is, the person is upright in the frames between them too.
-        """
+    def data(self, upright_rad: float) -> FitData:
+        """Make the likelihood's residuals of every frame; with keypoints comes an upright person, see
+        `upright_residual`. Where keypoints are all there is, the person is upright in the frames between them too."""
         upright = upright_residual(self.skeleton, upright_rad)
         alone = kinds_seen(self.seen) == ("keypoints",)
-        return [
-            stacked([self.likelihood.residual(one), *[upright] * (alone or bool(one.keypoints))]) for one in self.seen
+        residuals = [
+            stacked([self.likelihood.residual(frame), *[upright] * (alone or bool(frame.keypoints))])
+            for frame in self.seen
         ]
+        return FitData(residuals, self.times_s, self.likelihood.residual_loss, self.smoothness)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """T frames fitted. poses: (T, P). covariance: (T, P, P), marginal, of the poses by the Gauss–Newton matrix.
 
-    space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, else the pose. alpha (T, d) in
-    standard deviations, mu (T,) in cycles, counted on; without a motion model d = 0 and μ is NaN.
-    state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance to the other.
-    inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in its step).
-    iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch, at the
-    start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
+    space: names the D columns of `states` (T, D), {α, μ, root} with a motion model, α in standard deviations and μ in
+    cycles, counted on, else the pose. state_covariance: (T, D, D). pose_jacobian: (T, P, D) that takes one covariance
+    to the other. inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in
+    its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
+    at the start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
     """
 
     space: StateSpace
     poses: FloatArray
     covariance: FloatArray
-    alpha: FloatArray
-    mu: FloatArray
     states: FloatArray
     state_covariance: FloatArray
     pose_jacobian: FloatArray
@@ -90,33 +79,23 @@ class Problem(Protocol):
     """Which unknowns least squares looks for, and what holds them beside what is seen."""
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
-        """Names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
+        """Return names of a frame's unknowns; raises InputError where the problem lacks a motion model."""
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
-        """The fit of all frames, from about the pose `start` (P,), or None to find the person.
-
-        Raises InputError where the frames do not tell where to start.
-        """
+        """Return the fit of all frames, from about the pose `start` (P,), or None to find the person. Raises InputError
+        where the frames do not tell where to start."""
 
 
 def fit_of(
-    decoder: Decoder,
-    residuals: Sequence[ResidualFunction],
-    loss: Loss,
-    states: FloatArray,
-    covariances: FloatArray,
-    iterations: float,
+    decoder: Decoder, data: FitData, states: FloatArray, covariances: FloatArray, iterations: float,
     costs: tuple[float, ...],
-) -> Fit:
+) -> Fit:  # fmt: skip
     """Say what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
-    near = [np.abs(residual(pose)[0]) < loss.scale for residual, pose in zip(residuals, poses, strict=True)]
-    slices = decoder.space.slices
-    phases = states[:, slices["phase"].start] if "phase" in slices else np.full(len(states), np.nan)
+    near = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
     return Fit(
         space=decoder.space, poses=poses, covariance=jacobian @ covariances @ jacobian.transpose(0, 2, 1),
-        alpha=states[:, slices.get("coefficients", slice(0))], mu=phases, states=states,
-        state_covariance=covariances, pose_jacobian=jacobian,
+        states=states, state_covariance=covariances, pose_jacobian=jacobian,
         inliers=np.array([hits.mean() if len(hits) else np.nan for hits in near]),
         iterations=iterations, costs=costs,
     )  # fmt: skip

@@ -7,11 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.checks import POSITIVE, UP_TO_1, at_least, check
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 
 NO_POSTERIOR = (
     "annealed: the particles were gathered about the best pose they found; their spread is no posterior, bands and "
@@ -45,11 +44,7 @@ class Annealed(DensityMove):
     first_warnings: ClassVar[tuple[str, ...]] = (NO_POSTERIOR,)
 
     def __post_init__(self) -> None:
-        if self.layers < 1 or not (0.0 < self.power < np.inf and 0.0 < self.shrink <= 1.0):
-            raise InputError(
-                "inference: expected layers of at least 1, power above 0 and shrink above 0 up to 1, "
-                f"found {self.layers}, {self.power} and {self.shrink}"
-            )
+        check("inference", self, layers=at_least(1), power=POSITIVE, shrink=UP_TO_1)
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Take the weighted particles of the previous frame through all layers."""

@@ -6,11 +6,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import logsumexp
 
-from workbench.errors import InputError
+from workbench.core.checks import UNIT, check
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target
-from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight
+from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight, systematic
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,7 @@ class Auxiliary(DensityMove):
     proposes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.flatten <= 1.0:
-            raise InputError(f"inference: expected flatten between 0 and 1, found {self.flatten}")
+        check("inference", self, flatten=UNIT)
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Look ahead, choose the parents, propagate, weigh."""
@@ -45,7 +43,5 @@ class Auxiliary(DensityMove):
         target.clock.lap("resampling")
         state, correction = target.propose(chosen, rng_streams["prior"])
         drawn = target.evaluate(state, chosen)
-        log_weights, log_gain = target.weigh(
-            even_log_weights(target.n), drawn.log_prob, log_sum - bonus[chosen] + correction
-        )
-        return target.settle(drawn, log_weights, log_gain)
+        correction = log_sum - bonus[chosen] + correction
+        return target.settle(drawn, *target.weigh(even_log_weights(target.n), drawn.log_prob, correction))

@@ -5,13 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from workbench.core.checks import UNIT, check, one_of
 from workbench.core.prior import Prior
 from workbench.core.traits import Traits, offering
-from workbench.errors import InputError
 from workbench.inference.particles.move import First, Streams
-from workbench.inference.particles.resampling import RESAMPLING
 from workbench.inference.particles.target import Moved, Particles, Target
-from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+from workbench.inference.particles.weights import RESAMPLING, effective_sample_size, even_log_weights
 
 
 @dataclass(frozen=True)
@@ -32,10 +31,7 @@ class Bootstrap:
     proposes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.resampling not in RESAMPLING:
-            raise InputError(f"inference: resampling must be one of {', '.join(RESAMPLING)}, found {self.resampling!r}")
-        if not 0.0 <= self.ess_threshold <= 1.0:
-            raise InputError(f"inference: ess_threshold must lie between 0 and 1, found {self.ess_threshold}")
+        check("inference", self, resampling=one_of(*RESAMPLING), ess_threshold=UNIT)
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Accept every prior."""
@@ -53,6 +49,5 @@ class Bootstrap:
         target.clock.lap("resampling")
         state, correction = target.propose(ancestors, rng_streams["prior"])
         poses = target.prior.pose(state)
-        log_prob = target.log_prob(poses, ancestors)
-        log_weights, log_gain = target.weigh(log_weights, log_prob, correction)
+        log_weights, log_gain = target.weigh(log_weights, target.log_prob(poses, ancestors), correction)
         return target.moved(Particles(state, poses, log_weights, ancestors), log_gain)

@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.turns import nearest_turn
+from workbench.core.checks import at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
@@ -33,7 +34,7 @@ class ParticleFilter:
 
     move: how parents are chosen, states drawn and weighted. n_particles: N. on_degenerate: what to do when every weight
     of a frame is zero or undefined: "recover" keeps the prior's prediction with even weights, or those of the frame
-    before, and says so, "stop" raises DegenerateWeights. Raises InputError for other values and a prior that lacks what
+    before, and says so, "stop" raises DegenerateWeights. Raises InputError for other values and a prior without what
     the move needs.
     """
 
@@ -54,15 +55,12 @@ class ParticleFilter:
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if self.n_particles < 1:
-            raise InputError(f"inference: n_particles must be at least 1, found {self.n_particles}")
-        if self.on_degenerate not in ("recover", "stop"):
-            raise InputError(f"inference: on_degenerate must be 'recover' or 'stop', found {self.on_degenerate!r}")
+        check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
         self.move.check(self.prior, self.n_particles)
 
     @property
     def space(self) -> StateSpace:
-        """The prior's."""
+        """Return the prior's."""
         return self.prior.space
 
     def rebuilt(self, **parts: Any) -> Self:
@@ -90,11 +88,9 @@ class ParticleFilter:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
             lineage.append(moved.particles.ancestors)
-            moved = replace(
-                moved,
-                warnings=(*look.notes, *moved.warnings),
-                diagnostics={**look.diagnostics, **moved.diagnostics, "ancestors_10": n_ancestors(lineage)},
-            )
+            counted = {"ancestors_10": n_ancestors(lineage)}
+            diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
+            moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
             step = particle_step(frame, self.space, moved, log_evidence, clock)
             likelihood = look.remember(step.expected_pose)
@@ -103,14 +99,13 @@ class ParticleFilter:
             previous = frame
 
     def _start(self, poses: FloatArray | None, rng: np.random.Generator) -> Moved:
-        """Even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
+        """Return even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
         if poses is None:
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
         diagnostics, warnings = self.move.first(self.n_particles)
-        particles = Particles(state, self.prior.pose(state), even, own)
-        return Moved(particles, diagnostics=diagnostics, warnings=warnings)
+        return Moved(Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings)
 
 
 def n_ancestors(lineage: Sequence[IntArray]) -> float:
@@ -130,25 +125,14 @@ def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.rand
 def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
-    weights = np.exp(particles.log_weights)
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
     poses = nearest_turn(particles.poses, particles.poses[best])  # else the mean of two headings may be neither
     # not a BLAS product, whose order of addition depends on the number of threads
-    expected = np.einsum("n,np->p", weights, poses)
+    expected = np.einsum("n,np->p", np.exp(particles.log_weights), poses)
     clock.lap("summary")
     return Step(
-        frame=frame,
-        space=space,
-        particles=particles.state,
-        poses=poses,
-        log_weights=particles.log_weights,
-        ancestors=particles.ancestors,
-        expected_pose=expected,
-        map_pose=poses[best],
-        ess=effective_sample_size(particles.log_weights),
-        log_evidence=log_evidence,
-        diagnostics=moved.diagnostics,
-        warnings=moved.warnings,
-        evaluations=moved.evaluations,
-        timing_s=clock.laps,
-    )
+        frame=frame, space=space, particles=particles.state, poses=poses, log_weights=particles.log_weights,
+        ancestors=particles.ancestors, expected_pose=expected, map_pose=poses[best],
+        ess=effective_sample_size(particles.log_weights), log_evidence=log_evidence,
+        diagnostics=moved.diagnostics, warnings=moved.warnings, evaluations=moved.evaluations, timing_s=clock.laps,
+    )  # fmt: skip

@@ -9,12 +9,11 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.core.checks import INSIDE_UNIT, UNIT, at_least, check
 from workbench.core.state_space import StateSpace
-from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic_draws
 from workbench.inference.particles.target import STILL, Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 from workbench.priors.density import apart, circular
 
 FARTHEST = 2.0
@@ -57,11 +56,7 @@ class GaussNewton(DensityMove):
     least_particles: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        if self.steps < 1 or not (0.0 < self.share < 1.0 and 0.0 <= self.flatten <= 1.0):
-            raise InputError(
-                "inference: expected steps of at least 1, share and flatten between 0 and 1, "
-                f"found {self.steps}, {self.share} and {self.flatten}"
-            )
+        check("inference", self, share=INSIDE_UNIT, flatten=UNIT, steps=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Climb, draw from the mixture, weigh."""
@@ -70,20 +65,15 @@ class GaussNewton(DensityMove):
         quadratic = newton_ascent(target, prediction, self.steps)
         guide = Guide(prediction, quadratic, parents.log_weights, self.flatten)
         n_guided = round(self.share * n)
-        chosen = np.concatenate(
-            [
-                systematic_draws(np.exp(guide.log_parents), n_guided, rng_streams["resampling"]),
-                systematic_draws(np.exp(parents.log_weights), n - n_guided, rng_streams["resampling"]),
-            ]
-        )
+        counts = (guide.log_parents, n_guided), (parents.log_weights, n - n_guided)
+        chosen = np.concatenate([systematic(np.exp(log_w), rng_streams["resampling"], k) for log_w, k in counts])
         target.clock.lap("resampling")
         state = target.prior.step(parents.state[chosen], target.dt_s, rng)
         state[:n_guided] = guide.draw(state[:n_guided], chosen[:n_guided], rng)
         drawn = target.evaluate(state, chosen)
         log_plain = parents.log_weights[chosen] + drawn.log_prior
-        log_drawn = np.logaddexp(
-            np.log(n_guided / n) + guide.log_density(state, chosen), np.log1p(-n_guided / n) + log_plain
-        )
+        log_guided = np.log(n_guided / n) + guide.log_density(state, chosen)
+        log_drawn = np.logaddexp(log_guided, np.log1p(-n_guided / n) + log_plain)
         log_weights, log_gain = target.weigh(even_log_weights(n), drawn.log_prob, log_plain - log_drawn)
         return target.settle(target.complete(drawn, rng), log_weights, log_gain)
 
@@ -178,9 +168,7 @@ def fit_quadratic(target: Target, prediction: Prediction, x: FloatArray, pairs: 
 
 class Guide:
     """The density q of `GaussNewton`: a Gaussian for each of the N parents, of one covariance, and their log weights.
-
-    flatten: power that the quadratic is taken to. log_parents: (N,).
-    """
+    flatten: power that the quadratic is taken to. log_parents: (N,)."""
 
     def __init__(self, prediction: Prediction, quadratic: Quadratic, log_weights: FloatArray, flatten: float) -> None:
         self._prediction, self._x = prediction, quadratic.x
@@ -205,5 +193,4 @@ class Guide:
         off = self._prediction.difference(self._x, states) - self._means[parents]
         white = solve_triangular(self._root, off.T, lower=True)
         constant = float(np.log(np.sqrt(2.0 * np.pi) * np.diag(self._root)).sum())
-        density: FloatArray = self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant
-        return density
+        return self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.step import Step
@@ -32,16 +33,17 @@ class Driven(Prior, Protocol):
     def driven(self) -> list[int]: ...
 
     def predicted(self, state: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-        """Means (N, D') and deviations (D',) of the driven columns, `dt_s` seconds after states (N, D); the phase is
-        counted on, without wrapping."""
+        """Return means (N, D') and deviations (D',) of the driven columns, `dt_s` seconds after states (N, D); the
+        phase is counted on, without wrapping."""
 
 
 class Fitter(Protocol):
     """What fits all frames at once; `fit.least_squares.LeastSquares` is one."""
 
     def fit_frames(self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator) -> Any:
-        """The fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of each
-        frame, and what there is to say about each, from about the pose `start` (P,), or None to find the person."""
+        """Return the fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of
+        each frame, and what there is to say about each, from about the pose `start` (P,), or None to find the
+        person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,27 +76,20 @@ class Hybrid(Wrapper):
     def __post_init__(self) -> None:
         super().__post_init__()
         driven_prior(self.prior)
-        if not (0.0 <= self.share < 1.0 and 0.0 < self.widen < np.inf):
-            raise InputError(
-                f"inference: share must lie in 0 to below 1 and widen above 0, found {self.share} and {self.widen}"
-            )
+        check("inference", self, share=BELOW_1, widen=POSITIVE)
 
     @property
     def finds_start(self) -> bool:
-        """The fit does."""
+        """Return the fit does."""
         return True
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame once all are fitted, from about the pose `start` (P,), or None to find the person.
-
-        rng_streams: as for the filter. Raises InputError when there is nothing to fit.
-        """
+        rng_streams: as for the filter. Raises InputError when there is nothing to fit."""
         frames = list(frames)
         fit, _, warnings = self.fitter.fit_frames(frames, start, rng_streams["start"])
-        times_s = np.array([frame.time_s for frame in frames])
-        guides = guides_of(
-            driven_prior(self.prior), fit.states, self.widen**2 * fit.state_covariance, times_s, self.share
-        )
+        prior, times_s = driven_prior(self.prior), np.array([frame.time_s for frame in frames])
+        guides = guides_of(prior, fit.states, self.widen**2 * fit.state_covariance, times_s, self.share)
         by_frame = {frame.index: guide for frame, guide in zip(frames, guides, strict=True)}
 
         def guide_move(move: Move, target: Target, rng_streams: Streams) -> Moved:
@@ -118,10 +113,8 @@ def driven_prior(prior: Prior) -> Driven:
 
 
 class Guided:
-    """A prior, with a proposal for one frame that is drawn towards a Gaussian over its driven columns.
-
-    mean: (D',). covariance: (D', D'). speeds: (D',), a second, with which states start.
-    """
+    """A prior, with a proposal for one frame that is drawn towards a Gaussian over its driven columns. mean: (D',).
+    covariance: (D', D'). speeds: (D',), a second, with which states start."""
 
     def __init__(
         self, prior: Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
@@ -146,10 +139,8 @@ class Guided:
         return state
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw (N, D) from the mixture, with the log weights (N,) by which draws stand for the prior.
-
-        The product of the fit's Gaussian and p(s_t | s_t−1) is a Gaussian whose mean depends on the particle.
-        """
+        """Draw (N, D) from the mixture, with the log weights (N,) by which draws stand for the prior. The product of
+        the fit's Gaussian and p(s_t | s_t−1) is a Gaussian whose mean depends on the particle."""
         driven, turn = self.prior.driven, self._turn
         predicted, sigma = self.prior.predicted(state, dt_s)
         target = np.repeat(self.mean[None], len(state), axis=0)  # at the phase that is nearest to the particle's
@@ -184,7 +175,6 @@ def guides_of(
 
 
 def _log_gaussian(white: FloatArray, scales: FloatArray) -> FloatArray:
-    """log N (N,) of whitened deviations (N, D'), with the diagonal (D',) of the triangular factor that whitens."""
+    """Return log N (N,) of whitened deviations (N, D'), with the diagonal (D',) of the factor that whitens."""
     constant = float(np.log(np.sqrt(2.0 * np.pi) * scales).sum())
-    density: FloatArray = -0.5 * (white**2).sum(axis=1) - constant
-    return density
+    return -0.5 * (white**2).sum(axis=1) - constant

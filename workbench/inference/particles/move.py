@@ -36,9 +36,7 @@ class Move(Protocol):
 
 class DensityMove:
     """What moves have in common that evaluate the prior's density; their steps say how many parents have offspring.
-
-    least_particles: it needs. first_diagnostics, first_warnings: see `First`.
-    """
+    least_particles: it needs. first_diagnostics, first_warnings: see `First`."""
 
     traits: ClassVar[Traits] = offering(prior=DENSITY)
 
@@ -61,9 +59,7 @@ class DensityMove:
 @dataclass(frozen=True, eq=False)
 class Surrounded:
     """A move that a wrapper does something around: `around(move, target, rng_streams)` makes the particles.
-
-    diagnostics: of the first step, beside the move's own.
-    """
+    diagnostics: of the first step, beside the move's own."""
 
     move: Move
     around: Callable[[Move, Target, Streams], Moved]
@@ -71,7 +67,7 @@ class Surrounded:
 
     @property
     def proposes(self) -> bool:
-        """As the move does."""
+        """Tell as the move does."""
         return self.move.proposes
 
     def check(self, prior: Prior, n_particles: int) -> None:

@@ -10,14 +10,14 @@ from scipy.special import logsumexp
 
 from workbench.arrays import IntArray
 from workbench.body.skeleton import parameters as named_parameters
+from workbench.core.checks import UNIT, check
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, SEPARABLE, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Target, density_of
-from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight
+from workbench.inference.particles.weights import even_log_weights, lookahead_log_weight, systematic
 
 PARTS = ("root", "lower_body", "upper_body")
 
@@ -51,8 +51,7 @@ class Partitioned(DensityMove):
     parts: Sequence[str] = PARTS
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.flatten <= 1.0:
-            raise InputError(f"inference: expected flatten between 0 and 1, found {self.flatten}")
+        check("inference", self, flatten=UNIT)
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without a density, and columns that the parts do not divide."""
@@ -82,8 +81,7 @@ class Partitioned(DensityMove):
             target.clock.lap("resampling")
         state[:, last_part] = prior.step(parents.state[chosen], target.dt_s, rng)[:, last_part]
         drawn = target.evaluate(state, chosen)
-        log_weights, gained = target.weigh(even, drawn.log_prob, log_gain - previous_judged)
-        return target.settle(drawn, log_weights, gained)
+        return target.settle(drawn, *target.weigh(even, drawn.log_prob, log_gain - previous_judged))
 
 
 def columns_of_parts(space: StateSpace, parts: Sequence[str]) -> list[IntArray]:

@@ -1,6 +1,7 @@
 """Starting anew where the person is lost (paper A, section 8, its outlook)."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -10,14 +11,14 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.errors import InputError
 from workbench.inference.particles.filter import start_around
 from workbench.inference.particles.move import Move, Streams, Surrounded
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Moved, Particles, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 from workbench.inference.particles.wrapper import Kind, Wrapper
 from workbench.inference.start.keypoints import start_from_keypoints
 
@@ -48,8 +49,8 @@ class Restarting(Wrapper):
     evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it does not
     come from.
 
-    filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for numbers
-    out of range.
+    filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for other
+    numbers.
     """
 
     body: Body | None = None
@@ -62,11 +63,7 @@ class Restarting(Wrapper):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (0.0 < self.share < 1.0 and 0.0 < self.drop < np.inf and self.patience >= 1):
-            raise InputError(
-                "inference: expected share between 0 and 1, drop above 0 and patience of at least 1, "
-                f"found {self.share}, {self.drop} and {self.patience}"
-            )
+        check("inference", self, share=INSIDE_UNIT, drop=POSITIVE, patience=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
@@ -75,7 +72,7 @@ class Restarting(Wrapper):
 
     def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> Moved:
         """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""
-        origins, said = np.arange(target.n), tuple[str, ...]()
+        origins, warning = np.arange(target.n), tuple[str, ...]()
         if lost(gains, self.patience, self.drop):
             starts, where = self._starts(target.parents, target.previous)
             parents = self._renewed(target.parents, starts, rng_streams)
@@ -83,25 +80,19 @@ class Restarting(Wrapper):
             del gains[-self.patience :]  # no measure for those who are found
             target.clock.lap("start")
             lament = f"frame {target.frame.index}: the person seems lost; {self.share:.0%} of the particles start anew"
-            said = (f"{lament} {where}",)
+            warning = (f"{lament} {where}",)
         moved = move(target, rng_streams)
         gains.append(moved.log_gain)
-        return replace(
-            moved,
-            particles=replace(moved.particles, ancestors=origins[moved.particles.ancestors]),
-            warnings=moved.warnings + said,
-            diagnostics={**moved.diagnostics, "restarted": float(bool(said))},
-        )
+        particles = replace(moved.particles, ancestors=origins[moved.particles.ancestors])
+        diagnostics = {**moved.diagnostics, "restarted": float(bool(warning))}
+        return replace(moved, particles=particles, warnings=moved.warnings + warning, diagnostics=diagnostics)
 
     def _starts(self, parents: Particles, frame: Frame) -> tuple[FloatArray, str]:
         """Find poses (n, P) to start anew from in the parents' frame, and say in words where that is."""
         if self.body is not None and any(view.keypoints is not None for view in frame.views):
-            try:
-                found = start_from_keypoints(self.body.skeleton, [frame])
-            except InputError:  # too few joints; the sentence of the restart tells where it was from instead
-                pass
-            else:
-                return found, "from the joints detected"
+            # where there are too few joints, the sentence of the restart tells where it was from instead
+            with suppress(InputError):
+                return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
         return np.stack([expected, mirrored(expected)]), "about the last pose and its mirror image"
 
@@ -134,5 +125,4 @@ def mirrored(pose: FloatArray) -> FloatArray:
         POSE_NAMES.index(f"{swapped[side]}_{angle}") if side in swapped else i
         for i, (side, _, angle) in enumerate(name.partition("_") for name in POSE_NAMES)
     ]
-    other: FloatArray = pose[sources]
-    return other
+    return pose[sources]

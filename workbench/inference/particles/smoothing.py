@@ -12,15 +12,14 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.turns import nearest_turn
+from workbench.core.checks import at_least, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.step import Step
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offering
-from workbench.errors import InputError
 from workbench.inference.particles.move import Move, Streams, Surrounded
-from workbench.inference.particles.resampling import systematic_draws
 from workbench.inference.particles.target import Moved, Target, density_of
-from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights
+from workbench.inference.particles.weights import drop_undefined, effective_number, even_log_weights, systematic
 from workbench.inference.particles.wrapper import Kind, Wrapper
 
 BLOCK = 2_000_000
@@ -50,51 +49,42 @@ class FixedLag(Wrapper):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lag < 1 or self.least_ancestors < 1:
-            raise InputError(
-                f"inference: lag and least_ancestors must be at least 1, found {self.lag} and {self.least_ancestors}"
-            )
+        check("inference", self, lag=at_least(1), least_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
-
-        rng_streams: as for the filter. ess counts ancestors, and so does the diagnostic `distinct`, whatever their
-        weights.
-        """
+        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors."""
         window, ahead = deque[Step](), 0
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
             if len(window) > self.lag:
-                told, ahead = self._looking_back(window, ahead)
-                yield told
+                looked_back, ahead = self._looking_back(window, ahead)
+                yield looked_back
                 window.popleft()
         while window:  # the last frames know of fewer that follow
-            told, ahead = self._looking_back(window, ahead)
-            yield told
+            looked_back, ahead = self._looking_back(window, ahead)
+            yield looked_back
             window.popleft()
 
     def _looking_back(self, window: Iterable[Step], before: int) -> tuple[Step, int]:
-        """The window's first step, its particles being ancestors of a later one's, and how much later that one is.
-
-        before: the same of the frame before, to whose particles the result's `ancestors` point.
-        """
+        """Return the window's first step, its particles being ancestors of a later one's, and how much later that one
+        is. before: the same of the frame before, to whose particles the result's `ancestors` point."""
         first, *later = window
         # of a step's particles, their ancestors in the first step
-        lineages = list(
-            accumulate(later, lambda own, step: own[step.ancestors], initial=np.arange(len(first.ancestors)))
-        )
+        own = np.arange(len(first.ancestors))
+        lineages = list(accumulate(later, lambda lineage, step: lineage[step.ancestors], initial=own))
         enough = [
             effective_number(lineage, step.log_weights) >= self.least_ancestors
             for lineage, step in zip(lineages, (first, *later), strict=True)
         ]
-        # never before the frame that told the last one: ancestors there are ancestors of those here, and not more
+        # never before the frame that told of the last one: ancestors there are ancestors of those here, and not more
         ahead = max([before - 1, 0, *np.flatnonzero(enough)])
-        parents = np.arange(len(first.ancestors))
+        parents = own
         for step in (first, *later)[before : ahead + 1]:
             parents = parents[step.ancestors]
         weights = (first, *later)[ahead].log_weights
-        told = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
-        return replace(told, diagnostics={**told.diagnostics, "lag": float(ahead)}), ahead
+        looked_back = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
+        return replace(looked_back, diagnostics={**looked_back.diagnostics, "lag": float(ahead)}), ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +130,7 @@ class BackwardSimulation(Wrapper):
     def __post_init__(self) -> None:
         super().__post_init__()
         density_of(self.prior)
-        if self.n_paths < 1 or self.moves < 1 or self.least_ancestors < 1:
-            raise InputError(
-                "inference: n_paths, moves and least_ancestors must be at least 1, "
-                f"found {self.n_paths}, {self.moves} and {self.least_ancestors}"
-            )
+        check("inference", self, n_paths=at_least(1), moves=at_least(1), least_ancestors=at_least(1))
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, all of them once every frame is filtered and the paths are drawn.
@@ -163,7 +149,7 @@ class BackwardSimulation(Wrapper):
         yield from reversed(list(self._backwards(steps, looks, rng_streams["resampling"])))
 
     def _backwards(self, steps: list[Step], looks: list[Look], rng: np.random.Generator) -> Iterator[Step]:
-        """The steps with paths for particles, the last one first; looks: of all frames but the first."""
+        """Return the steps with paths for particles, the last one first; looks: of all frames but the first."""
         even = even_log_weights(self.n_paths)
         score, stretch, chosen = np.zeros(self.n_paths), list[tuple[Step, IntArray]](), np.zeros(0, dtype=np.int64)
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
@@ -174,32 +160,33 @@ class BackwardSimulation(Wrapper):
             if not stretch or effective_number(chosen, even) < self.least_ancestors:
                 yield from self._told(stretch, score)
                 step, score, stretch = steps[t], np.zeros(self.n_paths), []
-                chosen = systematic_draws(np.exp(step.log_weights), self.n_paths, rng)
+                chosen = systematic(np.exp(step.log_weights), rng, self.n_paths)
             spent = {**step.timing_s, "smoothing": perf_counter() - began}
             stretch.append((replace(step, timing_s=spent), chosen))
         yield from self._told(stretch, score)
 
     def _told(self, stretch: list[tuple[Step, IntArray]], score: FloatArray) -> Iterator[Step]:
-        """Of a stretch of frames, the last one first, with the particles (M,) that the paths go through: the steps."""
+        """Yield a stretch's steps, the last one first, with the particles (M,) that the paths go through."""
         even, best = even_log_weights(self.n_paths), int(np.argmax(score))
         for lag, (step, picked) in enumerate(stretch):
-            told = _replaced(step, picked, even, np.arange(self.n_paths), best)
-            yield replace(told, diagnostics={"acceptance": 1.0, **told.diagnostics, "lag": float(lag)})
+            smoothed = _replaced(step, picked, even, np.arange(self.n_paths), best)
+            yield replace(smoothed, diagnostics={"acceptance": 1.0, **smoothed.diagnostics, "lag": float(lag)})
 
     def _one_back(
         self, step: Step, later: Step, chosen: IntArray, look: Look, rng: np.random.Generator
     ) -> tuple[IntArray, FloatArray, Step, Step]:
-        """The particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of this
-        part of the paths; both steps, the first with the share of moves accepted, the later with what they cost."""
+        """Return the particles (M,) of `step` that come before those chosen of the later one; the log density (M,) of
+        this part of the paths; both steps, the first with the share of moves accepted, the later with what they
+        cost."""
         dt_s = later.frame.time_s - step.frame.time_s
         states, poses = later.particles[chosen], later.poses[chosen]
         current = later.ancestors[chosen]
         log_prob, more = _log_prob(look, step, later, current, poses)
-        said = [*later.warnings, *more]
+        warnings = [*later.warnings, *more]
         accepted = 0.0
         for proposed in self._proposed(step, states, dt_s, rng):
             proposed_log_prob, more = _log_prob(look, step, later, proposed, poses)
-            said += more
+            warnings += more
             with np.errstate(invalid="ignore"):  # −∞ − (−∞), where neither is possible
                 accept = np.log1p(-rng.random(self.n_paths)) < proposed_log_prob - log_prob
             current = np.where(accept, proposed, current)
@@ -208,19 +195,17 @@ class BackwardSimulation(Wrapper):
         gained = density_of(self.prior).log_transition(step.particles[current], states, dt_s) + log_prob
         cost = later.evaluations + float(self.n_paths * (1 + self.moves))
         step = replace(step, diagnostics={**step.diagnostics, "acceptance": accepted})
-        return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(said)))
+        return current, gained, step, replace(later, evaluations=cost, warnings=tuple(dict.fromkeys(warnings)))
 
     def _proposed(self, step: Step, states: FloatArray, dt_s: float, rng: np.random.Generator) -> IntArray:
-        """Particles (moves, M) of `step`, drawn by their weights and the density of going on to states (M, D)."""
+        """Draw particles (moves, M) of `step` by their weights and the density of going on to states (M, D)."""
         uniforms = rng.random((self.moves, len(states)))
         proposed = np.empty(uniforms.shape, dtype=np.int64)
         rows = max(1, BLOCK // step.particles.size)
         for first in range(0, len(states), rows):
             block = slice(first, first + rows)
-            odds = (
-                density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
-                + step.log_weights
-            )
+            onward = density_of(self.prior).log_transition(step.particles[None], states[block, None], dt_s)
+            odds = onward + step.log_weights
             edges = np.cumsum(np.exp(odds - odds.max(axis=1, keepdims=True)), axis=1)  # the ancestor's is finite
             for move in range(self.moves):
                 proposed[move, block] = (edges <= uniforms[move, block, None] * edges[:, -1:]).sum(axis=1)
@@ -230,23 +215,18 @@ class BackwardSimulation(Wrapper):
 def _log_prob(
     look: Look, step: Step, later: Step, before: IntArray, poses: FloatArray
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Log likelihoods (M,) of poses (M, P) of the later step, after particles (M,) of `step`, and what to say."""
+    """Return log likelihoods (M,) of the later step's poses (M, P) after particles (M,) of `step`, and warnings."""
     evaluation = look.evaluate(step.poses[before], poses)
-    log_prob, said = drop_undefined(evaluation.log_prob)
-    return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in said), *evaluation.notes)
+    log_prob, undefined = drop_undefined(evaluation.log_prob)
+    return log_prob, (*(f"frame {later.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes)
 
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
-    """The step with some of its particles, weighted anew."""
+    """Return the step with some of its particles, weighted anew."""
     poses = nearest_turn(step.poses[picked], step.poses[picked[best]])
     return replace(
-        step,
-        particles=step.particles[picked],
-        poses=poses,
-        log_weights=log_weights,
-        ancestors=ancestors,
-        expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0),
-        map_pose=poses[best],
+        step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,
+        expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],
         ess=effective_number(picked, log_weights),
         diagnostics={**step.diagnostics, "distinct": float(len(np.unique(picked)))},
-    )
+    )  # fmt: skip

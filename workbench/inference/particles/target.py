@@ -58,20 +58,12 @@ class Candidates:
 
     def pick(self, which: IntArray) -> "Candidates":
         """Gather the candidates of these indices."""
-        return Candidates(
-            self.state[which], self.poses[which], self.parents[which], self.log_prior[which], self.log_prob[which]
-        )
+        return Candidates(*(values[which] for values in vars(self).values()))
 
     def merge(self, other: "Candidates", taken: BoolArray) -> "Candidates":
         """Take the other's candidates, of the same parents, where taken (N,), these elsewhere."""
-        rows = taken[:, None]
-        return Candidates(
-            np.where(rows, other.state, self.state),
-            np.where(rows, other.poses, self.poses),
-            self.parents,
-            np.where(taken, other.log_prior, self.log_prior),
-            np.where(taken, other.log_prob, self.log_prob),
-        )
+        pairs = zip(vars(other).values(), vars(self).values(), strict=True)
+        return Candidates(*(np.where(taken[:, None] if own.ndim > 1 else taken, new, own) for new, own in pairs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,22 +104,22 @@ class Target:
 
     @property
     def n(self) -> int:
-        """The number of particles N."""
+        """Return the number of particles N."""
         return len(self.parents.log_weights)
 
     @property
     def dt_s(self) -> float:
-        """Seconds since the previous frame."""
+        """Return seconds since the previous frame."""
         return self.frame.time_s - self.previous.time_s
 
     @property
     def density(self) -> Density:
-        """The prior's density; raises InputError where it has none, see `density_of`."""
+        """Return the prior's density; raises InputError where it has none, see `density_of`."""
         return density_of(self.prior)
 
     def propose(self, parents: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; with the log weights (N,) that
-        correct for it."""
+        """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; returns its log weights (N,)
+        too."""
         return propose(self.prior, self.parents.state.take(parents, axis=0), self.dt_s, rng)
 
     def predict(self, parents: IntArray, rng: np.random.Generator) -> Candidates:
@@ -141,13 +133,13 @@ class Target:
         return Candidates(state, poses, parents, log_prior, self.log_prob(poses, parents))
 
     def log_prob(self, poses: FloatArray, parents: IntArray) -> FloatArray:
-        """Log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
+        """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
         evaluation = self.look.evaluate(self.parents.poses.take(parents, axis=0), poses)
-        log_prob, said = drop_undefined(evaluation.log_prob)
+        log_prob, undefined = drop_undefined(evaluation.log_prob)
         self.clock.lap("likelihood")
         self.evaluations += float(len(poses))
-        self.warnings += [*(f"frame {self.frame.index}: {sentence}" for sentence in said), *evaluation.notes]
+        self.warnings += [*(f"frame {self.frame.index}: {sentence}" for sentence in undefined), *evaluation.notes]
         self.diagnostics = evaluation.diagnostics
         return log_prob
 
@@ -170,20 +162,19 @@ class Target:
         return log_weights, 0.0
 
     def free(self) -> BoolArray:
-        """(D,): the columns that the prior's density speaks of; the others follow from them, see `complete`."""
+        """Select (D,), the columns that the prior's density speaks of; the others follow from them, see `complete`."""
         free = np.zeros(len(self.prior.space), dtype=np.bool_)
         free[self.density.free] = True
         return free
 
     def noisy(self, candidates: Candidates) -> BoolArray:
-        """(D,): the free columns in which candidates are not where their parents lead without noise."""
+        """Select (D,), the free columns in which candidates are not where their parents lead without noise."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
-        noisy: BoolArray = np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL
-        return noisy & self.free()
+        return (np.abs(apart(self.prior.space, mean, candidates.state)).max(axis=0) > STILL) & self.free()
 
     def innovations(self, candidates: Candidates, noisy: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """In the columns noisy (D,): how far the states are from where their parents lead without noise, (N, D'), and
-        where that is, relative to the first one, (N, D')."""
+        """Return, in the columns noisy (D,), how far the states are from where their parents lead without noise, (N,
+        D'), and where that is, relative to the first one, (N, D')."""
         mean = self.density.mean(self.parents.state[candidates.parents], self.dt_s)
         difference = apart(self.prior.space, mean, candidates.state)
         return difference[:, noisy], apart(self.prior.space, mean[0], mean)[:, noisy]
@@ -215,7 +206,7 @@ class Target:
 
 
 def density_of(prior: Prior) -> Density:
-    """The prior's density; raises InputError where its transitions have none that could be evaluated."""
+    """Return the prior's density; raises InputError where its transitions have none that could be evaluated."""
     if prior.powers.density is None:
         raise InputError(
             "inference: it needs a prior whose density can be evaluated, such as walking, cyclic, smooth or activity; "

@@ -8,11 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray
-from workbench.errors import InputError
+from workbench.core.checks import INSIDE_UNIT, at_least, check
 from workbench.inference.particles.move import DensityMove, Streams
-from workbench.inference.particles.resampling import systematic
 from workbench.inference.particles.target import Candidates, Moved, Target
-from workbench.inference.particles.weights import even_log_weights
+from workbench.inference.particles.weights import even_log_weights, systematic
 
 WANTED_ACCEPTANCE = 0.25
 """Of a random walk in many dimensions, about the best (Roberts, Gelman & Gilks 1997)."""
@@ -47,11 +46,7 @@ class TemperedSMC(DensityMove):
     first_diagnostics: ClassVar[Mapping[str, float]] = {"temperatures": 0.0, "acceptance": 1.0}
 
     def __post_init__(self) -> None:
-        if self.moves < 1 or not 0.0 < self.ess_threshold < 1.0:
-            raise InputError(
-                "inference: expected moves of at least 1 and ess_threshold between 0 and 1, "
-                f"found {self.moves} and {self.ess_threshold}"
-            )
+        check("inference", self, ess_threshold=INSIDE_UNIT, moves=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Temper from the equally weighted particles of the previous frame to those of this one."""
@@ -84,7 +79,7 @@ class TemperedSMC(DensityMove):
         return target.settle(settled, even, log_gain, temperatures=float(count), acceptance=float(np.mean(rates)))
 
     def _following(self, target: Target, log_prob: FloatArray, phi: float, count: int) -> float:
-        """The temperature after φ, the count-th; the last one where there are too many."""
+        """Return the temperature after φ, the count-th; the last one where there are too many."""
         if count < MOST_TEMPERATURES:
             return next_temperature(log_prob, phi, self.ess_threshold)
         target.warnings.append(f"frame {target.frame.index}: {count} temperatures did not do; took the rest at once")
@@ -119,32 +114,24 @@ def walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights:
     innovations, means = target.innovations(candidates, noisy)
     root_weights = np.sqrt(weights)[:, None]
     means, innovations = (root_weights * (x - (weights[:, None] * x).sum(axis=0)) for x in (means, innovations))
-    left = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
-    values, vectors = np.linalg.eigh(left.T @ left)
-    root: FloatArray = vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
-    return root
+    residuals = innovations - means @ np.linalg.lstsq(means, innovations, rcond=None)[0]
+    values, vectors = np.linalg.eigh(residuals.T @ residuals)
+    return vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
 
 
 def random_walk(
     target: Target, candidates: Candidates, phi: float, root: FloatArray, noisy: BoolArray, rng: np.random.Generator
 ) -> tuple[Candidates, float]:
     """Take one Metropolis step at temperature φ by N(0, R Rᵀ), R being the root (D', D'), in the columns noisy (D,).
-
-    Returns the candidates (N) after it and the share of proposals accepted.
-    """
+    Returns the candidates (N) after it and the share of proposals accepted."""
     walk = rng.standard_normal((len(candidates.state), len(root))) @ root.T
     return _accept(candidates, target.shift(candidates, noisy, walk), phi, 0.0, rng)
 
 
 def mix_with_prior(
-    target: Target,
-    candidates: Candidates,
-    phi: float,
-    sigma: FloatArray,
-    share: float,
-    noisy: BoolArray,
+    target: Target, candidates: Candidates, phi: float, sigma: FloatArray, share: float, noisy: BoolArray,
     rng: np.random.Generator,
-) -> tuple[Candidates, float]:
+) -> tuple[Candidates, float]:  # fmt: skip
     """Take one preconditioned Crank–Nicolson step (Cotter, Roberts, Stuart & White 2013) at temperature φ on the
     innovations, δ' = √(1 − share²) δ + share N(0, σ²), σ (D',).
 

@@ -1,5 +1,10 @@
-"""Arithmetic of log weights."""
+"""Log weights, and resampling: from weights to ancestors (Doucet, de Freitas & Gordon 2001; Douc, Cappé & Moulines
+2005)."""
 
+from collections.abc import Callable
+from typing import Any
+
+import numba
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
@@ -10,33 +15,31 @@ class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
 
 
 def logsumexp(log_weights: FloatArray) -> float:
-    """log Σ exp of (N,): −∞ where all are, nan where one is.
-
-    scipy's, which also knows axes, signs, factors and complex numbers, takes four times as long for 10⁴ weights.
-    """
+    """Return log Σ exp of (N,): −∞ where all are, nan where one is. scipy's, which also knows axes, signs, factors and
+    complex numbers, takes four times as long for 10⁴ weights."""
     largest = float(log_weights.max())
     return largest + float(np.log(np.exp(log_weights - largest).sum())) if np.isfinite(largest) else largest
 
 
 def even_log_weights(n: int) -> FloatArray:
-    """Normalised log weights (n,) of particles that count alike."""
+    """Return normalised log weights (n,) of particles that count alike."""
     return np.full(n, -np.log(n))
 
 
 def effective_sample_size(log_weights: FloatArray) -> float:
-    """1 / Σ w² of normalised log weights (N,) (Kong, Liu & Wong 1994)."""
+    """Return 1 / Σ w² of normalised log weights (N,) (Kong, Liu & Wong 1994)."""
     return float(np.exp(-logsumexp(2.0 * log_weights)))
 
 
 def effective_number(picked: IntArray, log_weights: FloatArray) -> float:
-    """The effective sample size of particles with normalised log weights (N,) when those that are copies of one
+    """Return the effective sample size of particles with normalised log weights (N,) when those that are copies of one
     particle, picked (N,), count as one."""
     shares = np.bincount(picked, weights=np.exp(log_weights))
     return float(1.0 / (shares**2).sum())
 
 
 def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    """Log likelihoods (N,) with −∞ for those that are undefined, and a sentence that says so."""
+    """Return log likelihoods (N,) with −∞ for those that are undefined, and a sentence that says so."""
     undefined = np.isnan(log_prob) | (log_prob == np.inf)
     if not undefined.any():
         return log_prob, ()
@@ -46,11 +49,58 @@ def drop_undefined(log_prob: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
 
 
 def lookahead_log_weight(log_prob: FloatArray, flatten: float) -> FloatArray:
-    """Log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`.
-
-    An impossible state may lead to possible ones: it keeps the least of the finite values.
-    """
+    """Return log weights (N,) to choose states by that are not finished: their log likelihoods to the power `flatten`.
+    An impossible state may lead to possible ones: it keeps the least of the finite values."""
     possible = np.isfinite(log_prob)
     floor = log_prob[possible].min() if possible.any() else 0.0
-    log_weight: FloatArray = flatten * np.where(possible, log_prob, floor)
-    return log_weight
+    return flatten * np.where(possible, log_prob, floor)
+
+
+Resample = Callable[[FloatArray, np.random.Generator], IntArray]
+
+
+def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = None) -> IntArray:
+    """Draw rising ancestors (n,), N by default, by normalised weights (N,): one uniform, n equidistant positions."""
+    n = len(weights) if n is None else n
+    positions = (np.arange(n) + rng.random()) / n
+    return _pick(weights, positions)
+
+
+def multinomial(weights: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Draw ancestors (N,) independently by their weights (N,)."""
+    return _pick(weights, rng.random(len(weights)))
+
+
+def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Draw ancestors (N,): ⌊N w⌋ copies of each particle, the rest independently by what is left of the weights."""
+    expected = len(weights) * weights
+    copies = np.floor(expected).astype(np.int64)
+    rest = expected - copies
+    missing = len(weights) - int(copies.sum())
+    certain = np.repeat(np.arange(len(weights)), copies)
+    if missing == 0:
+        return certain
+    return np.sort(np.concatenate([certain, _pick(rest / rest.sum(), rng.random(missing))]))
+
+
+def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
+    edges = np.cumsum(weights)
+    last = int(np.flatnonzero(weights)[-1])  # rounding may leave the last edge short of one
+    positions = positions * edges[-1]
+    rising = bool((positions[1:] >= positions[:-1]).all())  # as systematic ones are
+    edge = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
+    return np.minimum(edge, last)
+
+
+@numba.njit(cache=True, nogil=True)
+def _walk(edges: Any, positions: Any) -> Any:
+    """Do `searchsorted` from the right for rising positions, in one walk."""
+    found, j = np.empty(positions.shape[0], dtype=np.int64), 0
+    for i in range(positions.shape[0]):
+        while j < edges.shape[0] and edges[j] <= positions[i]:
+            j += 1
+        found[i] = j
+    return found
+
+
+RESAMPLING: dict[str, Resample] = {"systematic": systematic, "multinomial": multinomial, "residual": residual}

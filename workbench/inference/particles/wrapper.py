@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
-from workbench.core.inference import Inference
-from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
+from workbench.core.step import Inference
 from workbench.core.traits import Traits
 from workbench.errors import InputError
 from workbench.inference.particles.move import Move
@@ -23,8 +22,6 @@ class Filter(Inference, Protocol):
     @property
     def prior(self) -> Prior: ...
     @property
-    def likelihood(self) -> Likelihood: ...
-    @property
     def move(self) -> Move: ...
     @property
     def n_particles(self) -> int | None: ...
@@ -37,16 +34,13 @@ class Filter(Inference, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Wrapper:
-    """A filter, and what all that stand around one have in common. n_particles: in place of the filter's.
-
-    wraps: kinds of steps that it can make something of; kind: of its own. Raises InputError for other steps.
-    """
+    """A filter, and what all that stand around one have in common. n_particles: in place of the filter's. wraps: kinds
+    of steps that it can make something of; kind: of its own. Raises InputError for other steps."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs."""
-        filtered: Traits = keys["filter"]
-        return filtered
+        return keys["filter"]
 
     filter: Filter
     n_particles: int | None = field(default=None, kw_only=True)
@@ -67,22 +61,17 @@ class Wrapper:
 
     @property
     def prior(self) -> Prior:
-        """The filter's."""
+        """Return the filter's."""
         return self.filter.prior
 
     @property
-    def likelihood(self) -> Likelihood:
-        """The filter's."""
-        return self.filter.likelihood
-
-    @property
     def move(self) -> Move:
-        """The filter's."""
+        """Return the filter's."""
         return self.filter.move
 
     @property
     def space(self) -> StateSpace:
-        """The filter's."""
+        """Return the filter's."""
         return self.filter.space
 
     @property

@@ -13,14 +13,14 @@ from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.clip import Clip
-from workbench.core.observation_residuals import projection_jacobian
-from workbench.core.observations import Keypoints, Observed, person_px, usable_keypoints
+from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
+from workbench.core.prior import PACE_HZ
+from workbench.core.residual import projection_jacobian
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import PoseDecoder
 from workbench.inference.fit.frame import fit_frame
-from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_pose
-from workbench.inference.fit.pose_prior import usual_poses
-from workbench.inference.fit.residuals import views_residual
+from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
+from workbench.inference.fit.residuals import usual_poses, views_residual
 
 log = logging.getLogger(__name__)
 
@@ -37,8 +37,6 @@ shoulder's top."""
 KEYPOINT_SIGMA = 0.03
 """Of a joint, in heights of the person in the image: detectors are off by 1 to 2 %, but alike in frames that follow
 each other, so that eight say little more than one."""
-GAP_S = 1.0 / 14.0
-"""Between the frames looked at: nearer ones show nothing new."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,23 +49,20 @@ class Measured:
 
 
 def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
-    """The person whose limbs fit the keypoints of a clip's first frames: `n_frames` of them, a 14th of a second
-    apart.
+    """Measure a person by the keypoints of a clip's first `n_frames` that are a 14th of a second apart.
 
     height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10
     cm. Raises InputError where fewer than LEAST_KEYPOINTS joints are seen in every one of these frames, and heights as
     `from_height` does.
     """
     skeleton = person_skeleton(from_height(AVERAGE_M if height_m is None else height_m))
-    seen: list[tuple[Keypoints, ...]] = []
-    last_s = -np.inf
+    seen, last_s = list[tuple[Keypoints, ...]](), -np.inf
     for frame in clip:
         if len(seen) == n_frames:
             break
-        looked = [(view.keypoints, view.camera) for view in frame.views if view.keypoints is not None]
-        found = tuple(one for given, camera in looked if (one := usable_keypoints(skeleton, given, camera)))
-        if frame.time_s - last_s > 0.99 * GAP_S and enough_keypoints(Observed(np.empty((0, 3)), found)):
-            seen.append(found)
+        keypoints = frame_keypoints(skeleton, frame)
+        if frame.time_s - last_s > 0.99 / PACE_HZ and enough_keypoints(Observed(np.empty((0, 3)), keypoints)):
+            seen.append(keypoints)
             last_s = frame.time_s
     if not seen:
         raise InputError("body: expected keypoints in the dataset's frames to measure the person by, found none")
@@ -80,11 +75,10 @@ def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8
 def measure(
     seen: Sequence[Sequence[Keypoints]], height_m: float | None = None, keypoint_sigma: float = KEYPOINT_SIGMA
 ) -> Measured:
-    """Lengths and poses that fit the keypoints of T frames best, all views of a frame together.
+    """Return lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
-    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight, under Huber's
-    loss.
+    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight.
     """
     sigma_px = keypoint_sigma * person_px(seen[0])
     start = np.zeros(1 + len(LENGTHS))
@@ -97,53 +91,50 @@ def measure(
     whitening = np.concatenate([1.0 / spread, np.tile(np.diag(usual.whitening), len(poses))])
     tied = whitening > 0.0
 
+    def project(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)
+
     def misses(x: FloatArray) -> FloatArray:
-        seen_off = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[0]
-        return np.concatenate([seen_off, ((x - mean) * whitening)[tied]])
+        return np.concatenate([project(x)[0], ((x - mean) * whitening)[tied]])
 
     def slopes(x: FloatArray) -> FloatArray:
-        by_seen = _project(x[: len(start)], x[len(start) :].reshape(poses.shape), seen, sigma_px)[1]
-        return np.vstack([by_seen, np.diag(whitening)[tied]])
+        return np.vstack([project(x)[1], np.diag(whitening)[tied]])
 
-    found = least_squares(
-        misses, np.concatenate([start, poses.ravel()]), jac=slopes, loss="huber", f_scale=KEYPOINT_LOSS.scale,
+    x = least_squares(
+        misses, np.concatenate([start, poses.ravel()]), slopes, loss="huber", f_scale=KEYPOINT_LOSS.scale,
         x_scale="jac", max_nfev=50,
-    )  # fmt: skip
-    lengths, poses = found.x[: len(start)], found.x[len(start) :].reshape(poses.shape)
-    n_marks = sum(len(one.joints) for views in seen for one in views)
-    left = _project(lengths, poses, seen, sigma_px)[0]
-    return Measured(shape_of(lengths), poses, sigma_px * float(np.sqrt((left**2).sum() / n_marks)))
+    ).x  # fmt: skip
+    n_marks = sum(len(keypoints.joints) for views in seen for keypoints in views)
+    error_px = sigma_px * float(np.sqrt((project(x)[0] ** 2).sum() / n_marks))
+    return Measured(shape_of(x[: len(start)]), x[len(start) :].reshape(poses.shape), error_px)
 
 
 def shape_of(lengths: FloatArray) -> Shape:
-    """The person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average person's."""
+    """Make a person of lengths (9,): logarithms of the height over AVERAGE_M, and of LENGTHS over the average's."""
     height = AVERAGE_M * float(np.exp(lengths[0]))
     average = from_height(height, upper_arm=UPPER_ARM * height, forearm=FOREARM * height)
     factor = dict(zip(LENGTHS, np.exp(lengths[1:]).tolist(), strict=True))
     (x, y, z), (ahead, aside, up), (_, half, _) = average.head, average.shoulder, average.hip
     return replace(
-        average,
-        neck=(0.0, 0.0, factor["torso"] * average.neck[2]),
+        average, neck=(0.0, 0.0, factor["torso"] * average.neck[2]), hip=(0.0, factor["hips"] * half, 0.0),
         shoulder=(ahead, factor["shoulders"] * aside, factor["torso"] * up),
-        hip=(0.0, factor["hips"] * half, 0.0),
         head=(factor["head"] * x, factor["head"] * y, factor["head"] * z),
         **{name: factor[name] * getattr(average, name) for name in LENGTHS[4:]},
-    )
+    )  # fmt: skip
 
 
 def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
-    """Derivative (T, J, 3, G) of the joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G)."""
+    """Differentiate joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G); (T, J, 3, G)."""
     frames = forward(skeleton, poses)
     own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
     at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
-    jacobian: FloatArray = np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
-    return jacobian
+    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
 
 
 def _project(
     lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Whitened residuals (K,) of all frames' keypoints, and their derivative (K, G + T P) by lengths and poses."""
+    """Return whitened residuals (K,) of all keypoints, and their derivative (K, G + T P) by lengths and poses."""
     skeleton = person_skeleton(shape_of(lengths))
     steps = 1e-6 * np.eye(len(lengths))
     offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
@@ -151,24 +142,23 @@ def _project(
     by_pose, by_lengths = joint_jacobian(skeleton, poses), length_jacobian(skeleton, by_length, poses)
     places, misses, slopes = forward(skeleton, poses).positions, [], []
     for t, views in enumerate(seen):
-        for one in views:
-            white = np.sqrt(one.marks[:, 2:]) / sigma_px
-            apart = np.nan_to_num((one.camera.project(places[t, one.joints]) - one.marks[:, :2]) * white, nan=1e3)
-            lens = projection_jacobian(one.camera, places[t, one.joints]) * white[..., None]
-            slope = np.zeros((apart.size, len(lengths) + poses.size))
-            slope[:, : len(lengths)] = (lens @ by_lengths[t, one.joints]).reshape(apart.size, -1)
-            first = len(lengths) + t * poses.shape[1]
-            slope[:, first : first + poses.shape[1]] = (lens @ by_pose[t, one.joints]).reshape(apart.size, -1)
-            misses.append(apart.ravel())
+        for view in views:
+            white, camera, own = np.sqrt(view.marks[:, 2:]) / sigma_px, view.camera, places[t, view.joints]
+            miss = np.nan_to_num((camera.project(own) - view.marks[:, :2]) * white, nan=1e3)
+            lens = projection_jacobian(camera, own) * white[..., None]
+            slope, first = np.zeros((miss.size, len(lengths) + poses.size)), len(lengths) + t * poses.shape[1]
+            slope[:, : len(lengths)] = (lens @ by_lengths[t, view.joints]).reshape(miss.size, -1)
+            slope[:, first : first + poses.shape[1]] = (lens @ by_pose[t, view.joints]).reshape(miss.size, -1)
+            misses.append(miss.ravel())
             slopes.append(slope)
     return np.concatenate(misses), np.vstack(slopes)
 
 
 def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
-    """Poses (T, P) of the average person: the first from nothing, the others each from the one before."""
+    """Return poses (T, P) of the average person: the first from nothing, the others each from the one before."""
     prior = usual_poses(skeleton)
     residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in seen]
-    poses = [likely_pose(skeleton, seen[0], residuals[0], prior)]
+    poses = [likely_poses(skeleton, seen[0], residuals[0], prior, 1)[0]]
     for residual in residuals[1:]:
         poses.append(fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, poses[-1], prior=prior).x)
     return np.array(poses)

@@ -12,20 +12,11 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
+from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.constants import POSITIVE, check
-from workbench.likelihoods.edges.filters import (
-    ALONG,
-    LEAST_PX,
-    POINTS,
-    RIDGE_PER_HALF_WIDTH,
-    RIDGE_SCALES_PX,
-    Filtered,
-    filtered,
-    responses,
-)
-from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, EdgeModel, edge_model
+from workbench.likelihoods.edges.filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, filtered, responses
+from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
 from workbench.likelihoods.looks import PoseLook
 
@@ -54,17 +45,12 @@ class Edges:
     cache: str = "~/.cache/workbench"
 
     def __post_init__(self) -> None:
-        check("edges", POSITIVE, k=self.k)
-
-    @cached_property
-    def model(self) -> EdgeModel:
-        """The distributions learned."""
-        return edge_model(self.cache)
+        check("edges", self, k=POSITIVE)
 
     @cached_property
     def log_ratio(self) -> Float32Array:
         """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
-        return self.model.log_ratio(self.body.limbs.names)
+        return edge_model(self.cache).log_ratio(self.body.limbs.names)
 
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """Filter every view."""
@@ -73,15 +59,13 @@ class Edges:
 
     def _log_prob(self, camera: Camera, images: Filtered, frames: JointFrames) -> FloatArray:
         points = limb_points(self.body, POINTS, camera, frames)
-        log_prob: FloatArray = self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
-        return log_prob
+        return self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
 
 
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
     """The log ratios of all responses, summed for each limb (N, L), over n. table: (2, L, BINS)."""
     sums = np.empty(points.counts.shape[:2])
-    scales = np.log(np.array(RIDGE_SCALES_PX) / RIDGE_PER_HALF_WIDTH)
-    _response_sums(images.gradient, images.ridges, points.pixels, points.counts, table, scales, sums)
+    _response_sums(images.gradient, images.ridges, points.pixels, points.counts, table, LOG_WIDTHS, sums)
     return sums / len(POINTS)
 
 
@@ -90,11 +74,8 @@ def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Fl
     edges, ridges, counts = responses(images, points)
     limb = np.arange(len(table[0]))[:, None]
     on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)
-    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0).sum(
-        axis=(-1, -2)
-    )
-    log_ratio: FloatArray = (on_axis + at_sides) / len(POINTS)
-    return log_ratio
+    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0)
+    return (on_axis + at_sides.sum(axis=(-1, -2))) / len(POINTS)
 
 
 def _bins(values: FloatArray, low: float, high: float) -> Any:

@@ -16,18 +16,15 @@ from workbench.likelihoods.image_motion.reference import grey_levels
 from workbench.likelihoods.limb_points import LimbPoints, patch_grid
 
 EDGE_SCALE_PX = 1.0
-RIDGE_SCALES_PX = (2.0, 4.0, 8.0)
-"""Standard deviations of the Gaussians whose derivatives the filters are."""
-RIDGE_PER_HALF_WIDTH = 0.6
-"""The scale at which a bar answers most, over half its width: 1/√3."""
+RIDGE_SCALES_PX = (2.0, 4.0, 8.0)  # standard deviations of the Gaussians whose derivatives the filters are
+RIDGE_PER_HALF_WIDTH = 0.6  # the scale at which a bar answers most, over half its width: 1/√3
+LOG_WIDTHS = np.log(np.array(RIDGE_SCALES_PX) / RIDGE_PER_HALF_WIDTH)  # of half the limbs, px, that the scales are for
 CONTRAST_WINDOW_PX, CONTRAST_FLOOR = 31, 4.0
 """Contrast is the standard deviation in a square window, plus this many grey levels, about the sensor's noise."""
-ALONG = 8
-"""Places along a limb; at each, one point on either side and one on the axis."""
+ALONG = 8  # places along a limb; at each, one point on either side and one on the axis
 POINTS = patch_grid((np.arange(ALONG) + 0.5) / ALONG, np.array([-1.0, 0.0, 1.0]))
 """The points (3 ALONG, 2) of every patch: (u, v), v running fastest."""
-LEAST_PX = 2.0
-"""A limb that is shorter than this in the image has no direction."""
+LEAST_PX = 2.0  # a limb that is shorter than this in the image has no direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +58,8 @@ def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
 
 
 def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Edges (N, L, ALONG, 2) at both sides, ridges (N, L, ALONG) on the axis, and which of POINTS (N, L, ALONG, 3) are
-    to be looked at; of limbs that are too short in the image none is. The definition that the kernel is tested against.
-    """
+    """Edges (N, L, ALONG, 2) at both sides, ridges (N, L, ALONG) on the axis, and which of POINTS (N, L, ALONG, 3) to
+    look at, none of limbs too short in the image. The definition that the kernel is tested against."""
     n, limbs = points.counts.shape[:2]
     pixels = points.pixels.astype(np.float64).reshape(n, limbs, ALONG, 3, 2)
     way = pixels[:, :, -1] - pixels[:, :, 0]  # (N, L, 3, 2) along the limb, at its sides and on its axis

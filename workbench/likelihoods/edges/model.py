@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import forward
-from workbench.body.limbs import Body, person
+from workbench.body.limbs import Body
 from workbench.core.frame import View
 from workbench.datasets.synthetic import Synthetic
 from workbench.digest import code_digest
@@ -23,11 +23,9 @@ from workbench.likelihoods.limb_points import limb_points
 log = logging.getLogger(__name__)
 
 BINS = 32
-EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)
-"""Of the responses; beyond, they belong to the last bin."""
-OUTLIERS = 0.05
-SCENES, FRAMES = 10, 5
-"""Share of responses that say nothing; rendered people, and frames of each to learn from."""
+EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)  # of the responses; beyond, they belong to the last bin
+OUTLIERS = 0.05  # share of responses that say nothing
+SCENES, FRAMES = 10, 5  # rendered people, and frames of each to learn from
 _FIRST_SEED = 1000  # of clothes, backgrounds and walks that no experiment renders
 _DISPLACED = 8  # wrong poses for every true one
 
@@ -49,20 +47,16 @@ class EdgeModel:
         return "" if self.on.shape == wanted else f"counts of shape {wanted}, found {self.on.shape}"
 
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
-        """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name.
-
-        A share `OUTLIERS` of either is what both have in common, so that bins hardly ever met say little.
-        Raises InputError for a limb the model does not have.
-        """
+        """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name. A share `OUTLIERS` of either is
+        what both have in common, so that bins hardly ever met say little. Raises InputError for a limb the model does
+        not have."""
         parts = [_part(name) for name in limbs]
         if unknown := sorted(set(parts) - set(self.parts)):
             raise InputError(f"edges: the model knows {', '.join(self.parts)}, but not the limb {unknown[0]!r}")
-        on, off, common = (
-            counts / counts.sum(axis=-1, keepdims=True) for counts in (self.on, self.off, self.on + self.off + 1.0)
-        )
+        every = (self.on, self.off, self.on + self.off + 1.0)
+        on, off, common = (counts / counts.sum(axis=-1, keepdims=True) for counts in every)
         ratio = np.log((1.0 - OUTLIERS) * on + OUTLIERS * common) - np.log((1.0 - OUTLIERS) * off + OUTLIERS * common)
-        table: Float32Array = ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
-        return table
+        return ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
 
 
 def edge_model(cache: str) -> EdgeModel:
@@ -83,21 +77,13 @@ def rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, Floa
     """Views of walkers of all sorts, with their bodies and true poses (P,)."""
     for scene in range(SCENES):
         dataset = Synthetic(
-            path=("straight", "circle")[scene % 2],
-            n_frames=FRAMES,
-            rate_hz=4.0,
-            view_deg=float(rng.uniform(30.0, 150.0)),
-            person_px=float(rng.uniform(200.0, 340.0)),
-            contrast=float(rng.uniform(0.5, 1.5)),
-            clutter=float(rng.uniform(0.5, 1.5)),
-            seed=_FIRST_SEED + scene,
-        )
-        shape = dataset.known.shape
-        assert shape is not None  # of a rendered person it is known
-        body = person(shape)
+            path=("straight", "circle")[scene % 2], n_frames=FRAMES, rate_hz=4.0,
+            view_deg=float(rng.uniform(30.0, 150.0)), person_px=float(rng.uniform(200.0, 340.0)),
+            contrast=float(rng.uniform(0.5, 1.5)), clutter=float(rng.uniform(0.5, 1.5)), seed=_FIRST_SEED + scene,
+        )  # fmt: skip
         for frame in dataset.frames():
             if frame.truth is not None and frame.truth.pose is not None:
-                yield body, frame.views[0], frame.truth.pose
+                yield dataset.body, frame.views[0], frame.truth.pose
 
 
 def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Generator) -> EdgeModel:
@@ -106,10 +92,8 @@ def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Ge
     for body, view, pose in seen:
         angle, far = rng.uniform(0.0, 2.0 * np.pi, _DISPLACED), rng.uniform(0.05, 0.6, _DISPLACED)
         poses = np.repeat(pose[None], 1 + _DISPLACED, axis=0)
-        offsets = np.outer(far * np.cos(angle), view.camera.rotation[0]) + np.outer(
-            far * np.sin(angle), view.camera.rotation[1]
-        )
-        poses[1:, :3] += offsets
+        right, down, _ = view.camera.rotation
+        poses[1:, :3] += np.outer(far * np.cos(angle), right) + np.outer(far * np.sin(angle), down)
         points = limb_points(body, POINTS, view.camera, forward(body.skeleton, poses))
         edges, ridges, looked_at = responses(filtered(view), points)
         kinds = ((edges, looked_at[..., [0, 2]], EDGE_RANGE), (ridges, looked_at[..., 1], RIDGE_RANGE))

@@ -10,22 +10,13 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.frame import Frame, View
+from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
+from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
-from workbench.likelihoods.constants import NOT_NEGATIVE, POSITIVE, Range, at_least, check, check_choice
 from workbench.likelihoods.image_levels import grey_levels
-from workbench.likelihoods.image_motion.kernel import (
-    Background,
-    Exponent,
-    LimbModel,
-    Occlusion,
-    Packed,
-    PackedView,
-    packed,
-    view_log_prob,
-)
+from workbench.likelihoods.image_motion import kernel
 from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
 from workbench.streams import stream
 
@@ -52,13 +43,11 @@ class ImageMotion:
     the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)), p_still being p_image at α = 0. It is the
     ratio of foreground to background of the pixels covered, so that only changed pixels that a limb explains count.
 
-    Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels,
-    and all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the
-    patch's rim, where background shows. Patches taper with the limb. α of a sphere is 0. Points outside an image are
-    left out and count against q, as hidden points do. Occlusion is judged in frame t only, as in A.
-    Several views: log likelihoods add up over the cameras present in both frames.
-
-    Raises InputError when a constant is out of range.
+    Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels, and
+    all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the patch's
+    rim, where background shows. Patches taper with the limb. α of a sphere is 0. Points outside an image are left out
+    and count against q, as hidden points do. Occlusion is judged in frame t only, as in A. Several views: log
+    likelihoods add up over the cameras present in both frames. Raises InputError when a constant is out of range.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)
@@ -68,21 +57,18 @@ class ImageMotion:
     epsilon: float = 0.05
     p_occluded: float = 0.01
     n_samples: int = 48
-    exponent: Exponent = "mean"
+    exponent: kernel.Exponent = "mean"
     k: float = 1.0
-    occlusion: Occlusion = "sample"
-    background: Background = "none"
+    occlusion: kernel.Occlusion = "sample"
+    background: kernel.Background = "none"
     blur_px: float = 2.0**0.5
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("image motion", POSITIVE, sigma=self.sigma, p_occluded=self.p_occluded, k=self.k)
-        check("image motion", Range("at least 0 and below 1", lambda value: 0.0 <= value < 1.0), epsilon=self.epsilon)
-        check("image motion", at_least(1), n_samples=self.n_samples)
-        check("image motion", NOT_NEGATIVE, blur_px=self.blur_px)
-        check_choice("image motion", get_args(Exponent), exponent=self.exponent)
-        check_choice("image motion", get_args(Occlusion), occlusion=self.occlusion)
-        check_choice("image motion", get_args(Background), background=self.background)
+        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, p_occluded=POSITIVE, n_samples=at_least(1))
+        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE, blur_px=at_least(0))
+        check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
+        check("image motion", self, background=one_of(*get_args(kernel.Background)))
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -90,18 +76,14 @@ class ImageMotion:
         return patch_samples(self.n_samples, stream(self.seed, "image motion samples"))
 
     @property
-    def model(self) -> LimbModel:
+    def model(self) -> kernel.LimbModel:
         """The constants that the kernel and its reference share."""
-        return LimbModel(
-            self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background
-        )
+        constants = (self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background)
+        return kernel.LimbModel(*constants)
 
     def look(self, previous: Frame | None, frame: Frame) -> "MotionLook":
-        """Smooth and pack the images of a frame and of the one before.
-
-        Raises InputError when the frames share no camera or, under a still background, an image size; and when an image
-        has not the size its camera states.
-        """
+        """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
+        under a still background, an image size, and when an image has not the size that its camera states."""
         return self._look(None, previous, frame)
 
     def _look(self, known: "PackedFrame | None", previous: Frame | None, frame: Frame) -> "MotionLook":
@@ -112,21 +94,19 @@ class ImageMotion:
         pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
         if not pairs:
             raise InputError(f"image motion: frames {previous.index} and {frame.index} have no camera in common")
-        if self.background == "still":
-            _check_sizes(pairs)
-        notes = (
-            f"image motion: camera {name} is missing in frame {previous.index} or {frame.index}"
-            for name in sorted({*before.views, *now.views} - set(pairs))
-        )
-        return MotionLook(self, now, pairs, tuple(notes))
+        for name, ((_, old), (_, new)) in pairs.items():
+            if self.background == "still" and old.shape != new.shape:
+                raise InputError(f"image motion: background=still needs images of one size from camera {name}")
+        missing = sorted({*before.views, *now.views} - set(pairs))
+        where = f"is missing in frame {previous.index} or {frame.index}"
+        return MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
 
     def _packed(self, frame: Frame) -> "PackedFrame":
-        views = {view.camera.name: (view.camera, packed_levels(view, self.blur_px)) for view in frame.views}
-        return PackedFrame(frame, views)
+        images = ((view.camera, kernel.packed(grey_levels(view, self.blur_px))) for view in frame.views)
+        return PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
 
 
-PackedImage: TypeAlias = tuple[Camera, Packed]
-"""What a camera saw, as the kernel looks it up."""
+PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +119,8 @@ class PackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class MotionLook:
-    """What `ImageMotion`, the `cue`, has seen of a frame `now`.
-
-    pairs: the images before and now of every camera that both frames have; none in the first frame of a run.
-    """
+    """A look of `ImageMotion`, the `cue`, at a frame `now`. pairs: the images before and now of every camera that
+    both frames have; none in the first frame of a run."""
 
     cue: ImageMotion
     now: PackedFrame
@@ -151,16 +129,14 @@ class MotionLook:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P); −∞ where either is not finite.
-
-        A note tells of points that lay outside the images, from 5 % on.
-        """
+        """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), −∞ where either is not finite;
+        with a note from 5 % of points outside the images on."""
         finite = finite_rows(previous_pose) & finite_rows(pose)
         previous_pose, pose = previous_pose[finite], pose[finite]
         log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
         for name, (before, now) in self.pairs.items():
-            views = PackedView(*before, previous_pose), PackedView(*now, pose)
-            found, outside = view_log_prob(cue.body, cue.samples, cue.model, *views)
+            views = kernel.PackedView(*before, previous_pose), kernel.PackedView(*now, pose)
+            found, outside = kernel.view_log_prob(cue.body, cue.samples, cue.model, *views)
             log_prob += found
             share = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
             if share > 0.05:
@@ -172,22 +148,9 @@ class MotionLook:
         return Remembering(self.now, self.cue._look)
 
 
-def packed_levels(view: View, blur_px: float) -> Packed:
-    """The view's smoothed grey levels as the kernel looks them up."""
-    return packed(grey_levels(view, blur_px))
-
-
-def _check_sizes(pairs: Mapping[str, tuple[PackedImage, PackedImage]]) -> None:
-    for name, ((_, before), (_, now)) in pairs.items():
-        if before.shape != now.shape:
-            raise InputError(f"image motion: background=still needs images of one size from camera {name}")
-
-
 def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:
-    """n evenly spread points (n, 2) of a patch: u along the limb in 0.08..0.92, v across it in −0.8..0.8.
-
-    The additive recurrence of the plastic number (Roberts 2018, the "R2 sequence"), at a random offset.
-    """
+    """Spread n points (n, 2) evenly over a patch, u along the limb in 0.08..0.92, v across it in −0.8..0.8: the
+    additive recurrence of the plastic number (Roberts 2018, the "R2 sequence") at a random offset."""
     plastic = 1.324717957244746
     steps = np.outer(np.arange(n), [1.0 / plastic, 1.0 / plastic**2])
     unit: FloatArray = (rng.random(2) + steps) % 1.0

@@ -1,4 +1,4 @@
-"""The fused kernel of the image-motion likelihood: what `image_motion_reference` defines, LANES particles at once.
+"""The fused kernel of the image-motion likelihood: what `reference` defines, LANES particles at once.
 
 Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
 change a bit of the result, nor can the other particles. What makes it fast:
@@ -26,7 +26,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
@@ -73,10 +73,8 @@ class LimbModel:
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """What one camera saw at one time, and where the body is supposed to have been then, in N ways.
-
-    image: (height, width) smoothed grey levels. frames: of the joints in the N poses.
-    """
+    """One camera's sight at one time, image (height, width) of smoothed grey levels, and where the body is supposed to
+    have been then: frames of its joints in N poses."""
 
     camera: Camera
     image: Float32Array
@@ -85,15 +83,14 @@ class PosedView:
 
 @dataclass(frozen=True, eq=False)
 class PackedView:
-    """The same for the kernel. image: see `packed`. poses: (N, P)."""
+    """A `PosedView` for the kernel. image: see `packed`. poses: (N, P)."""
 
     camera: Camera
     image: Packed
     poses: FloatArray
 
 
-GREY_STEP = 255.0 / 65535.0
-"""Grey levels between neighbouring levels of a packed image."""
+GREY_STEP = 255.0 / 65535.0  # grey levels between neighbouring levels of a packed image
 BLOCK = 25 * LANES
 """Points whose lookups are under way together; their work space shares the first-level cache with the pixels."""
 
@@ -101,11 +98,9 @@ SHARED = 16 * LANES
 """Particles among which equal poses before are looked up once; what is kept of these fits into the second-level
 cache."""
 
-NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)
-"""What is known of a limb in the image before."""
+NO_PATCH, PARTLY_OUTSIDE, WHOLE = range(3)  # what is known of a limb in the image before
 NO_OCCLUSION, SAMPLE_OCCLUSION, LIMB_OCCLUSION = range(3)
-WIDTH, HEIGHT = 21, 22
-"""Columns of a camera, after those that patches use."""
+WIDTH, HEIGHT = 21, 22  # columns of a camera, after those that patches use
 X, Y, LOCAL = 0, 4 * LANES, 8 * LANES
 """Rows of a patch for the lookups: those from AX and those from AY, in float32, counted from a pixel of the image."""
 
@@ -125,22 +120,18 @@ class _Model(NamedTuple):
 def view_log_prob(
     body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """Compute `image_motion_reference.view_log_prob`; runs on as many threads as numba is set to.
-
-    The images have the cameras' sizes; with a still background, both are of one size.
-    """
+    """Compute `reference.view_log_prob` on as many threads as numba is set to; with a still background, both images are
+    of one size."""
     n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]
+    numbers = (model.sigma, model.epsilon, model.p_occluded, model.k)
+    sigma, epsilon, p_occluded, k = map(float, numbers)  # whole numbers would compile anew
     arguments = (
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
-        *(_limb_table(body.limbs), body.limbs.joints, _rows(samples), _rows(samples).astype(np.float32)),
-        _Model(
-            *(float(model.sigma), float(model.epsilon), float(model.p_occluded)),  # whole numbers would compile anew
-            *(model.exponent == "mean", float(model.k), occlusion),
-            model.background == "still",
-        ),
-        np.stack([_camera_row(before.camera), _camera_row(now.camera)]),
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
+        _Model(sigma, epsilon, p_occluded, model.exponent == "mean", k, occlusion, model.background == "still"),
+        np.stack([camera_row(before.camera), camera_row(now.camera)]),
         *(before.image.ravel(), np.ascontiguousarray(before.poses)),
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
@@ -157,38 +148,19 @@ def packed(image: Float32Array) -> Packed:
     return words
 
 
-def place_points(
-    limbs: Limbs, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool
-) -> tuple[Float32Array, BoolArray, FloatArray]:
-    """The pixels (N, L, n, 2) of points (n, 2) of every patch, which of them count, and how the limbs are turned.
-
-    The second result (N, L, n) is true for points in the image that no other limb hides, as `hidden_samples` of the
-    reference says for "sample"; with `beside`, for points in the image that no limb covers at any depth: those just
-    outside a limb, |v| > 1. The third (N, L), rad, is the azimuth in the joint's frame of the limb's side at v = 1.
-    """
-    shape = (len(frames.positions), len(limbs), len(samples))
-    pixels, counts = np.empty((*shape, 2), dtype=np.float32), np.empty(shape, dtype=np.bool_)
-    turns = np.empty(shape[:2])
-    arguments = (
-        *(_limb_table(limbs), limbs.joints, _rows(samples), _camera_row(camera), frames.rotations, frames.positions),
-        *(beside, pixels, counts, turns),
-    )
-    over_threads(lambda first, last: _place_points(first, last, *arguments), len(turns), LANES)
-    return pixels, counts, turns
-
-
-def _rows(samples: FloatArray) -> FloatArray:
+def sample_rows(samples: FloatArray) -> FloatArray:
+    """Return points (n, 2) as the kernel takes them, (2, n)."""
     return np.ascontiguousarray(samples.T)
 
 
-def _limb_table(limbs: Limbs) -> FloatArray:
-    thickness = limbs.radii.mean(axis=(1, 2))
-    return np.column_stack(
-        [limbs.starts, limbs.ends, limbs.radii.reshape(-1, 4), limbs.spheres.astype(np.float64), thickness]
-    )
+def limb_table(limbs: Limbs) -> FloatArray:
+    """Return the limbs as the kernel takes them, (L, 12): see the columns of `patches`."""
+    radii, thickness = limbs.radii.reshape(-1, 4), limbs.radii.mean(axis=(1, 2))
+    return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
 
 
-def _camera_row(camera: Camera) -> FloatArray:
+def camera_row(camera: Camera) -> FloatArray:
+    """Return a camera as the kernel takes it, (23,): see the columns of `patches` and WIDTH."""
     size = [float(camera.width), float(camera.height)]
     focal, centre = camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]
     return np.concatenate([camera.rotation.ravel(), camera.translation, focal, centre, camera.distortion, size])
@@ -502,7 +474,7 @@ def _multiply(p: float, i: int, sums: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _place_points(
+def place_points(
     first: int, last: int, table: Any, joints: Any, samples: Any, camera: Any, rotations: Any, positions: Any,
     beside: bool, pixels: Any, counts: Any, turns: Any,
 ) -> None:  # fmt: skip

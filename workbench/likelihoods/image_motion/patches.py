@@ -1,6 +1,6 @@
 """The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
 
-What `limb_patches`, `inside_image` and `hidden_samples` of `image_motion_reference` define, in the same float64, so
+What `limb_patches`, `inside_image` and `hidden_samples` of `reference` define, in the same float64, so
 that kernel and reference agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
 """
 
@@ -10,12 +10,9 @@ import numpy as np
 
 from workbench.body.lanes import LANES, POSITION, inlined
 
-MIN_DEPTH = 1e-3
-"""A patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared."""
-MIN_SINE = 1e-3
-"""A limb that points at the camera more closely than this, rad, has no patch and is not compared."""
-MIN_AREA = 1e-6
-"""A patch whose projection is smaller than about this, px², covers nothing."""
+MIN_DEPTH = 1e-3  # a patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared
+MIN_SINE = 1e-3  # a limb that points at the camera more closely than this, rad, has no patch and is not compared
+MIN_AREA = 1e-6  # a patch whose projection is smaller than about this, px², covers nothing
 
 OUTSIDE, HIDDEN = 1, 2
 
@@ -80,10 +77,8 @@ def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
 
 @inlined
 def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: bool) -> None:
-    """Write one coordinate of the patch with the corners a, b at its start and c, d at its end.
-
-    What has no patch gets one at the image's corner, so that no number of it is beyond bounds.
-    """
+    """Write one coordinate of the patch with the corners a, b at its start and c, d at its end. What has no patch gets
+    one at the image's corner, so that no number of it is beyond bounds."""
     out[i], out[i + DX] = (a + b) / 2.0 if usable else 0.0, (c + d - a - b) / 2.0 if usable else 0.0
     out[i + WX], out[i + EX] = (b - a) / 2.0 if usable else 0.0, (d - c - b + a) / 2.0 if usable else 0.0
 
@@ -134,10 +129,8 @@ def _widen(patch: Any, covers: Any, box: Any) -> None:
 
 @inlined
 def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: Any) -> None:
-    """Mark the points of a patch that are not between the centres of the image's pixels.
-
-    samples: (2, n), u and v. marks: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of points left out.
-    """
+    """Mark the points of a patch that are not between the centres of the image's pixels. samples: (2, n), u and v.
+    marks: (n · LANES,) int32, n rows, the bits OUTSIDE and HIDDEN of points left out."""
     right, bottom = width - 1.0, height - 1.0
     for k in range(samples.shape[1]):
         u, v = samples[0, k], samples[1, k]
@@ -151,10 +144,8 @@ def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: A
 def mark_hidden(
     table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
 ) -> bool:
-    """Mark the points of a limb that other limbs hide, see `hidden_samples`; whether any might.
-
-    whole: the occlusion "limb", else "sample". pair: (PAIR,) is overwritten. marks: as in `mark_outside`.
-    """
+    """Mark the points of a limb that other limbs hide, see `hidden_samples`; whether any might. whole: the occlusion
+    "limb", else "sample". pair: (PAIR,) is overwritten. marks: as in `mark_outside`."""
     some_near, span = False, _span(samples)
     for k in range(covers.shape[0]):
         margin, sphere = (table[limb, THICKNESS] + table[k, THICKNESS]) / 2.0, table[k, SPHERE] > 0.0
@@ -221,11 +212,9 @@ def _pair(limb: Any, other: Any, covers: Any, margin: float, sphere: bool, out: 
 
 @inlined
 def _may_hide(span: Any, pair: Any, sphere: bool) -> bool:
-    """False where the other limb surely hides no point, since it lies beside the limb or behind it in every lane.
-
-    Every quantity is linear in u and in v, so that it is largest and smallest at the corners of the points' range.
-    A disc goes (√2 − 1) half widths beyond its patch.
-    """
+    """False where the other limb surely hides no point, since it lies beside the limb or behind it in every lane. Every
+    quantity is linear in u and in v, so that it is largest and smallest at the corners of the points' range. A disc
+    goes (√2 − 1) half widths beyond its patch."""
     u0, u1, v0, v1 = span
     beyond = 0.5 if sphere else 0.0
     n = 0

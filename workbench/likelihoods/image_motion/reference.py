@@ -10,7 +10,6 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from workbench.body.camera import Camera
 from workbench.body.limbs import Limbs
 from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion, PosedView
 from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_SINE
@@ -18,12 +17,9 @@ from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """The limbs' planar patches as one camera sees them.
-
-    corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right
-    edge of a limb that points up. depths: (N, L, 2), m, of the patch's axis at its start and end. cos_alpha: (N, L),
-    1 for spheres, 0 where a limb has no patch.
-    """
+    """The limbs' planar patches as one camera sees them. corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x,
+    y)]: at the limb's start or end, at the left or right edge of a limb that points up. depths: (N, L, 2), m, of the
+    patch's axis at its start and end. cos_alpha: (N, L), 1 for spheres, 0 where a limb has no patch."""
 
     corners: FloatArray
     depths: FloatArray
@@ -33,30 +29,24 @@ class Patches:
         """Pixels (N, L, n, 2) of points (n, 2) of the patch, u = 0..1 along the limb and v = −1..1 across it."""
         u, v = samples[:, 0], samples[:, 1]
         weights = np.stack([1.0 - u, u])[:, None] * np.stack([1.0 - v, 1.0 + v])[None] / 2.0  # (2, 2, n)
-        points: FloatArray = np.einsum("nlabx,abi->nlix", self.corners, weights)
-        return points
+        return np.einsum("nlabx,abi->nlix", self.corners, weights)
 
     def sample_depths(self, samples: FloatArray) -> FloatArray:
         """Depths (N, L, n), m, of the same points. Across a limb they are taken as equal: it faces the camera."""
-        depths: FloatArray = self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
-        return depths
+        return self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
 
 
 def view_log_prob(
     limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
 ) -> tuple[FloatArray, IntArray]:
-    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,).
-
-    samples: (n, 2) points (u, v) of every patch, see `Patches.positions`.
-    """
+    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,). samples:
+    points (n, 2) of every patch, see `Patches.positions`."""
     patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
     points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
     cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
-    inside = (
-        inside_image(before.image, points_before) & inside_image(now.image, points_now) & (cos_alpha > 0)[..., None]
-    )
+    inside = inside_image(before.image, points_before) & inside_image(now.image, points_now)
+    inside &= (cos_alpha > 0)[..., None]
     compared = inside & ~hidden_samples(limbs, patches_now, samples, model.occlusion)
-
     n_compared = compared.sum(axis=-1)
     residuals = grey_levels(now.image, points_now) - grey_levels(before.image, points_before)
     compared_part = n_compared / len(samples)
@@ -79,8 +69,7 @@ def still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
     peak = np.log((1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma))
     with np.errstate(divide="ignore"):
         flat = np.log(model.epsilon / 256.0)
-    ratio: FloatArray = np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
-    return ratio
+    return np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
 
 
 def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
@@ -90,16 +79,13 @@ def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArr
         sigma = model.sigma / np.where(q > 0.0, cos_alpha, 1.0)
         gaussian = np.log(q * (1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * sigma)) - exponent / (2.0 * sigma**2)
         flat = np.log(q * model.epsilon / 256.0 + (1.0 - q) * model.p_occluded)
-    log_p: FloatArray = np.logaddexp(gaussian, flat)
-    return log_p
+    return np.logaddexp(gaussian, flat)
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
-    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2).
-
-    A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
-    in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
-    """
+    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2). A limb's
+    edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed in its
+    outline, upright along the joint frame's z axis, so that its four corners lie on the outline."""
     rotation = view.camera.rotation @ view.frames.rotations[:, limbs.joints]  # limb to camera
     origin = view.camera.to_camera(view.frames.positions[:, limbs.joints])
     start = origin + np.einsum("nlab,lb->nla", rotation, limbs.starts)
@@ -121,7 +107,7 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
     cos_alpha = np.where(limbs.spheres, 1.0, np.linalg.norm(axis[..., :2], axis=-1))
     usable = (corners[..., 2] > MIN_DEPTH).all(axis=(2, 3)) & (sine > MIN_SINE)
-    return Patches(_pixels(view.camera, corners), ends[..., 2], np.where(usable, cos_alpha, 0.0))
+    return Patches(view.camera.pixels(corners, MIN_DEPTH), ends[..., 2], np.where(usable, cos_alpha, 0.0))
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
@@ -179,27 +165,18 @@ def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
     """Tell whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
     height, width = image.shape
     x, y = points[..., 0], points[..., 1]
-    inside: BoolArray = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
-    return inside
+    return (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
 
 
 def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
     """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
     places = np.where(inside_image(image, points)[..., None], points, -1.0)
-    levels: FloatArray = map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
-    return levels
-
-
-def _pixels(camera: Camera, points: FloatArray) -> FloatArray:
-    depth = np.where(points[..., 2:] > MIN_DEPTH, points[..., 2:], np.nan)
-    return camera.distort(points[..., :2] / depth) * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
+    return map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    unit: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

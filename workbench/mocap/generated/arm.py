@@ -4,7 +4,6 @@ import hashlib
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
@@ -25,29 +24,15 @@ def bending_arm(seconds: float, rate_hz: float) -> Motion:
     standing = joints(skeleton, poses[:1])[0, JOINT_NAMES.index("right_ankle"), 2]
     poses[:, POSE_NAMES.index("root_z")] = ANKLE_M - standing
     swing = np.sin(2.0 * np.pi * times / CYCLE_S)
-    bent = _smooth_step((times - STRAIGHT_S) / BEND_S)
+    bending = ((times - STRAIGHT_S) / BEND_S).clip(0.0, 1.0)
+    bent = bending * bending * (3.0 - 2.0 * bending)  # a smooth step
     for name, angles in {
-        "shoulder_flexion": 0.7 + 0.35 * swing,
-        "shoulder_abduction": 0.25 + 0.10 * swing,
-        "shoulder_twist": 0.5 + 0.2 * swing,
-        "elbow_flexion": 1.5 * bent,
-    }.items():
+        "shoulder_flexion": 0.7 + 0.35 * swing, "shoulder_abduction": 0.25 + 0.10 * swing,
+        "shoulder_twist": 0.5 + 0.2 * swing, "elbow_flexion": 1.5 * bent,
+    }.items():  # fmt: skip
         poses[:, POSE_NAMES.index(f"right_{name}")] = angles
     return Motion(
-        name="builtin arm",
-        subject="builtin",
-        activity="arm",
-        rate_hz=rate_hz,
-        poses=poses,
-        shape=from_height(HEIGHT_M),
-        joint_error_mm=np.zeros(len(ERROR_JOINTS)),
-        source="builtin",
-        sha256=hashlib.sha256(poses.tobytes()).hexdigest(),
-        licence="generated, free for all uses",
-    )
-
-
-def _smooth_step(u: FloatArray) -> FloatArray:
-    """From 0 at u ≤ 0 to 1 at u ≥ 1, with vanishing slope at both ends."""
-    u = u.clip(0.0, 1.0)
-    return u * u * (3.0 - 2.0 * u)
+        name="builtin arm", subject="builtin", activity="arm", rate_hz=rate_hz, poses=poses,
+        shape=from_height(HEIGHT_M), joint_error_mm=np.zeros(len(ERROR_JOINTS)), source="builtin",
+        sha256=hashlib.sha256(poses.tobytes()).hexdigest(), licence="generated, free for all uses",
+    )  # fmt: skip

@@ -8,10 +8,9 @@ Sources, one cycle from foot strike to foot strike of the same foot, at about 3 
 
 The key values are extremes of the published curves and values between them to about 5°, not tables. The shoulder's
 range, the head's and the twist of the joints are ours. As for the walkers the published hip flexion, measured from a
-pelvis tilted forwards by about 17°, is lessened by 10°, since this rigid torso leans by 7° as a runner's trunk does;
-it turns and rolls little, because it carries the shoulders, which turn against the pelvis. The root moves evenly
-ahead, as fast as the standing ankle goes back in the body's frame and rolls over the toes, and up and down as the
-force says. Feet do not exist: an ankle is lowest, at its height over the sole, in the middle of its stance.
+pelvis tilted forwards by about 17°, is lessened by 10°, since this rigid torso leans by 7° and carries the shoulders,
+too. The root moves evenly ahead, as fast as the standing ankle goes back in the body's frame and rolls over the toes,
+and up and down as the force says. An ankle is lowest, at its height over the sole, in the middle of its stance.
 """
 
 from dataclasses import replace
@@ -27,12 +26,10 @@ from workbench.errors import InputError
 from workbench.mocap.generated.gait import ANKLE_HEIGHT, GaitCurve, Subject, both_sides, generated, variation
 from workbench.mocap.motion import Motion
 
-STANCE = 0.37
-"""Part of the cycle a foot stands; twice a cycle, for a part of 0.13, neither does."""
+STANCE = 0.37  # part of the cycle a foot stands; twice a cycle, for a part of 0.13, neither does
 GRAVITY = 9.81
 FOOT_ROLL = 0.23
-"""How far ahead an ankle gets while its foot stands, as it rolls over the toes, as a part of the calf: about 10 cm, for
-a joint of the toes 11 cm before and 7 cm below the ankle and a heel that rises by 55°."""
+"""How far ahead an ankle gets while its foot stands, as it rolls over the toes, as a part of the calf: about 10 cm."""
 
 # A name without a side stands for both: the right side runs half a cycle after the left.
 RUNNING_CURVES = {

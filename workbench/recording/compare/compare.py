@@ -1,14 +1,18 @@
-"""Compare two recordings of one configuration: bit for bit, or by tolerances."""
+"""Compare recordings of one configuration: two bit for bit or by tolerances, many of other seeds as distributions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.evaluation.intervals import mean_interval
 from workbench.recording.read.reader import Run
 from workbench.recording.study.figures import numbers
 
+Timed: TypeAlias = tuple[IntArray, FloatArray]
+"""Frames (F,) and a value for each."""
 EXACT = ("python", "workbench", "numpy", "scipy", "numba", "opencv-python-headless")
 """What must be of the same version, beside the platform, for equal runs to give equal bits."""
 
@@ -68,11 +72,18 @@ def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Fin
         return [broken]
     exact = exactly_comparable(was, now)
     place = "" if was.is_study else _first_pose(was, now)
-    found = [_metric(name, was, now, None if exact else _of(tolerances, name), place) for name in _names(was, now)]
+
+    def allowed(name: str) -> Tolerance | None:
+        return None if exact else tolerances.get(name) or tolerances.get("default") or Tolerance()
+
+    names = sorted({*was.result, *was.metrics, *now.result, *now.metrics})
+    found = [_metric(name, was, now, allowed(name), place) for name in names]
     if was.is_study:
-        return found + list(_figures(was, now, None if exact else _of(tolerances, "figures")))
-    found += [_frames(was, now), _poses(now, place, exact)]
-    return found + (list(_marginals(was, now)) if exact else [])
+        return found + list(_figures(was, now, allowed("figures")))
+    finite = bool(np.isfinite(now.poses[1]).all())
+    detail = (place if exact else "") if finite else "not all numbers are finite"
+    poses = Finding("poses", None, None, "exact" if exact and finite else "finite", not detail, detail)
+    return [*found, _frames(was, now), poses, *(_marginals(was, now) if exact else ())]
 
 
 def _incomplete(was: Run, now: Run) -> Finding | None:
@@ -84,16 +95,8 @@ def _incomplete(was: Run, now: Run) -> Finding | None:
     return None
 
 
-def _of(tolerances: Mapping[str, Tolerance], name: str) -> Tolerance:
-    return tolerances.get(name) or tolerances.get("default") or Tolerance()
-
-
-def _names(was: Run, now: Run) -> list[str]:
-    return sorted({*was.result, *was.metrics, *now.result, *now.metrics})
-
-
 def _metric(name: str, was: Run, now: Run, tolerance: Tolerance | None, place: str) -> Finding:
-    """tolerance: None for exact. Judges the run's number and, where exact or there is none, those of every frame."""
+    """Judge the run's number and, where exact (tolerance None) or there is none, those of every frame."""
     before, after = _number(name, was), _number(name, now)
     text = "exact" if tolerance is None else str(tolerance)
     if after is None:
@@ -115,7 +118,7 @@ def _number(name: str, run: Run) -> float | None:
 
 
 def _first_frame(name: str, was: Run, now: Run, tolerance: Tolerance) -> str:
-    """The first frame in which a metric moved too far; empty where none did, or it is not recorded over frames."""
+    """Find the first frame in which a metric moved too far; empty where none did, or it is not recorded over frames."""
     if name not in was.metrics or name not in now.metrics:
         return ""
     frames, before, after = _common(was.metric(name), now.metric(name))
@@ -127,10 +130,8 @@ def _first_frame(name: str, was: Run, now: Run, tolerance: Tolerance) -> str:
     return ""
 
 
-def _common(
-    was: tuple[IntArray, FloatArray], now: tuple[IntArray, FloatArray]
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The frames (F,) that both have, and their values."""
+def _common(was: Timed, now: Timed) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the frames (F,) that both have, and their values."""
     frames, first, second = np.intersect1d(was[0], now[0], return_indices=True)
     return frames, was[1][first], now[1][second]
 
@@ -151,45 +152,27 @@ def _first_pose(was: Run, now: Run) -> str:
     if len(differ) == 0:
         return ""
     row, frame = differ[0], int(frames[differ[0]])
-    return f"poses first differ in frame {frame}: {_joint(was, now, frame) or _angle(was, before[row], after[row])}"
-
-
-def _joint(was: Run, now: Run, frame: int) -> str:
-    """The joint that is furthest away in a frame; empty where float32, as joints are recorded, sees no difference."""
-    places = [run.joints.positions[run.joints.frames == frame] for run in (was, now)]
-    if places[0].shape != places[1].shape or not len(places[0]):
-        return ""
-    away = np.linalg.norm(places[1][0] - places[0][0], axis=-1)
-    return f"{was.joints.names[int(np.argmax(away))]} by {1e3 * away.max():.3g} mm" if away.max() > 0.0 else ""
-
-
-def _angle(run: Run, before: FloatArray, after: FloatArray) -> str:
-    moved = np.nan_to_num(np.abs(after - before), nan=np.inf)
-    names = run.properties["body"]["pose"]
-    return f"{names[int(np.argmax(moved))]} by {moved.max():.3g} (m or rad)"
-
-
-def _poses(now: Run, place: str, exact: bool) -> Finding:
-    """place: where they differ first, which matters where exact."""
-    if not np.isfinite(now.poses[1]).all():
-        return Finding("poses", None, None, "finite", False, "not all numbers are finite")
-    if exact:
-        return Finding("poses", None, None, "exact", not place, place)
-    return Finding("poses", None, None, "finite", True)
+    old, new = (run.joints.positions[run.joints.frames == frame] for run in (was, now))
+    away = np.linalg.norm(new - old, axis=-1).ravel() if old.shape == new.shape else np.empty(0)
+    if away.max(initial=0.0) > 0.0:
+        moved = f"{was.joints.names[int(np.argmax(away))]} by {1e3 * away.max():.3g} mm"
+    else:  # float32, as joints are recorded, sees no difference
+        far = np.nan_to_num(np.abs(after[row] - before[row]), nan=np.inf)
+        moved = f"{was.properties['body']['pose'][int(np.argmax(far))]} by {far.max():.3g} (m or rad)"
+    return f"poses first differ in frame {frame}: {moved}"
 
 
 def _marginals(was: Run, now: Run) -> Iterator[Finding]:
     before, after = was.marginals, now.marginals
     if before is not None and after is not None and before.names == after.names:
-        pairs = [(before.low, after.low), (before.high, after.high), (before.log_mass, after.log_mass)]
-        equal = all(np.array_equal(a, b) for a, b in pairs)
+        equal = all(np.array_equal(getattr(before, key), getattr(after, key)) for key in ("low", "high", "log_mass"))
         yield Finding("marginals", None, None, "exact", equal, "" if equal else "they differ")
     elif before is not None:
         yield Finding("marginals", None, None, "exact", False, "missing, or of other parameters")
 
 
 def _figures(was: Run, now: Run, tolerance: Tolerance | None) -> Iterator[Finding]:
-    """A study's figures, number by number."""
+    """Compare a study's figures number by number."""
     text = "exact" if tolerance is None else str(tolerance)
     after = {figure.name: numbers(figure) for figure in now.figures}
     for figure in was.figures:
@@ -209,3 +192,25 @@ def _alike(old: object, new: object, tolerance: Tolerance) -> bool:
         gaps = np.isnan(first)  # in curves, which must stay where they are
         return bool(np.array_equal(gaps, np.isnan(second))) and tolerance.allows(first[~gaps], second[~gaps])
     return bool(np.array_equal(first, second))
+
+
+def compare_seeds(old: Sequence[Run], new: Sequence[Run], n_judged: int) -> list[Finding]:
+    """Tell whether the mean of each of the runs' numbers over `new` lies where the mean over `old` lets one expect it.
+
+    See `workbench.evaluation.intervals.mean_interval`; its level lets all of `n_judged` numbers pass 95 % of the time.
+    A number that is missing from any of the runs, or is not finite, fails.
+    """
+    level = 1.0 - 0.05 / max(n_judged, 1)
+    return [_finding(name, old, new, level) for name in sorted({name for run in old for name in run.result})]
+
+
+def _finding(name: str, old: Sequence[Run], new: Sequence[Run], level: float) -> Finding:
+    if lacking := sum(name not in run.result for run in (*old, *new)):
+        return Finding(name, None, None, "", False, f"missing from {lacking} of {len(old) + len(new)} runs")
+    before, after = (np.array([run.result[name] for run in runs], dtype=np.float64) for runs in (old, new))
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        return Finding(name, float(before.mean()), float(after.mean()), "", False, "not a finite number in every run")
+    allowed = mean_interval(before, after, level)
+    passed = bool(abs(after.mean() - before.mean()) <= allowed)
+    detail = "" if passed else f"means of {len(old)} and {len(new)} seeds lie too far apart"
+    return Finding(name, float(before.mean()), float(after.mean()), f"± {allowed:.3g}", passed, detail)

@@ -1,18 +1,21 @@
-"""Two recordings in one, for the viewer: what they recorded lies under a/ and under b/."""
+"""Several recordings in one viewer: two in one, under a/ and under b/, or many as they are, with names."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from workbench.core.study import Sticks
 from workbench.recording.read.chunks import read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.study.recorder import entity
-from workbench.recording.write import series_styles as looks
+from workbench.recording.write import series_styles as styles
+from workbench.recording.write.blueprint import page
 from workbench.recording.write.scene import ESTIMATE
 
 _CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
@@ -28,13 +31,30 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
     stream.set_log_time_enabled(False)
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
     for name, run in (("a", a), ("b", b)):
-        stream.send_chunks([_below(name, chunk) for chunk in read_chunks(run.path, ["/**", "/__properties/**"])])
+        chunks = read_chunks(run.path, ["/**", "/__properties/**"])
+        below = [f"/{name}/{chunk.entity_path.removeprefix('/').removeprefix('__')}" for chunk in chunks]
+        stream.send_chunks([chunk.with_entity_path(path) for chunk, path in zip(chunks, below, strict=True)])
     stream.flush()
     stream.disconnect()
 
 
-def _below(name: str, chunk: Chunk) -> Chunk:
-    return chunk.with_entity_path(f"/{name}/{chunk.entity_path.removeprefix('/').removeprefix('__')}")
+def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) -> list[Path]:
+    """Write an .rrd for each recording that holds nothing but its name; returns their paths.
+
+    Opened together with the recording it becomes part of it, since both have one recording id.
+    """
+    written = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
+    for path, recording, name in zip(written, recordings, names, strict=True):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RerunWarning)  # a recording cut off has no footer
+            store = RrdReader(recording).recordings()[0]
+        stream = rr.RecordingStream(store.application_id, recording_id=store.recording_id, send_properties=False)
+        stream.set_log_time_enabled(False)
+        stream.set_sinks(rr.FileSink(path))
+        stream.send_recording_name(name)
+        stream.flush()
+        stream.disconnect()
+    return written
 
 
 def _layout(a: Run, b: Run, names: tuple[str, str]) -> rrb.Blueprint:
@@ -43,16 +63,11 @@ def _layout(a: Run, b: Run, names: tuple[str, str]) -> rrb.Blueprint:
     known = {*a.metric_names, *b.metric_names}
     metrics = [name for name in _CURVES if name in known] or sorted(known)
     curves = [] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]
-    return rrb.Blueprint(
-        rrb.Vertical(*rows, *curves),
-        rrb.TimePanel(timeline="frame", state="collapsed"),
-        auto_views=False,
-        collapse_panels=True,
-    )
+    return page(rrb.Vertical(*rows, *curves), fps=None)
 
 
 def _pictures(side: str, run: Run, title: str) -> Sequence[rrb.View]:
-    """The images and the world of a run; the first figures of a study."""
+    """Show the images and the world of a run, the first figures of a study."""
     if run.is_study:
         return [
             rrb.Spatial2DView(origin=f"/{side}/{entity(figure).lstrip('/')}", name=f"{side}: {figure.name}")
@@ -74,17 +89,15 @@ def _eye(side: str, run: Run) -> rrb.EyeControls3D | None:
         return None
     person = run.joints.positions[0].mean(axis=0)
     return rrb.EyeControls3D(
-        position=person + _EYE_M,
-        look_target=person,
-        eye_up=[0.0, 0.0, 1.0],
+        position=person + _EYE_M, look_target=person, eye_up=[0.0, 0.0, 1.0],
         tracking_entity=f"/{side}/{ESTIMATE}/skeleton",
-    )
+    )  # fmt: skip
 
 
 def _curve(metric: str) -> rrb.TimeSeriesView:
     paths = {name: f"/{name}/metrics/{metric}" for name in _COLOURS}
-    styles: dict[Any, Any] = {
+    drawn: dict[Any, Any] = {
         paths[name]: rr.SeriesLines(colors=[colour], widths=[2.0], names=[name]).visualizer()
         for name, colour in _COLOURS.items()
     }
-    return rrb.TimeSeriesView(origin="/", contents=list(paths.values()), name=looks.title(metric), overrides=styles)
+    return rrb.TimeSeriesView(origin="/", contents=list(paths.values()), name=styles.title(metric), overrides=drawn)

@@ -8,8 +8,6 @@ from pathlib import Path
 from workbench.errors import InputError
 from workbench.recording.read.reader import Run, read
 
-_READ, _DAMAGED = "read", "damaged"
-
 
 def fatal(paths: Sequence[Path]) -> set[Path]:
     """Find those of the recordings that end whoever reads them, by an error that is no InputError or without any.
@@ -22,14 +20,14 @@ def fatal(paths: Sequence[Path]) -> set[Path]:
     while left:
         command = [sys.executable, "-m", "workbench.recording.read.probe", *map(str, left)]
         told = subprocess.run(command, capture_output=True, text=True, check=False).stdout.split()
-        found |= {path for path, word in zip(left, told, strict=False) if word == _DAMAGED}
+        found |= {path for path, word in zip(left, told, strict=False) if word == "damaged"}
         found |= set(left[len(told) : len(told) + 1])
         left = left[len(told) + 1 :]
     return found
 
 
 def read_all(path: Path) -> Run:
-    """A recording with everything that `Run` knows of it; raises InputError as that does."""
+    """Read a recording with everything that `Run` knows of it; raises InputError as that does."""
     run = read(path)
     if not run.is_study:
         _ = run.poses
@@ -40,17 +38,14 @@ def read_all(path: Path) -> Run:
 def main(paths: Sequence[str]) -> None:
     """Read the recordings one by one and print after each whether reading it again is safe."""
     for path in paths:
-        print(_outcome(Path(path)), flush=True)
-
-
-def _outcome(path: Path) -> str:
-    try:
-        read_all(path)
-    except InputError:
-        return _READ  # whoever reads it next is told what is wrong with it
-    except Exception:  # noqa: BLE001 (damaged values lead anywhere)
-        return _DAMAGED
-    return _READ
+        outcome = "read"
+        try:
+            read_all(Path(path))
+        except InputError:
+            pass  # whoever reads it next is told what is wrong with it
+        except Exception:  # noqa: BLE001 (damaged values lead anywhere)
+            outcome = "damaged"
+        print(outcome, flush=True)
 
 
 if __name__ == "__main__":

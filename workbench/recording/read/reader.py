@@ -13,8 +13,8 @@ import yaml
 from workbench.arrays import FloatArray, IntArray
 from workbench.core.study import Figure
 from workbench.errors import InputError
-from workbench.recording.read.chunks import Curve, curves, properties, read_chunks, static_values
-from workbench.recording.read.track import timed_joints, timed_true_joints
+from workbench.recording.read import chunks
+from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, static_values
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
 
@@ -64,7 +64,7 @@ class Run:
 
     @property
     def status(self) -> str:
-        """complete; failed: an exception ended the run; running: it is still at work, or was killed."""
+        """How it ended: complete; failed: an exception ended the run; running: it is still at work, or was killed."""
         return str(self.properties["run"]["status"])
 
     @property
@@ -98,7 +98,15 @@ class Run:
 
         Raises InputError when it is no YAML mapping, or one with references to its own parts, which ours never are.
         """
-        return _settings(self.path, self.config)
+        found: object = None
+        if len(self.config) <= _LONGEST_CONFIG:
+            with suppress(yaml.YAMLError, RecursionError, ValueError):
+                found = yaml.load(self.config, _PlainLoader)
+        if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
+            raise InputError(
+                f"{self.path}: expected the configuration to be a mapping in plain YAML, found something else"
+            )
+        return found
 
     @property
     def metric_names(self) -> tuple[str, ...]:
@@ -132,14 +140,12 @@ class Run:
     @cached_property
     def joints(self) -> Joints:
         """The joints of the expected poses; F = 0 when none was written."""
-        frames, _, positions = timed_joints(self.path)
-        return self._joints(frames, positions)
+        return self._joints(chunks.timed_joints(self.path))
 
     @cached_property
     def true_joints(self) -> Joints:
         """The true joints, in the frames that have them; F may be 0."""
-        frames, _, positions = timed_true_joints(self.path)
-        return self._joints(frames, positions)
+        return self._joints(chunks.timed_true_joints(self.path))
 
     @cached_property
     def scalars(self) -> Mapping[str, Curve]:
@@ -150,8 +156,13 @@ class Run:
     def marginals(self) -> MarginalPictures | None:
         """The marginals over frames; None before the first flush, and of a study."""
         tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
-        axes = self.properties.get("marginals")
-        return None if tensor is None or axes is None else _marginals(tensor, axes)
+        if tensor is None or (axes := self.properties.get("marginals")) is None:
+            return None
+        data = tensor["Tensor:data"][0]
+        log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
+        names, units = (tuple(np.atleast_1d(axes[key]).tolist()) for key in ("names", "units"))
+        low, high, frames = (np.atleast_1d(axes[key]) for key in ("low", "high", "frames"))
+        return MarginalPictures(names, units, low, high, frames, log_mass)
 
     @cached_property
     def figures(self) -> tuple[Figure, ...]:
@@ -166,7 +177,8 @@ class Run:
         note = static_values(read_chunks(self.path, ["/note"])).get("note")
         return None if note is None else str(note["TextDocument:text"][0])
 
-    def _joints(self, frames: IntArray, positions: FloatArray) -> Joints:
+    def _joints(self, timed: Timed) -> Joints:
+        frames, _, positions = timed
         names = tuple(self.properties.get("body", {}).get("joints", ()))
         if len(frames) and positions.shape[1:] != (len(names), 3):
             raise InputError(f"{self.path}: expected the places of {len(names)} joints, found {positions.shape[1:]}")
@@ -182,24 +194,24 @@ class Unreadable:
 
 
 def read(path: str | Path) -> Run:
-    """The run or study recorded at `path`, an .rrd or a .part left by a run that did not end well.
+    """Read the run or study recorded at `path`, an .rrd or a .part left by a run that did not end well.
 
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
     or a newer release wrote it.
     """
     path = Path(path)
-    chunks = read_chunks(path, ["/__properties/**", "/metrics/**"])
-    found = properties(static_values(chunks))
+    pieces = read_chunks(path, ["/__properties/**", "/metrics/**"])
+    found = chunks.properties(static_values(pieces))
     if "status" not in found.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
     if not isinstance(version := found["run"].get("format", 1), int) or version > FORMAT:
         raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
-    metrics = {entity.removeprefix("metrics/"): curve for entity, curve in curves(chunks).items()}
+    metrics = {entity.removeprefix("metrics/"): curve for entity, curve in curves(pieces).items()}
     return Run(path, found, metrics)
 
 
 def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
-    """All recordings in these files and below these folders, sorted by path; and those that cannot be read.
+    """Read all recordings in these files and below these folders, sorted by path; and those that cannot be read.
 
     A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
     place that does not exist. A file with flipped bits may, seldom, end the process: see `probe`.
@@ -215,7 +227,7 @@ def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
 
 
 def find_recordings(*places: str | Path) -> list[Path]:
-    """These files, and what ends in .rrd or .rrd.part below these folders; sorted.
+    """Find these files, and what ends in .rrd or .rrd.part below these folders; sorted.
 
     Raises InputError for a place that does not exist.
     """
@@ -237,27 +249,3 @@ class _PlainLoader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("a reference")
         return super().compose_node(parent, index)
-
-
-def _settings(path: Path, text: str) -> dict[str, Any]:
-    found: object = None
-    if len(text) <= _LONGEST_CONFIG:
-        with suppress(yaml.YAMLError, RecursionError, ValueError):
-            found = yaml.load(text, _PlainLoader)
-    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
-        raise InputError(f"{path}: expected the configuration to be a mapping in plain YAML, found something else")
-    return found
-
-
-def _marginals(tensor: Mapping[str, Any], axes: Mapping[str, Any]) -> MarginalPictures:
-    data = tensor["Tensor:data"][0]
-    log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
-    names, units = (np.atleast_1d(axes[key]).tolist() for key in ("names", "units"))
-    return MarginalPictures(
-        names=tuple(names),
-        units=tuple(units),
-        low=np.atleast_1d(axes["low"]),
-        high=np.atleast_1d(axes["high"]),
-        frames=np.atleast_1d(axes["frames"]),
-        log_mass=log_mass,
-    )

@@ -1,9 +1,8 @@
-"""The recorder of a study: its figures, drawn and as numbers, its note and its metrics in one Rerun file."""
+"""What a study's recording holds: its figures, drawn and as numbers, its note and its metrics."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from types import TracebackType
-from typing import Self, TypeAlias
+from collections.abc import Sequence
+from itertools import count
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -11,90 +10,68 @@ import rerun.blueprint as rrb
 
 from workbench.core.study import Figure, Sticks, StudyResult
 from workbench.recording.study.figures import numbers
+from workbench.recording.write.columns import Entities
 from workbench.recording.write.file import RecordingFile, arrow
 
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 View: TypeAlias = rrb.Spatial2DView | rrb.Spatial3DView
 
 _WINDOW, _TITLE = (1500.0, 690.0), 26.0  # what a page of figures fills of a usual window, and a view's title bar
 _PAPER = (255, 255, 255)
 _PER_PAGE = 8
-DRAWING = "drawing"
-"""The entity below a figure that holds its image."""
 _LEAST_WAY_M = 0.5
 _DARKEST, _LIGHTEST = np.array([70.0, 45.0, 20.0]), np.array([255.0, 190.0, 90.0])
 _TRAIL_COLOURS = [(64, 196, 255), (120, 220, 130), (255, 110, 160), (240, 228, 66)]
 
 
-class StudyRecorder:
-    """Writes a study's result to `path`, an .rrd; a context manager, published as `RecordingFile` says.
+def record_study(file: RecordingFile, result: StudyResult) -> None:
+    """Record all of a study's result in an open file, once.
 
-    run_id, config_yaml, provenance: as there. The numbers of a figure are components of `figures/<name>`, from which
-    `read.reader.read` makes the same figure again, bit for bit; its drawing lies below. The note is at `note`, the
-    metrics are the property `metrics`.
+    The numbers of a figure are components of `figures/<name>`, from which `read.reader.read` makes the same figure
+    again, bit for bit; its drawing lies below. The note is at `note`, the metrics are the property `metrics`.
+    Raises ValueError when two figures have one name, OSError when the disk is nearly full.
     """
+    if len({figure.name for figure in result.figures}) < len(result.figures):
+        raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
+    file.check_space()
+    file.send_property("metrics", result.metrics)
+    # as curves of one point too, on the timeline of every other run, which tools that go to a frame expect
+    file.stream.set_time("frame", sequence=0)
+    file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
+    file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
+    tabs, order = [], count()
+    for title, figures in pages(result.figures):
+        columns, rows = grid(len(figures))
+        views = []
+        for figure in figures:
+            file.stream.log(entity(figure), arrow(numbers(figure) | {"order": next(order)}), static=True)
+            views.append(_draw(file, figure, _WINDOW[0] / columns, _WINDOW[1] / rows - _TITLE))
+        tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
+    config = rrb.TextDocumentView(origin="/__properties/config", name="config")
+    note = rrb.TextDocumentView(origin="/note", name="note")
+    content = rrb.Vertical(rrb.Tabs(*tabs, config, active_tab=0), note, row_shares=[5.5, 1.0])
+    hidden = rrb.TimePanel(state="hidden")  # nothing in a study changes over time
+    file.stream.send_blueprint(rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
 
-    def __init__(
-        self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, str | float | int]
-    ) -> None:
-        self._file = RecordingFile(path, run_id=run_id, config_yaml=config_yaml, provenance=provenance)
-        self.path, self.part = self._file.path, self._file.part
 
-    def __enter__(self) -> Self:
-        self._file.__enter__()
-        return self
+def _draw(file: RecordingFile, figure: Figure, width: float, height: float) -> View:
+    path, title = entity(figure), figure.name.rpartition("/")[2]
+    if isinstance(figure, Sticks):
+        file.send(_sticks(path, figure), static=True)
+        return rrb.Spatial3DView(origin=path, name=title, eye_controls=_eye(figure))
+    from workbench.recording.study.drawing import picture  # matplotlib takes a third of a second to load
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.__exit__(kind, error, trace)
-
-    def log(self, result: StudyResult) -> None:
-        """Record all of it, once. Raises ValueError when two figures have one name, OSError when the disk is full."""
-        if len({figure.name for figure in result.figures}) < len(result.figures):
-            raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
-        self._file.check_space()
-        self._file.send_property("metrics", {name: float(value) for name, value in result.metrics.items()})
-        # as curves of one point too, on the timeline of every other run, which tools that go to a frame expect
-        self._file.stream.set_time("frame", sequence=0)
-        self._file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
-        self._file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
-        tabs = []
-        order = 0
-        for title, figures in pages(result.figures):
-            columns, rows = grid(len(figures))
-            views = []
-            for figure in figures:
-                self._file.stream.log(entity(figure), arrow(numbers(figure) | {"order": order}), static=True)
-                views.append(self._draw(figure, _WINDOW[0] / columns, _WINDOW[1] / rows - _TITLE))
-                order += 1
-            tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
-        self._file.stream.send_blueprint(_layout(tabs))
-
-    def set_cost(self, cost: Mapping[str, float]) -> None:
-        """Record what the study took as the property `cost`, in which equal studies differ."""
-        self._file.send_property("cost", {name: float(value) for name, value in cost.items()})
-
-    def _draw(self, figure: Figure, width: float, height: float) -> View:
-        path = entity(figure)
-        title = figure.name.rpartition("/")[2]
-        if isinstance(figure, Sticks):
-            self._file.send(_sticks(path, figure), static=True)
-            return rrb.Spatial3DView(origin=path, name=title, eye_controls=_eye(figure))
-        from workbench.recording.study.drawing import picture  # matplotlib takes a third of a second to load
-
-        image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
-        self._file.stream.log(f"{path}/{DRAWING}", image, static=True)
-        return rrb.Spatial2DView(origin=path, name=title, background=_PAPER)
+    image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
+    file.stream.log(f"{path}/drawing", image, static=True)
+    return rrb.Spatial2DView(origin=path, name=title, background=_PAPER)
 
 
 def entity(figure: Figure) -> str:
-    """The entity path of a figure."""
+    """Return the entity path of a figure."""
     return str(rr.new_entity_path(["figures", *figure.name.split("/")]))
 
 
 def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
-    """Figures in their order, on pages of at most eight with a title; those named "page/name" share a page."""
+    """Put figures in their order on pages of at most eight with a title; those named "page/name" share a page."""
     found: list[tuple[str, list[Figure]]] = []
     for figure in figures:
         title = figure.name.rpartition("/")[0] or "figures"
@@ -105,21 +82,9 @@ def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
 
 
 def grid(n: int) -> tuple[int, int]:
-    """Columns and rows for n figures of one page."""
+    """Count columns and rows for n figures of one page."""
     columns = n if n <= 3 else -(-n // 2)
     return columns, -(-n // columns)
-
-
-def _layout(tabs: Sequence[rrb.Grid]) -> rrb.Blueprint:
-    """Pages of figures, the config as the last one; the note below."""
-    config = rrb.TextDocumentView(origin="/__properties/config", name="config")
-    note = rrb.TextDocumentView(origin="/note", name="note")
-    return rrb.Blueprint(
-        rrb.Vertical(rrb.Tabs(*tabs, config, active_tab=0), note, row_shares=[5.5, 1.0]),
-        rrb.TimePanel(state="hidden"),  # nothing in a study changes over time
-        auto_views=False,
-        collapse_panels=True,
-    )
 
 
 def _sticks(path: str, figure: Sticks) -> Entities:
@@ -128,14 +93,8 @@ def _sticks(path: str, figure: Sticks) -> Entities:
     children = np.flatnonzero(figure.parents >= 0)
     bones = figure.positions[:, np.stack([figure.parents[children], children], axis=1)]
     shades = np.rint(_DARKEST + figure.shades[:, None] * (_LIGHTEST - _DARKEST)).astype(np.uint8)
-    yield (
-        f"{path}/skeletons",
-        rr.LineStrips3D(
-            bones.reshape(-1, 2, 3).astype(np.float32),
-            colors=np.repeat(shades, len(children), axis=0),
-            radii=rr.Radius.ui_points(1.2),
-        ),
-    )
+    strips, colors = bones.reshape(-1, 2, 3).astype(np.float32), np.repeat(shades, len(children), axis=0)
+    yield f"{path}/skeletons", rr.LineStrips3D(strips, colors=colors, radii=rr.Radius.ui_points(1.2))
     for k, (label, trail) in enumerate(figure.trails.items()):
         colour = _TRAIL_COLOURS[k % len(_TRAIL_COLOURS)]
         yield f"{path}/trails/{k}", rr.LineStrips3D([trail], colors=[colour], radii=rr.Radius.ui_points(1.0))

@@ -11,6 +11,9 @@ import rerun as rr
 
 from workbench.arrays import AnyArray, FloatArray
 
+Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
+"""Pairs (entity path, archetype), to be logged one by one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Row:
@@ -62,11 +65,8 @@ def _columns(rows: Sequence[Row]) -> Iterable[Any]:
         tensors = [rr.components.TensorDataBatch(row.fields["values"]).as_arrow_array() for row in rows]
         batch = rr.components.TensorDataBatch(pa.concat_arrays(tensors))
         return [rr.ComponentColumn(rr.BarChart.descriptor_values(), batch)]
-    fields = {name: _joined([row.fields[name] for row in rows]) for name in rows[0].fields}
+    fields: dict[str, AnyArray | list[Any]] = {}
+    for name, first in rows[0].fields.items():
+        parts = [row.fields[name] for row in rows]
+        fields[name] = np.concatenate(parts) if isinstance(first, np.ndarray) else list(chain.from_iterable(parts))
     return kind.columns(**fields).partition([len(row) for row in rows])
-
-
-def _joined(parts: Sequence[AnyArray | Sequence[Any]]) -> AnyArray | list[Any]:
-    if isinstance(parts[0], np.ndarray):
-        return np.concatenate([np.asarray(part) for part in parts])
-    return list(chain.from_iterable(parts))

@@ -5,9 +5,9 @@ import os
 import platform
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+import socket
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -17,7 +17,7 @@ from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
 from workbench.errors import InputError
-from workbench.recording.write import viewer
+from workbench.recording.write.columns import Entities
 
 logger = logging.getLogger(__name__)
 
@@ -27,6 +27,8 @@ FORMAT = 2
 1, without a number: up to the release before there was one. 2: `run` has the keys format and platform.
 """
 
+HOST, PORT = "127.0.0.1", 9876
+"""Where `rerun` listens unless told otherwise."""
 _SPARE_BYTES = 100_000_000  # many times what is written between two flushes
 _LONGEST_WRITE_S = 120.0
 
@@ -45,14 +47,9 @@ class RecordingFile:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        *,
-        run_id: str,
-        config_yaml: str,
-        provenance: Mapping[str, str | float | int],
+        self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, str | float | int],
         live: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
         self.live, self._viewer_is_gone = live, False
@@ -61,7 +58,7 @@ class RecordingFile:
         rr.set_strict_mode(True)
         # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
         never = rr.ChunkBatcherConfig.NEVER()
-        # recordings of one application would share their layout in the viewer; in other letters Rerun warns
+        # Recordings of one application would share their layout in the viewer; in other letters Rerun warns
         application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
         self.stream = rr.RecordingStream(application, recording_id=run_id, batcher_config=never)
         self.stream.set_log_time_enabled(False)
@@ -69,25 +66,24 @@ class RecordingFile:
     def __enter__(self) -> Self:
         self.part.parent.mkdir(parents=True, exist_ok=True)
         sinks: list[Any] = [rr.FileSink(self.part)]
-        if self.live and viewer.listens():
-            sinks.append(rr.GrpcSink(viewer.URL))
+        if self.live and viewer_listens():
+            sinks.append(rr.GrpcSink(f"rerun+http://{HOST}:{PORT}/proxy"))
         elif self.live:
             self.live = False
-            self.warn(f"no viewer listens at {viewer.HOST}:{viewer.PORT}: recording to the file only")
+            self.warn(f"no viewer listens at {HOST}:{PORT}: recording to the file only")
         try:
             self.stream.set_sinks(*sinks)
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
-        about = {"id": self._run_id, "status": "running", "format": FORMAT, "platform": _platform()}
-        self.send_property("run", about)
+        # the operating system and the processor, on which the last bits of results depend
+        machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
+        self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT, "platform": machine})
         self.send_property("provenance", self._provenance)
         self.stream.send_property("config", rr.TextDocument(self._config_yaml, media_type="text/plain"))
         self.flush()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.send_property("run", {"status": "complete" if kind is None else "failed"})
         self.flush()
         self.stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
@@ -97,11 +93,7 @@ class RecordingFile:
         RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
         os.replace(self.part, self.path)
 
-    def send(
-        self,
-        entities: Iterable[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]],
-        static: bool = False,
-    ) -> None:
+    def send(self, entities: Entities, static: bool = False) -> None:
         """Log pairs (entity path, archetype)."""
         for path, archetype in entities:
             self.stream.log(path, archetype, static=static)
@@ -127,7 +119,7 @@ class RecordingFile:
             if not self.live or "gRPC" not in str(error):
                 raise OSError(f"{self.part}: writing failed, {error}") from error
             if not self._viewer_is_gone:
-                self.warn(f"the viewer at {viewer.HOST}:{viewer.PORT} is gone: recording to the file only")
+                self.warn(f"the viewer at {HOST}:{PORT} is gone: recording to the file only")
             self._viewer_is_gone = True
 
     def warn(self, sentence: str) -> None:
@@ -136,13 +128,17 @@ class RecordingFile:
         self.warnings.append(sentence)
 
 
-def _platform() -> str:
-    """The operating system and the processor, on which the last bits of results depend."""
-    return f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
+def viewer_listens(timeout_s: float = 0.5) -> bool:
+    """Tell whether something accepts connections there; asked first, since sending to nobody blocks for seconds."""
+    try:
+        socket.create_connection((HOST, PORT), timeout_s).close()
+    except OSError:
+        return False
+    return True
 
 
 def arrow(values: Mapping[str, Any]) -> rr.AnyValues:
-    """Strings, numbers and lists or arrays of them, none empty, as a component each; float64 stays float64.
+    """Make a component each of strings, numbers and lists or arrays of them, none empty; float64 stays float64.
 
     As Arrow arrays: AnyValues would hold every later run of the process to the first one's types.
     """

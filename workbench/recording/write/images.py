@@ -4,9 +4,8 @@ Overlays are projected here, not by the viewer: it draws everything of the world
 the particles would hide the expected pose.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,9 +16,7 @@ from workbench.body.camera import Camera
 from workbench.core.frame import Truth
 from workbench.errors import InputError
 from workbench.recording.write import colours
-from workbench.recording.write.columns import Row, Rows
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+from workbench.recording.write.columns import Entities, Row, Rows
 
 OVERLAYS = ("particles", "estimate", "truth", "truth_marks", "keypoints")
 _TAKEN = ("estimate", "truth", "particles")
@@ -42,34 +39,31 @@ class Picture:
 
 
 def picture(camera: Camera) -> Picture:
-    """Tell how to record a camera; raises InputError when the recording uses its name for something else."""
+    """Return how to record a camera; raises InputError when the recording uses its name for something else."""
     if camera.name in _TAKEN or not camera.name:
         raise InputError(f"camera: expected a name other than {', '.join(_TAKEN)}, found {camera.name!r}")
-    maps = None
-    if camera.distortion.any():
-        size = (camera.width, camera.height)
-        found = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, None, camera.matrix, size, cv2.CV_16SC2)
-        maps = (found[0], found[1])
+    lens, size = (camera.matrix, camera.distortion), (camera.width, camera.height)
+    distorted = camera.distortion.any()
+    maps = cv2.initUndistortRectifyMap(*lens, None, camera.matrix, size, cv2.CV_16SC2) if distorted else None
     path = str(rr.new_entity_path(["world", camera.name]))
     return Picture(path, camera, replace(camera, distortion=np.zeros(5)), maps)
 
 
 def fixed(shown: Picture) -> Entities:
-    """Pose and lens of a camera that stands still, and the looks of what is drawn over its images."""
+    """Yield pose and lens of a camera that stands still, and the styles of what is drawn over its images."""
     camera = shown.camera
     yield shown.path, rr.Transform3D(translation=camera.position, mat3x3=camera.rotation.T)
     size, axes = [camera.width, camera.height], rr.ViewCoordinates.RDF
     lens = rr.Pinhole(image_from_camera=camera.matrix, resolution=size, camera_xyz=axes, image_plane_distance=1.2)
     yield f"{shown.path}/image", lens
     for order, (name, colour, width) in enumerate(_LINES, start=1):
-        colors = None if colour is None else [colour]
-        radii = rr.Radius.ui_points(width)
-        looks = rr.LineStrips2D.from_fields(colors=colors, radii=radii, draw_order=10.0 * order)
-        yield f"{shown.path}/image/{name}", looks
+        colors, radii = None if colour is None else [colour], rr.Radius.ui_points(width)
+        style = rr.LineStrips2D.from_fields(colors=colors, radii=radii, draw_order=10.0 * order)
+        yield f"{shown.path}/image/{name}", style
 
 
 def image(shown: Picture, pixels: ByteArray, jpeg_quality: int) -> Rows:
-    """One image, (height, width) grey or (height, width, 3) RGB, straightened, as a JPEG."""
+    """Yield one image, (height, width) grey or (height, width, 3) RGB, straightened, as a JPEG."""
     if shown.maps is not None:
         pixels = np.asarray(cv2.remap(pixels, *shown.maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if pixels.ndim == 3:
@@ -81,7 +75,7 @@ def image(shown: Picture, pixels: ByteArray, jpeg_quality: int) -> Rows:
 def overlay(
     shown: Picture, name: str, positions: FloatArray, chains: IntArray, shades: ByteArray | None = None
 ) -> Rows:
-    """Skeletons with joints (n, J, 3), m, drawn as chains (C, longest) of joints; shades: (n, 3) colours.
+    """Yield skeletons with joints (n, J, 3), m, drawn as chains (C, longest) of joints; shades: (n, 3) colours.
 
     Chains that reach behind the camera are left out.
     """
@@ -93,34 +87,32 @@ def overlay(
 
 
 def truth_marks(shown: Picture, known: Truth | None, names: tuple[str, ...]) -> Entities:
-    """The marked joints as points in the straightened image, dark where hidden; no points where there are no marks."""
+    """Yield the marked joints as points in the straightened image, dark where hidden; none where there are no marks."""
     marks = np.full((len(names), 2), np.nan) if known is None or known.marks is None else known.marks
+    visible = np.ones(len(names), bool) if known is None or known.marks_visible is None else known.marks_visible
     marked: BoolArray = np.all(np.isfinite(marks), axis=1)
-    visible = marked if known is None or known.marks_visible is None else known.marks_visible
-    points = rr.Points2D(
-        straightened(shown.source, marks[marked]),
-        colors=np.where(visible[marked, None], colours.TRUTH, colours.TRUTH_HIDDEN).astype(np.uint8),
-        radii=rr.Radius.ui_points(2.5),
-        labels=[name for name, there in zip(names, marked, strict=True) if there],
-        show_labels=False,
-        draw_order=40.0,
-    )
-    yield f"{shown.path}/image/truth_marks", points
+    shades = np.where(visible[marked, None], colours.TRUTH, colours.TRUTH_HIDDEN).astype(np.uint8)
+    yield _points(shown, "truth_marks", marks, names, 2.5, shades, 40.0)
 
 
 def keypoints(shown: Picture, given: FloatArray | None, names: tuple[str, ...]) -> Entities:
-    """A view's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
+    """Yield a view's keypoints (J, 3) as points in the straightened image, the smaller the less they weigh."""
     found = np.full((len(names), 3), np.nan) if given is None else given
-    there: BoolArray = np.all(np.isfinite(found), axis=1)
+    radii = 4.5 * np.sqrt(found[np.isfinite(found).all(axis=1), 2])
+    yield _points(shown, "keypoints", found, names, radii, [colours.KEYPOINT], 35.0)
+
+
+def _points(
+    shown: Picture, entity: str, places: FloatArray, names: tuple[str, ...], radii: Any, colors: Any, order: float
+) -> tuple[str, rr.Points2D]:
+    """Named points where all numbers in a row of `places` (J, 2 or more) are known; radii and colors: of these."""
+    known: BoolArray = np.all(np.isfinite(places), axis=1)
+    labels = [name for name, there in zip(names, known, strict=True) if there]
     points = rr.Points2D(
-        straightened(shown.source, found[there, :2]),
-        colors=[colours.KEYPOINT],
-        radii=rr.Radius.ui_points(4.5 * np.sqrt(found[there, 2])),
-        labels=[name for name, seen in zip(names, there, strict=True) if seen],
-        show_labels=False,
-        draw_order=35.0,
-    )
-    yield f"{shown.path}/image/keypoints", points
+        straightened(shown.source, places[known, :2]), colors=colors, radii=rr.Radius.ui_points(radii), labels=labels,
+        show_labels=False, draw_order=order,
+    )  # fmt: skip
+    return f"{shown.path}/image/{entity}", points
 
 
 def straightened(camera: Camera, pixels: FloatArray) -> FloatArray:

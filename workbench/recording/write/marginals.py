@@ -10,7 +10,7 @@ _FINE = 4
 
 
 def systematic(weights: FloatArray, n: int) -> IntArray:
-    """Indices (n,) of equally weighted copies of particles with weights (N,).
+    """Return indices (n,) of equally weighted copies of particles with weights (N,).
 
     Systematic resampling (Carpenter, Clifford, Fearnhead 1999) with its one random offset fixed in the middle: good
     for showing particles, not for filtering.
@@ -34,7 +34,7 @@ class Marginals:
         self._frames: list[Float32Array] = []  # half the memory of a long run
 
     def add(self, values: FloatArray, weights: FloatArray) -> None:
-        """One more frame: values (N, K), finite, with weights (N,) that sum to one."""
+        """Take in one more frame: values (N, K), finite, with weights (N,) that sum to one."""
         lowest, highest = values.min(axis=0), values.max(axis=0)
         if not self._frames:
             spread = np.maximum(highest - lowest, 1e-6 * np.maximum(np.abs(highest), 1.0))
@@ -49,7 +49,7 @@ class Marginals:
         self._frames.append(mass.astype(np.float32).reshape(n_parameters, self._n_fine))
 
     def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Low and high ends (K,) of the axes, and the log mass (K, B, frames) of each bin, from LOWEST_LOG_MASS up.
+        """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
 
         An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
         """
@@ -80,9 +80,9 @@ class Marginals:
 
 
 def histogram(values: FloatArray, weights: FloatArray, edges: FloatArray) -> FloatArray:
-    """Weight of the values (N,) in each bin between equidistant edges (B + 1,); those outside count in the outermost.
+    """Sum the weights of the values (N,) in each bin between equidistant edges (B + 1,).
 
-    Faster than NumPy's, which sorts.
+    Values outside count in the outermost bins. Faster than NumPy's, which sorts.
     """
     n_bins = len(edges) - 1
     bins = ((values - edges[0]) * (n_bins / (edges[-1] - edges[0]))).clip(0, n_bins - 1).astype(np.int64)

@@ -1,7 +1,6 @@
 """What a fit to points is judged by: flexion of hips and knees against the truth, and the activity told (paper D)."""
 
-from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -10,15 +9,14 @@ from workbench.body.flexion import FLEXIONS, flexions
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
 from workbench.recording.write import colours
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+from workbench.recording.write.columns import Entities
 
 FLEXION, ACTIVITY = "flexion", "activity"
 _ROWS = (("estimate", colours.ESTIMATE, 4.0), ("truth", colours.TRUTH, 1.5))  # the viewer draws them in this order
 
 
 def curves(skeleton: Skeleton, step: Step) -> dict[str, float]:
-    """One frame's flexions by entity path, degrees, of the estimate and, where it is known, of the true pose."""
+    """Return one frame's flexions by entity path, degrees, of the estimate and, where it is known, of the true pose."""
     poses, truth = {"estimate": step.expected_pose}, step.frame.truth
     if truth is not None and truth.pose is not None:
         poses["truth"] = truth.pose
@@ -30,35 +28,33 @@ def curves(skeleton: Skeleton, step: Step) -> dict[str, float]:
 
 
 def fixed(names: Sequence[str]) -> Entities:
-    """The looks of the curves of `names`, keys of FLEXIONS."""
+    """Yield the styles of the curves of `names`, keys of FLEXIONS."""
     for name in names:
         for row, colour, width in _ROWS:
             yield f"{FLEXION}/{name}/{row}", rr.SeriesLines(colors=[colour], widths=[width], names=[row])
 
 
 def activities(step: Step) -> Entities:
-    """The activity told and the true one, as lanes of a timeline."""
+    """Yield the activity told and the true one, as lanes of a timeline."""
     truth = step.frame.truth
-    if step.activity is not None:
-        yield f"{ACTIVITY}/estimate", rr.StateChange(state=step.activity)
-    if truth is not None and truth.activity is not None:
-        yield f"{ACTIVITY}/truth", rr.StateChange(state=truth.activity)
+    for row, activity in (("estimate", step.activity), ("truth", None if truth is None else truth.activity)):
+        if activity is not None:
+            yield f"{ACTIVITY}/{row}", rr.StateChange(state=activity)
 
 
 def views(names: Sequence[str]) -> rrb.Grid:
-    """A plot for each of the flexions `names`, left and right side by side."""
-    ordered = [name for name in FLEXIONS if name in names]
+    """Lay out a plot for each of the flexions `names`, left and right side by side."""
     plots = [
         rrb.TimeSeriesView(
             origin=f"/{FLEXION}/{name}",
             name=f"{name.replace('_', ' ')} flexion (degrees)",
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=k == 0),
         )
-        for k, name in enumerate(ordered)
+        for k, name in enumerate(name for name in FLEXIONS if name in names)
     ]
     return rrb.Grid(*plots, grid_columns=2, name="flexion")
 
 
 def timeline() -> rrb.StateTimelineView:
-    """The activities' lanes."""
+    """Lay out the activities' lanes."""
     return rrb.StateTimelineView(origin=f"/{ACTIVITY}", name="activity")

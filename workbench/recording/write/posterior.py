@@ -1,22 +1,22 @@
-"""The posterior over frames: marginals as brightness plots, 5–95 % bands, histograms of coefficients."""
+"""The posterior over frames: marginals as brightness plots, 5–95 % bands, coefficients, and the ranks of the truth."""
 
-from collections.abc import Iterable, Iterator
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.turns import nearest_turn
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.posterior import weighted_quantiles
+from workbench.evaluation.calibration import rank_histogram
+from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import colours
-from workbench.recording.write.columns import Row, Rows
+from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 
 SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
@@ -29,6 +29,8 @@ _BAND = (0.05, 0.95)
 _MOST_SORTED = 1000
 _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
+RANKS = "evaluation/ranks"
+_RANK_BINS = 10
 _CURVES = (  # row, name in the viewer, colour, width
     ("mean", "estimate", colours.ESTIMATE, 2.5),
     ("low", "5 %", colours.BAND, 1.0),
@@ -45,22 +47,21 @@ class Posterior:
 
     def __init__(self, space: StateSpace, skeleton: Skeleton, scale: FloatArray | None, n_bins: int) -> None:
         angles = [name for name in SHOWN_ANGLES if name in skeleton.dof_names and name not in space.names]
-        self._columns = _estimated(space)
+        unseen = [part for group, part in space.slices.items() if group.rpartition(".")[2] in UNSEEN]
+        hidden = {i for part in unseen for i in range(len(space))[part]}  # also of a mixture's "<prior>.held"
+        self._columns = [i for i in range(len(space)) if i not in hidden]
         self.names = (*(space.names[i] for i in self._columns), *angles)
         self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
         self._varying = self.names  # of the first particles, once they are known
         self.frames: list[int] = []
-        self._skeleton = skeleton
-        self._angles = [skeleton.dof(name) for name in angles]
+        self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
-        columns = range(len(space))[space.slices.get("coefficients", slice(0))]
-        self.coefficients = columns[:_COEFFICIENTS_SHOWN]
-        self._scale = scale
-        self._edges: list[FloatArray] = []
+        self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
+        self._scale, self._edges = scale, list[FloatArray]()
 
     @property
     def favourites(self) -> tuple[str, ...]:
-        """Up to four parameters worth a picture of their own, of those in which the first particles differ.
+        """Name up to four parameters worth a picture of their own, of those in which the first particles differ.
 
         Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
         """
@@ -82,10 +83,13 @@ class Posterior:
         low, high = _band_ends(values, weights)
         rows = {"mean": weights @ values, "low": low, "high": high}
         numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
-        return numbers | self._true(step)
+        if (known := step.frame.truth) is not None and known.pose is not None:
+            dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
+            numbers |= {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
+        return numbers
 
     def begin(self, step: Step) -> Entities:
-        """What stays as the first step finds it: looks of the favourites' curves, bins and model of each coefficient.
+        """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
 
         The bins reach to four standard deviations of the model, or without one to twice the first step's samples.
         """
@@ -107,39 +111,53 @@ class Posterior:
                 yield f"coefficients/{k}/model", model
 
     def histograms(self, step: Step) -> Rows:
-        """The weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
+        """Yield the weights of the samples in the bins of each coefficient, k = 1, 2, 3 as the papers count."""
         weights = np.exp(step.log_weights)
         for k, (column, edges) in enumerate(zip(self.coefficients, self._edges, strict=True), start=1):
-            yield (
-                f"coefficients/{k}",
-                Row(rr.BarChart, {"values": histogram(step.particles[:, column], weights, edges)}),
-            )
+            heights = histogram(step.particles[:, column], weights, edges)
+            yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
-        """The marginals over all frames so far, [parameter, bin, frame] log mass, and what their axes stand for."""
+        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for."""
         low, high, log_mass = self._marginals.picture()
         axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": self.frames}
         lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
-        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            lines.append(f"| {k} | {name} | {low[k]:.3g} | {high[k]:.3g} | {unit} |")
+        rows = zip(self.names, low, high, self.units, strict=True)
+        lines += [f"| {k} | {name} | {a:.3g} | {b:.3g} | {unit} |" for k, (name, a, b, unit) in enumerate(rows)]
         dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
         tensor = rr.Tensor(log_mass.astype(np.float32), dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         return iter([("posterior/marginals", tensor), ("posterior/legend", legend)]), axes
 
-    def _true(self, step: Step) -> dict[str, float]:
-        """The true pose's numbers, on the turn of the estimate's."""
-        if step.frame.truth is None or step.frame.truth.pose is None:
-            return {}
-        dofs, pose = self._skeleton.dof_names, nearest_turn(step.frame.truth.pose, step.expected_pose)
-        return {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
+
+class Ranks:
+    """Counts the ranks of the true pose's numbers, frame by frame; not of the first frame, which is given."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_RANK_BINS, dtype=np.int64)
+        self._began = False
+
+    def add(self, step: Step) -> None:
+        """Take one step in."""
+        if self._began:
+            self._counts += rank_histogram(pose_ranks(step), _RANK_BINS)
+        self._began = True
+
+    def pictures(self) -> Entities:
+        """Yield each tenth's share of all ranks so far, to be logged static, before even ones; without truth none."""
+        if (total := self._counts.sum()) == 0:
+            return
+        left = np.arange(_RANK_BINS) / _RANK_BINS
+        wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
+        yield RANKS, rr.BarChart(self._counts / total, abscissa=left, widths=wide, color=colours.ESTIMATE)
+        even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=colours.MODEL)
+        yield f"{RANKS}/even", even
 
 
-def _estimated(space: StateSpace) -> list[int]:
-    """The columns outside the UNSEEN slices, also outside those of a prior within a mixture, "<prior>.held"."""
-    unseen = [part for group, part in space.slices.items() if group.rpartition(".")[2] in UNSEEN]
-    hidden = {i for part in unseen for i in range(len(space))[part]}
-    return [i for i in range(len(space)) if i not in hidden]
+def ranks_view() -> rrb.BarChartView:
+    """Lay out the bars."""
+    name = "ranks of the truth (even: right, U: too sure)"
+    return rrb.BarChartView(origin=f"/{RANKS}", name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:

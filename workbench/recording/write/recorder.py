@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -18,18 +17,16 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
-from workbench.core.frame import Frame, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
 from workbench.recording.write import blueprint, images, scene
 from workbench.recording.write import point_fit_views as fit
-from workbench.recording.write import series_styles as looks
+from workbench.recording.write import series_styles as styles
 from workbench.recording.write.columns import Columns, Rows, curves
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.marginals import systematic
-from workbench.recording.write.posterior import Posterior
-from workbench.recording.write.ranks import Ranks
+from workbench.recording.write.posterior import Posterior, Ranks
 from workbench.recording.write.trails import Trails
 
 FLUSH_EVERY = 10  # frames
@@ -39,58 +36,42 @@ _MOST_OVERLAID = 60  # more particles over an image hide the person
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml and
-    provenance. The file is flushed every FLUSH_EVERY frames.
+    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance and live.
+    The file is flushed every FLUSH_EVERY frames.
 
-    body, space: of the steps to come. live: send every frame to a viewer too, if one listens at 127.0.0.1:9876.
-    n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a marginal.
-    coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`. surface:
-    record the expected pose's implicit surface as a mesh; without scikit-image a sentence says that there is none.
-    Raises InputError when a number is out of range.
+    body, space: of the steps to come. n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a
+    marginal. coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
+    surface: record the expected pose's implicit surface as a mesh; without scikit-image a sentence says that there is
+    none. Raises InputError when a number is out of range.
 
-    Images of a camera with distortion are straightened first, since the viewer's pinhole has none. Cameras stand
-    still. Frames without views are shown by the way they go through the world. Times spent are
-    recorded in the property `cost` alone: they differ between equal runs.
+    Cameras stand still; images of one with distortion are straightened first, since the viewer's pinhole has none.
+    Frames without views are shown by the way they go through the world.
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        body: Body,
-        space: StateSpace,
-        *,
-        run_id: str,
-        config_yaml: str,
-        provenance: Mapping[str, str | float | int],
-        live: bool = False,
-        n_particles_shown: int = 50,
-        marginal_bins: int = 64,
-        jpeg_quality: int = 80,
-        surface: bool = False,
+        self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
+        provenance: Mapping[str, str | float | int], live: bool = False, n_particles_shown: int = 50,
+        marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         coefficient_scale: FloatArray | None = None,
-    ) -> None:
-        self._body = body
-        self._figure = scene.figure(body)
+    ) -> None:  # fmt: skip
+        for name, value, lowest, highest in (
+            ("n_particles_shown", n_particles_shown, 1, 10_000), ("marginal_bins", marginal_bins, 2, 1024),
+            ("jpeg_quality", jpeg_quality, 1, 100),
+        ):  # fmt: skip
+            if not lowest <= value <= highest:
+                raise InputError(f"recorder: {name} must lie between {lowest} and {highest}, found {value}")
+        self._body, self._figure = body, scene.figure(body)
         self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
         self._bands, self._columns = Columns(), Columns()
         self._trails, self._ranks = Trails(self._figure), Ranks()
         self._pictures: dict[str, images.Picture] = {}
-        _check("n_particles_shown", n_particles_shown, 1, 10_000)
-        _check("marginal_bins", marginal_bins, 2, 1024)
-        _check("jpeg_quality", jpeg_quality, 1, 100)
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
         self._marks = False
         self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
-        self._file = RecordingFile(
-            path,
-            run_id=run_id,
-            config_yaml=config_yaml,
-            provenance=provenance,
-            live=live,
-        )
+        self._file = RecordingFile(path, run_id=run_id, config_yaml=config_yaml, provenance=provenance, live=live)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:
@@ -106,12 +87,10 @@ class Recorder:
         self._flush()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._send_pictures()
         self._columns.write(self._stream)
-        self._file.__exit__(kind, error, trace)
+        self._file.__exit__(kind)
 
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
@@ -131,12 +110,12 @@ class Recorder:
         self._file.send(fit.activities(step))
         self._ranks.add(step)
         self._diagnostics = tuple(step.diagnostics)
-        if self._n_frames == 0:
-            self._begin(step)
+        if self._n_frames == 0:  # what stays as the first step finds it
+            self._file.send(self._posterior.begin(step), static=True)
+            self._file.send(fit.fixed(self._legs(step)), static=True)
         self._lay_out(step, tuple(measured))
-        self._columns.add(
-            frame.index, time, chain(curves(numbers), self._scene(step), self._posterior.histograms(step))
-        )
+        rows = chain(curves(numbers), self._scene(step), self._posterior.histograms(step))
+        self._columns.add(frame.index, time, rows)
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
@@ -152,14 +131,14 @@ class Recorder:
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
         """Record the run's scalar results as the property `metrics`."""
-        self._file.send_property("metrics", {name: float(value) for name, value in metrics.items()})
+        self._file.send_property("metrics", metrics)
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
         """Record what the run took as the property `cost`, in which equal runs differ."""
-        self._file.send_property("cost", {name: float(value) for name, value in cost.items()})
+        self._file.send_property("cost", cost)
 
     def _scene(self, step: Step) -> Rows:
-        """What the world and the images show. Meshes, marks and keypoints are logged on the way, frame by frame."""
+        """Yield what the world and the images show; meshes, marks and keypoints are logged on the way."""
         figure, views = self._figure, step.frame.views
         true = scene.true_joints(figure.skeleton, step.frame.truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
@@ -167,7 +146,7 @@ class Recorder:
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)
-        yield from scene.truth(figure, true)
+        yield from scene.bones(figure, scene.TRUTH, true)
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
         for view in views:
             shown = self._picture(view.camera)
@@ -175,27 +154,18 @@ class Recorder:
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
             yield from images.overlay(shown, "truth", true, figure.chains)
-            self._log_keypoints(view)
+            self._with_keypoints |= {view.camera.name} if view.keypoints is not None else set()
+            if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
+                self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
         if step.frame.points is not None:
             yield from scene.points(step.frame.points, step.attachment)
         elif not views:
             self._trails.add(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._log_marks(step.frame)
-
-    def _log_keypoints(self, view: View) -> None:
-        if view.keypoints is not None:
-            self._with_keypoints.add(view.camera.name)
-        if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
-            self._file.send(images.keypoints(self._picture(view.camera), view.keypoints, JOINT_NAMES))
-
-    def _log_marks(self, frame: Frame) -> None:
-        if frame.views:
-            self._marks |= frame.truth is not None and frame.truth.marks is not None
-            if self._marks:  # from the first on in every frame, which clears those before
-                first = self._picture(frame.views[0].camera)
-                self._file.send(images.truth_marks(first, frame.truth, self._figure.skeleton.names))
+        self._marks |= bool(views) and step.frame.truth is not None and step.frame.truth.marks is not None
+        if views and self._marks:  # as the keypoints
+            self._file.send(images.truth_marks(self._picture(views[0].camera), step.frame.truth, figure.skeleton.names))
 
     def _picture(self, camera: Camera) -> images.Picture:
         if camera.name not in self._pictures:
@@ -203,26 +173,12 @@ class Recorder:
             self._file.send(images.fixed(self._pictures[camera.name]), static=True)
         return self._pictures[camera.name]
 
-    def _begin(self, step: Step) -> None:
-        """The looks of what stays as the first step finds it."""
-        self._file.send(self._posterior.begin(step), static=True)
-        self._file.send(fit.fixed(self._legs(step)), static=True)
-
     def _legs(self, step: Step) -> tuple[str, ...]:
         return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))
 
     def _lay_out(self, step: Step, metrics: Sequence[str]) -> None:
         """Lay the recording out by what there is to show; again when a metric or a warning comes for the first time."""
-        before = self._shown or self._at_first(step)
-        new = tuple(name for name in metrics if name not in before.metrics)
-        warned = before.warned or bool(self._file.warnings or step.warnings)
-        if new or warned > before.warned:
-            self._file.send(looks.fixed(new), static=True)
-            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned)
-            self._stream.send_blueprint(blueprint.layout(self._shown))
-
-    def _at_first(self, step: Step) -> blueprint.Shown:
-        return blueprint.Shown(
+        before = self._shown or blueprint.Shown(
             cameras=[self._picture(view.camera) for view in step.frame.views],
             person=step.expected_pose[:3],
             towards=scene.seen_from(step),
@@ -236,6 +192,12 @@ class Recorder:
             activity=step.activity is not None,
             surface=self._surface is not None,
         )
+        new = tuple(name for name in metrics if name not in before.metrics)
+        warned = before.warned or bool(self._file.warnings or step.warnings)
+        if new or warned > before.warned:
+            self._file.send(styles.fixed(new), static=True)
+            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned)
+            self._stream.send_blueprint(blueprint.layout(self._shown))
 
     def _send_pictures(self) -> None:
         if self._n_frames > self._n_frames_pictured:
@@ -252,8 +214,3 @@ class Recorder:
     def _flush(self) -> None:
         self._columns.write(self._stream)
         self._file.flush()
-
-
-def _check(name: str, value: int, lowest: int, highest: int) -> None:
-    if not lowest <= value <= highest:
-        raise InputError(f"recorder: {name} must lie between {lowest} and {highest}, found {value}")

@@ -4,9 +4,7 @@ Looks and names never change and are logged once, static, as pairs (entity path,
 positions only, as pairs (entity path, row).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -21,9 +19,7 @@ from workbench.body.surface_mesh import surface_mesh
 from workbench.core.frame import Truth
 from workbench.core.step import Step
 from workbench.recording.write import colours
-from workbench.recording.write.columns import Row, Rows
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+from workbench.recording.write.columns import Entities, Row, Rows
 
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
 POINTS = "world/points"
@@ -50,19 +46,18 @@ class Figure:
 
 
 def figure(body: Body) -> Figure:
-    """The drawing of a body."""
+    """Prepare a body for drawing."""
     return Figure(body.skeleton, _chains(body.skeleton), *_solids(body.limbs))
 
 
 def fixed(drawn: Figure) -> Entities:
-    """Tell what holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
+    """Yield what holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
     yield "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    names = list(drawn.skeleton.names)
     for path, colour, width in ((ESTIMATE, colours.ESTIMATE, 2.5), (TRUTH, colours.TRUTH, 1.75)):
         line, dot = rr.Radius.ui_points(width), rr.Radius.ui_points(width + 1.0)
         yield f"{path}/skeleton", rr.LineStrips3D.from_fields(colors=[colour], radii=line)
-        looks = rr.Points3D.from_fields(labels=names, show_labels=False, colors=[colour], radii=dot)
-        yield f"{path}/joints", looks
+        names = list(drawn.skeleton.names)
+        yield f"{path}/joints", rr.Points3D.from_fields(labels=names, show_labels=False, colors=[colour], radii=dot)
     solids = rr.Ellipsoids3D.from_fields(half_sizes=drawn.half_sizes, colors=[colours.BODY], fill_mode="solid")
     yield f"{ESTIMATE}/body", solids
     yield PARTICLES, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.15))
@@ -70,9 +65,9 @@ def fixed(drawn: Figure) -> Entities:
 
 
 def estimate(drawn: Figure, pose: FloatArray) -> Rows:
-    """The expected pose (P,) as joints, skeleton and solid body."""
+    """Yield the expected pose (P,) as joints, skeleton and solid body."""
     frames = forward(drawn.skeleton, pose[None])
-    yield from _bones(drawn, ESTIMATE, frames.positions)
+    yield from bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
     quaternions = Rotation.from_matrix(rotations @ drawn.axes).as_quat()
@@ -80,7 +75,7 @@ def estimate(drawn: Figure, pose: FloatArray) -> Rows:
 
 
 def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
-    """The expected pose's (P,) implicit surface as a mesh; InputError without scikit-image, see `surface_mesh`."""
+    """Yield the expected pose's (P,) implicit surface as a mesh; raises as `surface_mesh` does."""
     vertices, triangles = surface_mesh(surface, forward(drawn.skeleton, pose[None]), SKIN_SPACING_M)
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     normals = np.zeros_like(vertices)
@@ -95,8 +90,8 @@ def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
 
 
 def seen_from(step: Step) -> FloatArray:
-    """Horizontally from the person to where to look from, (2,), m: where points are seen from, or else so that the
-    first camera is in the background."""
+    """Return the way, (2,), m, horizontally from the person to where to look from: where points are seen from, or else
+    so that the first camera is in the background."""
     views, points, person = step.frame.views, step.frame.points, step.expected_pose[:2]
     if points is not None:
         points = points[np.isfinite(points).all(axis=1) & (step.attachment is None or step.attachment >= 0)]
@@ -111,7 +106,7 @@ def seen_from(step: Step) -> FloatArray:
 
 
 def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
-    """The true joints, or those of the true pose on the tracked person's skeleton: (1, J, 3), m; else (0, J, 3)."""
+    """Return the true joints, or those of the true pose on the tracked skeleton: (1, J, 3), m; else (0, J, 3)."""
     if known is not None and known.joints is not None:
         return known.joints[None]
     if known is not None and known.pose is not None:
@@ -119,19 +114,14 @@ def true_joints(skeleton: Skeleton, known: Truth | None) -> FloatArray:
     return np.empty((0, len(skeleton.names), 3))
 
 
-def truth(drawn: Figure, positions: FloatArray) -> Rows:
-    """Joints (n, J, 3), m, of one true person or of none, which clears what an earlier frame showed."""
-    yield from _bones(drawn, TRUTH, positions)
-
-
 def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Rows:
-    """Particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
+    """Yield particles' joints (n, J, 3), m, as thin skeletons with colours (n, 3)."""
     colors = np.repeat(shades, len(drawn.chains), axis=0)
     yield PARTICLES, Row(rr.LineStrips3D, {"strips": _strips(drawn, positions), "colors": colors})
 
 
 def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
-    """Observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
+    """Yield observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
     numbers = np.full(len(positions), -1) if attachment is None else attachment
     shades = np.array([*colours.PARTS, colours.NO_PART], dtype=np.uint8)
     order = np.where(numbers < 0, len(colours.PARTS), numbers % len(colours.PARTS))
@@ -139,7 +129,7 @@ def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:
-    """Colours (n, 3): light for the heaviest particle, dark from e⁻⁶ of its weight down.
+    """Return colours (n, 3): light for the heaviest particle, dark from e⁻⁶ of its weight down.
 
     The viewer draws lines opaque, so that brightness has to say what transparency would.
     """
@@ -148,7 +138,8 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
     return np.rint(low + height * (high - low)).astype(np.uint8)
 
 
-def _bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
+def bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
+    """Yield joints (n, J, 3), m, of one person or of none, which clears what an earlier frame showed, and skeletons."""
     strips = _strips(drawn, positions)
     known = np.isfinite(strips).all(axis=(1, 2))  # of the truth, not every joint is always
     yield f"{path}/skeleton", Row(rr.LineStrips3D, {"strips": strips[known]})
@@ -182,14 +173,12 @@ def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]
     Rerun has no truncated cone with elliptical section: each is drawn as a row of ellipsoids with the cone's
     section at their middle, dense near the ends, which rounds the ends too.
     """
-    half_sizes, centers, numbers = [], [], []
-    for i in range(len(limbs)):
-        n = 1 if limbs.spheres[i] else _ELLIPSOIDS_PER_CONE
+    half_sizes, centers, counts = [], [], [1 if sphere else _ELLIPSOIDS_PER_CONE for sphere in limbs.spheres]
+    for i, n in enumerate(counts):
         u = (1.0 - np.cos(np.linspace(0.0, np.pi, n)))[:, None] / 2.0
         axis, length, (first, last) = limbs.ends[i] - limbs.starts[i], limbs.lengths[i], limbs.radii[i]
         reach = np.minimum(u * length + first.min(), (1.0 - u) * length + last.min())
         half_sizes.append(np.hstack([first + u * (last - first), reach]))
         centers.append(limbs.starts[i] + u * axis)
-        numbers.append(np.full(n, i))
-    limb = np.concatenate(numbers)
+    limb = np.repeat(np.arange(len(limbs)), counts)
     return np.concatenate(half_sizes), np.concatenate(centers), limbs.axes[limb], limbs.joints[limb]

@@ -1,14 +1,12 @@
 """How curves look and what they are called: the estimate orange, as everywhere, and each title with its unit."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from itertools import cycle
-from typing import TypeAlias
 
 import rerun as rr
 
 from workbench.recording.write import colours
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
+from workbench.recording.write.columns import Entities
 
 _ESTIMATE = ("expected pose", colours.ESTIMATE, 2.5)
 _HEAVIEST = ("heaviest particle", colours.HEAVIEST_PARTICLE, 1.0)
@@ -41,9 +39,8 @@ _TITLES = {
 }
 
 
-def fixed(metrics: Iterable[str]) -> Entities:
-    """The looks of the curves of `metrics`, to be logged static."""
-    metrics = tuple(metrics)
+def fixed(metrics: Sequence[str]) -> Entities:
+    """Yield the styles of the curves of `metrics`, to be logged static."""
     cues = {name: (title(name), colour, 2.0) for name, colour in zip(shares(metrics), cycle(colours.PARTS))}
     for name in metrics:
         label, colour, width = cues.get(name) or _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
@@ -51,7 +48,7 @@ def fixed(metrics: Iterable[str]) -> Entities:
 
 
 def title(name: str, unit: str = "") -> str:
-    """A metric's or parameter's name as words, with its unit."""
+    """Return a metric's or parameter's name as words, with its unit."""
     words = _TITLES.get(name, name.replace("_", " "))
     return f"{words} ({unit})" if unit not in ("", "1") else words
 

@@ -1,7 +1,6 @@
 """Where a body went: stick figures along the way and the paths of both hands (paper C, fig. 5)."""
 
-from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
@@ -9,9 +8,9 @@ import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
 from workbench.recording.write import colours
+from workbench.recording.write.blueprint import page
+from workbench.recording.write.columns import Entities
 from workbench.recording.write.scene import ESTIMATE, Figure
-
-Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents]]
 
 EVERY = 4
 """Frames from one stick figure to the next."""
@@ -31,46 +30,34 @@ class Trails:
         return len(self._places)
 
     def add(self, places: FloatArray) -> None:
-        """One more frame: joints (J, 3), m."""
+        """Take in one more frame: joints (J, 3), m."""
         self._places.append(places)
 
     def pictures(self) -> Entities:
-        """Everything so far, to be logged static, so that every frame shows the whole way."""
+        """Yield everything so far, to be logged static, so that every frame shows the whole way."""
         places = np.stack(self._places).astype(np.float32)
         chains = self._drawn.chains
         strips = places[::EVERY][:, chains].reshape(-1, chains.shape[1], 3)
         thin = rr.Radius.ui_points(0.75)
         yield f"{ESTIMATE}/trails/figures", rr.LineStrips3D(strips, colors=[colours.TRAIL], radii=thin)
         for name, colour in HANDS:
-            path = places[:, self._drawn.skeleton.joint(name)]
-            thick = rr.Radius.ui_points(1.75)
+            path, thick = places[:, self._drawn.skeleton.joint(name)], rr.Radius.ui_points(1.75)
             drawn = rr.LineStrips3D([path], colors=[colour], radii=thick, labels=[name], show_labels=False)
             yield f"{ESTIMATE}/trails/{name}", drawn
 
     def layout(self, metrics: Sequence[str]) -> rrb.Blueprint:
-        """The whole way from its right-hand side, with curves of the legs' angles and of the metrics below."""
+        """Lay out the whole way from its right-hand side, with curves of the legs' angles and of the metrics below."""
         legs = [f"/posterior/parameters/{name}/mean" for name in _LEGS if name in self._drawn.skeleton.dof_names]
+        plots = [rrb.TimeSeriesView(origin=f"/metrics/{name}", name=name, plot_legend=_HIDDEN) for name in metrics]
+        title, origin = "flexion of hips and knees (rad)", "/posterior/parameters"
+        plots.append(rrb.TimeSeriesView(origin=origin, contents=legs, name=title, plot_legend=_HIDDEN))
         below = rrb.Tabs(
-            rrb.Horizontal(
-                *(rrb.TimeSeriesView(origin=f"/metrics/{name}", name=name, plot_legend=_HIDDEN) for name in metrics),
-                rrb.TimeSeriesView(
-                    origin="/posterior/parameters",
-                    contents=legs,
-                    name="flexion of hips and knees (rad)",
-                    plot_legend=_HIDDEN,
-                ),
-                name="curves",
-            ),
+            rrb.Horizontal(*plots, name="curves"),
             rrb.TextLogView(origin="/log", name="warnings"),
             rrb.TextDocumentView(origin="/__properties/config", name="config"),
         )
         world = rrb.Spatial3DView(origin="/world", name="world", eye_controls=self._eye())
-        return rrb.Blueprint(
-            rrb.Vertical(world, below, row_shares=[2.2, 1.0]),
-            rrb.TimePanel(timeline="frame", state="collapsed", fps=15.0),
-            auto_views=False,
-            collapse_panels=True,
-        )
+        return page(rrb.Vertical(world, below, row_shares=[2.2, 1.0]))
 
     def _eye(self) -> rrb.EyeControls3D:
         places = np.stack(self._places)

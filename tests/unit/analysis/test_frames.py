@@ -16,19 +16,22 @@ from matplotlib.style import context
 from matplotlib.text import Text
 from recording_steps import BODY, CAMERA, steps
 
+from analysis.figures.frames import activities, flexions, pictures, scenes
+from analysis.figures.recordings import VARIANTS
 from workbench.body.kinematics import joints
 from workbench.core.state_space import StateSpace
 from workbench.core.study import Bars, Curves, Scatter, Sticks, StudyResult
 from workbench.errors import InputError
-from workbench.recording.read.frames import activities, flexions, pictures, scenes
 from workbench.recording.read.reader import Run, read
 from workbench.recording.study.drawing import STYLE
-from workbench.recording.study.recorder import StudyRecorder
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 
 ROOT = Path(__file__).parents[3]
 SCRIPTS = sorted(path.stem for path in (ROOT / "analysis" / "figures").glob("[abcd]_*.py"))
-EXPERIMENTS = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
+FILES = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
+EXPERIMENTS = FILES | set(VARIANTS)
 TRACKED = {
     "error_px": 12.3, "error_abs_mm": 45.6, "error_rel_mm": 23.4, "held": 1.0, "hip_deg": 3.4, "knee_deg": 5.6,
     "activity_accuracy": 0.5, "same_activity": 0.02,
@@ -162,8 +165,8 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     found = {}
     for name, (metrics, figures) in STUDIES.items():
-        with StudyRecorder(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
-            recorder.log(StudyResult(metrics, tuple(figures), "note"))
+        with RecordingFile(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
+            record_study(recorder, StudyResult(metrics, tuple(figures), "note"))
         found[name] = read(folder / name / "run.rrd")
     images, points = tracked(folder / "images.rrd", False), tracked(folder / "points.rrd", True)
     others = EXPERIMENTS - STUDIES.keys()
@@ -328,6 +331,7 @@ def test_what_a_run_is_made_with():
     with pytest.raises(InputError, match=r"body_implicit.*--data"):
         full.variants("body_implicit")
     assert set(recordings.QUICK) | set(recordings.GENERATED) | set(recordings.RECORDED) <= EXPERIMENTS
+    assert {experiment for experiment, *_ in VARIANTS.values()} <= FILES
 
 
 def test_wrong_input_is_one_clear_sentence_and_what_cannot_be_made_is_named(monkeypatch, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""Motion from a prior alone, step by step (paper C, section 5)."""
+"""Motion from a prior alone, step by step, without jumps and with feet on the ground (paper C, sections 5 and 7)."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import ClassVar, Protocol, Self, runtime_checkable
@@ -7,27 +7,33 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
+from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.step import Step
 from workbench.core.traits import START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.synthesis.contact import FootContact, ankle_positions
 from workbench.learning.windows import Windows
 
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""
+ANKLES = ("left_ankle", "right_ankle")
+PLANTED_SPEED = 0.6
+"""m/s: recorded ankles stay below it while the foot is flat, and pass 1 m/s within a frame or two before and after."""
+REACH_M = 0.15
+"""Higher above the ground an ankle is not planted however slowly it moves, as at the top of a jump."""
+SETTLE = 0.5
+"""Part of its distance to the ground's height that a planted ankle loses in a frame."""
 
 
 @runtime_checkable
 class Recorded(Prior, Protocol):
-    """A prior that goes on as one of the windows of recorded motion did, such as `priors.implicit.Implicit`.
-
-    beta: temperature of its draws, of squared distances between whitened coefficients.
-    """
+    """A prior that goes on as one of the windows of recorded motion did, such as `priors.implicit.Implicit`. beta:
+    temperature of its draws, of squared distances between whitened coefficients."""
 
     @property
     def windows(self) -> Windows: ...
@@ -35,19 +41,19 @@ class Recorded(Prior, Protocol):
     def beta(self) -> float: ...
 
     def start_after(self, poses: FloatArray, n: int) -> FloatArray:
-        """N states (N, D) that have just gone through poses (d + 1, P) at the library's rate."""
+        """Return N states (N, D) that have just gone through poses (d + 1, P) at the library's rate."""
 
     def rows_in(self, dt_s: float) -> int:
-        """The library's frames in dt_s seconds; raises InputError unless it is a whole number."""
+        """Return the library's frames in dt_s seconds; raises InputError unless it is a whole number."""
 
     def draw(self, probes: FloatArray, rng: np.random.Generator) -> IntArray:
-        """An entry (N,) for each probe (N, b), whitened coefficients."""
+        """Return an entry (N,) for each probe (N, b), whitened coefficients."""
 
     def predict(self, state: FloatArray, entries: IntArray, noise: FloatArray) -> FloatArray:
-        """States (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
+        """Return states (N, D) one library frame later when entries (N,) were drawn; noise: (N, P) standard normal."""
 
     def only(self, kept: BoolArray) -> Self:
-        """This prior, drawing from the windows kept (n,) alone."""
+        """Return this prior, drawing from the windows kept (n,) alone."""
 
 
 class Synthesis:
@@ -66,7 +72,7 @@ class Synthesis:
     Of CANDIDATES draws, each followed for so many frames, one is chosen with odds exp(−|c_i − c_t|² / 2β), the square
     being the mean over the frames ahead: a path that leads away from all that was recorded, a dead end, is not taken.
 
-    foot_contact: hold a planted foot where it is, see `contact.FootContact`; the ground is where the lead-in's lowest
+    foot_contact: hold a planted foot where it is, see `FootContact`; the ground is where the lead-in's lowest
     ankle was, or without one the starting pose's.
 
     Raises InputError for numbers out of range and a look-ahead with a prior that has none.
@@ -76,28 +82,14 @@ class Synthesis:
     finds_start: ClassVar[bool] = False
 
     def __init__(
-        self,
-        prior: Prior,
-        body: Body,
-        known: Known | None = None,
-        *,
-        smoothing_s: float = 0.1,
-        limit_deg: float = 25.0,
-        look_ahead: int = 0,
-        foot_contact: bool = True,
-    ) -> None:
-        if not (0.0 <= smoothing_s < np.inf and 0.0 < limit_deg < np.inf and look_ahead >= 0):
-            raise InputError(
-                "inference: expected smoothing_s and look_ahead from 0 and limit_deg above 0, "
-                f"found {smoothing_s}, {look_ahead}, {limit_deg}"
-            )
-        if look_ahead > 0:
-            prior = _with_followers(prior, look_ahead)
-        self.prior, self.skeleton = prior, body.skeleton
+        self, prior: Prior, body: Body, known: Known | None = None, *, smoothing_s: float = 0.1,
+        limit_deg: float = 25.0, look_ahead: int = 0, foot_contact: bool = True,
+    ) -> None:  # fmt: skip
+        self.smoothing_s, self.limit_deg, self.look_ahead = smoothing_s, limit_deg, look_ahead
+        check("inference", self, smoothing_s=at_least(0), limit_deg=POSITIVE, look_ahead=at_least(0))
+        self.prior = _with_followers(prior, look_ahead) if look_ahead else prior
+        self.skeleton, self.space, self.foot_contact = body.skeleton, prior.space, foot_contact
         self.known = Known("", 0) if known is None else known
-        self.space = prior.space
-        self.smoothing_s, self.limit = smoothing_s, np.radians(limit_deg)
-        self.look_ahead, self.foot_contact = look_ahead, foot_contact
 
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
@@ -111,13 +103,12 @@ class Synthesis:
         """
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
-        smoother = Smoother(self.smoothing_s, self.limit)
-        contact = FootContact(self.skeleton, self._ground(start))
+        smoother = Smoother(self.smoothing_s, np.radians(self.limit_deg))
+        before = start[None] if self.known.lead_in is None else self.known.lead_in
+        contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
         time_s, shown, state = 0.0, start, np.empty((0, 0))
         for count, frame in enumerate(frames):
-            warnings: tuple[str, ...] = ()
-            diagnostics: dict[str, float] = {}
-            dt_s = frame.time_s - time_s
+            warnings, diagnostics, dt_s = tuple[str, ...](), dict[str, float](), frame.time_s - time_s
             if count == 0:
                 state, warnings = self._start(start, rng_streams["start"])
             else:
@@ -127,10 +118,14 @@ class Synthesis:
             if count > 0:
                 diagnostics = {"jump_deg": jump_deg(shown, pose), **diagnostics}
             time_s, shown = frame.time_s, pose
-            yield _step(frame, self.prior, state, pose, diagnostics, warnings)
+            yield Step(
+                frame=frame, space=self.space, particles=state, poses=pose[None], log_weights=np.zeros(1),
+                ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=np.nan,
+                diagnostics=diagnostics, warnings=warnings,
+            )  # fmt: skip
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
-        """A state (1, D) at the pose (P,), and what there is to say about it."""
+        """Return a state (1, D) at the pose (P,), and what there is to say about it."""
         if not isinstance(self.prior, Recorded):
             return self.prior.start(pose, 1, rng), ()
         library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
@@ -146,7 +141,7 @@ class Synthesis:
         return self.prior.start(pose, 1, rng), (sentence,)
 
     def _advance(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
-        """The state (1, D) dt_s seconds later, and the step's diagnostics."""
+        """Return the state (1, D) dt_s seconds later, and the step's diagnostics."""
         if not isinstance(self.prior, Recorded):
             return self.prior.step(state, dt_s, rng), {}
         same, activity = True, self.known.lead_in_activity
@@ -156,16 +151,10 @@ class Synthesis:
             same &= windows.activities[windows.clip_of[entry]] == activity
         return state, {} if activity is None else {"same_activity": float(same)}
 
-    def _ground(self, start: FloatArray) -> float:
-        poses = start[None] if self.known.lead_in is None else self.known.lead_in
-        return float(ankle_positions(self.skeleton, poses)[..., 2].min())
-
 
 class Smoother:
-    """Holds the jumps of one motion's angles back as offsets and lets go of them, see `Synthesis`.
-
-    limit: rad a frame. Turns by 2π are no change, so that the angles that come out go on without them.
-    """
+    """Holds the jumps of one motion's angles back as offsets and lets go of them, see `Synthesis`. limit: rad a frame.
+    Turns by 2π are no change, so that the angles that come out go on without them."""
 
     def __init__(self, smoothing_s: float, limit: float) -> None:
         self.smoothing_s, self.limit = smoothing_s, limit
@@ -174,7 +163,7 @@ class Smoother:
         self._shown = np.zeros(len(POSE_NAMES) - 3)
 
     def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
-        """The next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
+        """Return the next pose (P,), `dt_s` seconds after the one before, with its jumps held back."""
         angles = pose[3:]
         if self._last is None or self.smoothing_s == 0.0:
             self._last = self._shown = angles
@@ -187,13 +176,60 @@ class Smoother:
         return np.concatenate([pose[:3], self._shown])
 
 
+class FootContact:
+    """Shifts the root of one motion, frame by frame, so that the planted ankle rests on the ground.
+
+    The lower of the ankles that move slower than PLANTED_SPEED, in the motion as it came, is planted. From then on the
+    root is shifted so that this ankle stays at the place where it came down, and within a few frames at the ground's
+    height, until it moves faster again. The shift then stays: the motion goes on from where it is, so that neither
+    taking off nor landing makes a jump. One ankle is held at a time; of two feet on the ground the other may slide.
+    Angles are left alone, so that a foot's roll, which the body has no joint for, is lost in the planted ankle's place.
+
+    ground_m: height of a standing person's ankles, m. planted: which of ANKLES is held, None in the air.
+    """
+
+    def __init__(self, skeleton: Skeleton, ground_m: float) -> None:
+        self._skeleton, self._ground_m = skeleton, ground_m
+        self._shift = np.zeros(3)
+        self._last: FloatArray | None = None
+        self.planted: int | None = None
+        self._anchor = np.zeros(3)
+
+    def follow(self, pose: FloatArray, dt_s: float) -> FloatArray:
+        """Return the next pose (P,), `dt_s` seconds after the one before, with its root shifted."""
+        ankles = ankle_positions(self._skeleton, pose[None])[0]
+        if self._last is not None:
+            self._plant(ankles, np.linalg.norm(ankles - self._last, axis=1) / dt_s)
+        self._last = ankles
+        if self.planted is not None:
+            self._anchor[2] += SETTLE * (self._ground_m - self._anchor[2])
+            self._shift = self._anchor - ankles[self.planted]
+        shifted = pose.copy()
+        shifted[:3] += self._shift
+        return shifted
+
+    def _plant(self, ankles: FloatArray, speeds: FloatArray) -> None:
+        if self.planted is not None and speeds[self.planted] < PLANTED_SPEED:
+            return
+        places = ankles + self._shift
+        slow = (speeds < PLANTED_SPEED) & (places[:, 2] < self._ground_m + REACH_M)
+        self.planted = int(np.where(slow, places[:, 2], np.inf).argmin()) if slow.any() else None
+        if self.planted is not None:
+            self._anchor = places[self.planted].copy()
+
+
+def ankle_positions(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
+    """Return both ankles (N, 2, 3), m, of poses (N, P)."""
+    return joints(skeleton, poses)[:, [skeleton.joint(name) for name in ANKLES]]
+
+
 def jump_deg(before: FloatArray, after: FloatArray) -> float:
-    """The largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
+    """Return the largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
     return float(np.degrees(np.abs(_turn(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
 def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
-    """The state (1, D) a library frame later, and the entry drawn; of CANDIDATES by what follows, if ahead > 0."""
+    """Draw the state (1, D) a library frame later, and its entry; of CANDIDATES by what follows, if ahead > 0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
     states, squares = firsts, np.zeros(len(firsts))
@@ -208,7 +244,7 @@ def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generat
 def _one_frame(
     prior: Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """The states (N, D) a library frame later, the entries (N,) drawn and their squared whitened distances (N,)."""
+    """Draw states (N, D) a library frame later, with their entries (N,) and squared whitened distances (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
     entries = prior.draw(probes, rng)
     squares = ((prior.windows.coefficients[entries] - probes) ** 2).sum(axis=1)
@@ -225,7 +261,7 @@ def _with_followers(prior: Prior, frames: int) -> Recorded:
 
 
 def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArray:
-    """Poses (F, P) from the last one back, by cubic splines at another rate."""
+    """Return poses (F, P) from the last one back, by cubic splines at another rate."""
     poses = poses[::-1]
     if len(poses) < 2 or rate_hz == wanted_hz:
         return poses
@@ -235,17 +271,5 @@ def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
 
 
 def _turn(angles: FloatArray) -> FloatArray:
-    """Angles without whole turns, in [−π, π)."""
-    turned: FloatArray = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return turned
-
-
-def _step(
-    frame: Frame, prior: Prior, state: FloatArray, pose: FloatArray, diagnostics: Mapping[str, float],
-    warnings: tuple[str, ...],
-) -> Step:  # fmt: skip
-    return Step(
-        frame=frame, space=prior.space, particles=state, poses=pose[None], log_weights=np.zeros(1),
-        ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=np.nan,
-        diagnostics=diagnostics, warnings=warnings,
-    )  # fmt: skip
+    """Return angles without whole turns, in [−π, π)."""
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi

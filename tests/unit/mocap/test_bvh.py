@@ -9,8 +9,7 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.bvh_writer import bvh_text
+from workbench.mocap.bvh import bvh_text, read_bvh
 
 SKELETON = person_skeleton(from_height(1.8))
 LEAVES = {"head_centre": "neck_end", **{f"{side}_{leaf}": f"{side}_{parent}_end" for side in ("left", "right")

@@ -5,8 +5,14 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from workbench.errors import InputError
-from workbench.learning.activities import ActivityModel, learn_activities
-from workbench.learning.activity_classes import accuracy_left_out, classify, error_left_out_deg, mean_rates_hz
+from workbench.learning.activities import (
+    ActivityModel,
+    accuracy_left_out,
+    classify,
+    error_left_out_deg,
+    learn_activities,
+    mean_rates_hz,
+)
 from workbench.learning.activity_cycles import ActivityCycles
 
 ANGLES = ("left_hip_flexion", "left_knee_flexion")

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.bvh_writer import bvh_text
+from workbench.mocap.bvh import bvh_text, read_bvh
 
 singular = st.sampled_from([0.0, -0.0, np.pi / 2, -np.pi / 2, np.pi, 1e-9])
 angle = st.one_of(st.floats(-7.0, 7.0), singular)

@@ -5,8 +5,8 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
-from workbench.inference.fit.flips import FLIP_SIGMA_M, LIMBS, flips
-from workbench.inference.fit.pose_prior import balance_residual, centre_of_mass, ground_residual, usual_residual
+from workbench.inference.fit.residuals import balance_residual, centre_of_mass, ground_residual, usual_residual
+from workbench.inference.fit.smooth_fit import FLIP_SIGMA_M, LIMBS, flips
 
 SKELETON = BODY.skeleton
 STANDING = np.zeros(25)

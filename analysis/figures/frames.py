@@ -1,6 +1,6 @@
 """What a recording shows of single frames, for figures: images with skeletons over them, bodies and points in space."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 
 from workbench.arrays import ByteArray, FloatArray, IntArray
 from workbench.errors import InputError
-from workbench.recording.read.chunks import Curve, curves, read_chunks
+from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.images import OVERLAYS
 from workbench.recording.write.point_fit_views import ACTIVITY, FLEXION
@@ -47,8 +47,8 @@ class Scene:
 
 
 def pictures(run: Run, frames: Sequence[int]) -> list[Picture]:
-    """The images of these frames; raises InputError where one of them has none."""
-    found = _read(run, ["/world/**"], frames)
+    """Return the images of these frames; raises InputError where one of them has none."""
+    found = cells(run.path, ["/world/**"], frames)
     cameras = sorted(path for path, components in found.items() if "EncodedImage:blob" in components)
     if not cameras:
         raise InputError(f"{run.path}: expected images of frames {list(frames)}, found none")
@@ -63,8 +63,8 @@ def pictures(run: Run, frames: Sequence[int]) -> list[Picture]:
 
 
 def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
-    """These frames in the world; raises InputError where one was not recorded."""
-    found = _read(run, ["/world/**"], frames)
+    """Return these frames in the world; raises InputError where one was not recorded."""
+    found = cells(run.path, ["/world/**"], frames)
     skeletons = {path: found.get(f"{path}/skeleton", {}).get("LineStrips3D:strips", {}) for path in (ESTIMATE, TRUTH)}
     if missing := [frame for frame in frames if frame not in skeletons[ESTIMATE]]:
         raise InputError(f"{run.path}: no frame {missing[0]}")
@@ -97,36 +97,16 @@ def flexions(run: Run) -> dict[str, dict[str, Curve]]:
 
 
 def activities(run: Run) -> dict[str, dict[int, str]]:
-    """The activity in every frame, as told ("estimate") and as it was ("truth"), where they are known."""
-    found = _read(run, [f"/{ACTIVITY}/**"], None)
+    """Tell the activity in every frame, as told ("estimate") and as it was ("truth"), where they are known."""
+    found = cells(run.path, [f"/{ACTIVITY}/**"])
+    states = {path.removeprefix(f"{ACTIVITY}/"): rows.get("StateChange:state") for path, rows in found.items()}
     return {
-        path.removeprefix(f"{ACTIVITY}/"): {
-            frame: str(value.as_py()[0]) for frame, value in rows["StateChange:state"].items()
-        }
-        for path, rows in found.items()
-        if "StateChange:state" in rows
+        row: {frame: str(value.as_py()[0]) for frame, value in told.items()} for row, told in states.items() if told
     }
 
 
-def _read(run: Run, contents: Sequence[str], frames: Iterable[int] | None) -> dict[str, dict[str, dict[int, Any]]]:
-    """Read by entity path, component and frame: what is there, as Arrow. frames: only these; None: all."""
-    wanted = None if frames is None else set(frames)
-    found: dict[str, dict[str, dict[int, Any]]] = {}
-    for chunk in read_chunks(run.path, list(contents)):
-        if chunk.is_static:
-            continue
-        batch = chunk.to_record_batch()
-        numbers = batch.column("frame").to_pylist()
-        rows = [row for row, frame in enumerate(numbers) if wanted is None or frame in wanted]
-        for name in batch.schema.names if rows else ():
-            if ":" in name:
-                column = found.setdefault(chunk.entity_path.removeprefix("/"), {}).setdefault(name, {})
-                column |= {numbers[row]: batch.column(name)[row] for row in rows if batch.column(name)[row].is_valid}
-    return found
-
-
 def _flat(cell: Any) -> FloatArray:
-    """All numbers in a cell of nested lists, (n,); none where there is no cell."""
+    """Flatten all numbers in a cell of nested lists, (n,); none where there is no cell."""
     if cell is None or not len(cell):
         return np.empty(0)
     values = cell.values

@@ -11,8 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.errors import InputError
-from workbench.mocap.export import Track, csv_text, frame_rate
-from workbench.mocap.trc import trc_text
+from workbench.mocap.export import Track, csv_text, frame_rate, trc_text
 
 SKELETON = person_skeleton(from_height(1.7))
 BY_HAND = (

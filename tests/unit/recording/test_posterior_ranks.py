@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 
 from workbench.evaluation.calibration import ranks
 from workbench.evaluation.step_calibration import pose_ranks
-from workbench.recording.write.ranks import PATH
+from workbench.recording.write.posterior import RANKS as PATH
 from workbench.recording.write.recorder import Recorder
 
 
