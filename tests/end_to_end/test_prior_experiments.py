@@ -52,7 +52,7 @@ def test_an_experiment_on_priors_runs_from_its_name(folder, summary_of, tmp_path
     metrics = summary["metrics"]
     assert {"held", "forearm_px", "error_px", "error_rel_mm", "error_abs_mm"} <= metrics.keys()
     assert metrics["held"] in (0.0, 1.0)
-    # three frames: the mean over "the last five" is over those three
+    # three frames: fewer than five are averaged together
     assert metrics["held"] == float(metrics["error_px"] < metrics["forearm_px"])
     assert read(tmp_path / "out" / "run.rrd").poses[1].shape == (4, 25)
 

@@ -62,7 +62,7 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     after = summaries(folder)
     assert [job for job in after if after[job]["started"] == before[job]["started"]] == [1]
     assert "1  kept" in told
-    assert after[2]["metrics"]["log_evidence"] == before[2]["metrics"]["log_evidence"]
+    assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
 
 
 @pytest.mark.slow

@@ -103,11 +103,15 @@ def _step(frame: Frame, truth: FloatArray, coefficients: FloatArray, n: int, rng
 
 
 def errors(step: Step) -> dict[str, float]:
-    """Mean joint error in mm, absolute and without the root."""
+    """Mean joint error in mm, absolute and without the root, and the log evidence."""
     assert step.frame.truth is not None
     assert step.frame.truth.joints is not None
     found = joints(BODY.skeleton, step.expected_pose[None])[0]
     true = step.frame.truth.joints
     absolute = np.linalg.norm(found - true, axis=1).mean()
     relative = np.linalg.norm((found - found[0]) - (true - true[0]), axis=1).mean()
-    return {"error_mm": 1e3 * float(absolute), "error_relative_mm": 1e3 * float(relative)}
+    return {
+        "error_mm": 1e3 * float(absolute),
+        "error_relative_mm": 1e3 * float(relative),
+        "log_evidence": step.log_evidence,
+    }

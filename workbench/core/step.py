@@ -19,7 +19,8 @@ class Step:
     particles: (N, D) states, columns named by `space`. poses: (N, P) the same particles decoded. log_weights: (N,),
     normalised (their exponentials sum to one). ancestors: (N,) index of each particle's parent among the previous
     step's particles. expected_pose: (P,) Σ w φ (paper A, section 7). map_pose: (P,) the pose of the heaviest particle.
-    ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far). activity: what the person is told to do,
+    ess: effective sample size 1 / Σ w². log_evidence: log p(frames so far), NaN by inferences that
+    do not estimate it. activity: what the person is told to do,
     such as "walk", by inferences that tell it. attachment: (K,) the part of the body that each of the frame's points
     belongs to, as a number, -1 for none. diagnostics: scalars worth a curve. warnings: sentences for the person who
     runs this. evaluations: how often the likelihood was evaluated for this frame, for one pose each, or the residual by

@@ -19,6 +19,7 @@ IMAGES = "images"
 POINTS = "points of the person's surface"
 KEYPOINTS = "2-D joints"
 ONE_CAMERA = "a single camera"
+EVIDENCE = "a density of the data"
 START = "a pose, marks, 2-D joints or points to start from"
 
 

@@ -19,6 +19,7 @@ from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.errors import InputError
+from workbench.streams import stream
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -87,7 +88,7 @@ class PointFiles:
         for i, (name, points) in enumerate(self._files()):
             if len(points) > self.most_points:
                 thinned.append(f"{name} with {len(points)}")
-                rng = np.random.default_rng([self.seed, 1, i])
+                rng = stream(self.seed, "thinning", i)
                 points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
             clouds.append(METRES[self.unit] * points)
         if thinned:

@@ -18,6 +18,7 @@ from workbench.datasets.scenes.camera import take_camera
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.datasets.scenes.visible import visible_points
+from workbench.streams import stream
 
 AT_M = 4.0  # the depth at which σ is sigma_m
 _NOISE_GREY = 4.0
@@ -94,7 +95,7 @@ class Points(Scene):
 
     def _points(self, i: int) -> FloatArray:
         """The points (K, 3) of frame i, in random order."""
-        rng = np.random.default_rng([self.seed, 1, i])
+        rng = stream(self.seed, "points", i)
         camera, body, pose = self.view_camera, self.take.body, self.take.motion.poses[i]
         n_outliers = int(rng.binomial(self.n_points, self.outliers))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
@@ -111,14 +112,14 @@ class Points(Scene):
         return surroundings(self.take, self.view_camera)
 
     def _image(self, i: int) -> ByteArray:
-        noise = np.random.default_rng([self.seed, 2, i])
+        noise = stream(self.seed, "sensor", i)
         return render.with_noise(render.render(self._scene, self.take.motion.poses[i]), _NOISE_GREY, noise)
 
     @cached_property
     def _scene(self) -> render.Scene:
-        rng, body, camera = np.random.default_rng([self.seed, 3]), self.take.body, self.view_camera
-        wall = render.background(camera.height, camera.width, rng)
-        return render.Scene(body, camera, render.clothes(body, rng), wall)
+        body, camera = self.take.body, self.view_camera
+        wall = render.background(camera.height, camera.width, stream(self.seed, "background"))
+        return render.Scene(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
 
 
 def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator) -> FloatArray:

@@ -22,6 +22,7 @@ from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
 from workbench.digest import code_digest
 from workbench.errors import InputError
+from workbench.streams import stream
 
 N_EMPTY = 5  # pairs of images of the empty room
 _NEAREST_M = 0.6  # how much nearer than a joint the surface, and so the largest disparity to search for, may be
@@ -109,7 +110,7 @@ class Stereo(Scene):
         clouds = []
         for i in range(self.n_frames):
             points = nearer_points(seen[i], empty, self.cameras[0], self.baseline_m)
-            chosen = np.random.default_rng([self.seed, 1, i]).permutation(len(points))[: self.n_points]
+            chosen = stream(self.seed, "points", i).permutation(len(points))[: self.n_points]
             clouds.append(points[chosen])
         return clouds
 
@@ -121,7 +122,7 @@ class Stereo(Scene):
 
     def _render(self) -> ByteArray:
         """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
-        outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
+        outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
         body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
         room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
         views = ((camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras)

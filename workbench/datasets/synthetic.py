@@ -29,6 +29,7 @@ from workbench.errors import InputError
 from workbench.mocap.generated.gait import PATHS
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import find_motion
+from workbench.streams import stream
 
 KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 
@@ -93,7 +94,7 @@ class Synthetic(Scene):
         """Tell what the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
         if self.keypoint_sigma_px is None:
             return None
-        rng, camera = np.random.default_rng([self.seed, 1, i]), self.view_camera
+        rng, camera = stream(self.seed, "keypoints", i), self.view_camera
         pixels = camera.project(places)
         keypoints = np.column_stack([pixels, np.ones(len(pixels))])
         keypoints[:, :2] += self.keypoint_sigma_px * rng.standard_normal(pixels.shape)
@@ -149,7 +150,7 @@ class Synthetic(Scene):
         return cached_images(self.cache, self._key, shape, self._render)
 
     def _render(self) -> ByteArray:
-        outfit, wall, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3))
+        outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
         camera, texture = self.view_camera, render.clothes(self.body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
         scene = render.Scene(self.body, camera, texture, background)

@@ -45,6 +45,13 @@ def rank_histogram(every: FloatArray, n_bins: int = 10) -> IntArray:
     return np.asarray(np.histogram(every, bins=n_bins, range=(0.0, 1.0))[0])
 
 
+def expected_calibration_error(every: FloatArray) -> float:
+    """Return the mean over the central bands of 10, 20, … 90 % of how far the share of all ranks within them is from
+    their level (Naeini et al., AAAI 2015, for bands): 0 when calibrated, at most 0.5."""
+    levels = np.linspace(0.1, 0.9, 9)
+    return float(np.abs((np.abs(every - 0.5)[:, None] <= 0.5 * levels).mean(axis=0) - levels).mean())
+
+
 def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """Return the continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq.
     21), in the quantity's unit; the absolute error where all particles are equal."""

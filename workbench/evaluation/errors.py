@@ -11,9 +11,9 @@ from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
+from workbench.body.turns import N_POSITION
 from workbench.core.frame import Truth
 from workbench.core.step import Step
-from workbench.evaluation.calibration import covered, crps, log_score, ranks
 from workbench.evaluation.joint_errors import (
     PCK_M,
     acceleration_error,
@@ -22,13 +22,10 @@ from workbench.evaluation.joint_errors import (
     mean_distance,
     procrustes,
 )
+from workbench.evaluation.step_calibration import joint_calibration, pose_calibration
 
-LEVELS = (0.5, 0.9)
-"""Of the central bands whose coverage is counted."""
 OF_HEAVIEST = ("error_abs_mm", "error_rel_mm")
 """Errors in space that are told of the heaviest particle too."""
-N_POSITION = 3
-"""Numbers of a pose that are lengths, which come first."""
 
 
 def step_errors(
@@ -42,10 +39,8 @@ def step_errors(
     root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
     marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
-    where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
-    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and
-    log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
-    where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
+    where the true joints are known. coverage_50, coverage_90, crps_mm, crps_deg, z2, log_score: how true the posterior
+    is, see `step_calibration`; where the true pose is not known, of the joints' coordinates.
     error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
     hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one.
     """
@@ -64,13 +59,13 @@ def step_errors(
             errors[f"error_px{suffix}"] = pixels / image_scale
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
-        distances = [mean_distance(camera.project(estimates[0]), camera.project(truth.joints)) for camera in cameras]
+        distances = [pixel_distances(each, estimates[0], each.project(truth.joints)).mean() for each in cameras]
         error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "error_px" in errors:
         errors["forearm_px"] = forearm_px(cameras[0], body, truth.joints, measured) / image_scale
     if truth.pose is not None:
-        errors |= pose_calibration(step, truth.pose)
+        errors |= pose_calibration(step, skeleton, truth.pose)
         errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
         errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
     elif truth.joints is not None:
@@ -89,11 +84,6 @@ def flexion_errors(skeleton: Skeleton, pose: FloatArray, truth: FloatArray) -> d
         if apart:
             errors[f"{joint}_deg"] = float(np.sqrt(np.mean(np.square(apart))))
     return errors
-
-
-def held(error_px: Sequence[float], forearm_px: Sequence[float], last: int = 5) -> bool:
-    """Tell whether a run of frames ends on the person: mean error over the last frames below a forearm's width, px."""
-    return float(np.mean(error_px[-last:])) < float(np.mean(forearm_px[-last:]))
 
 
 def moved_joints(skeleton: Skeleton, moving: Sequence[str]) -> list[int]:
@@ -165,55 +155,22 @@ def angle_error_deg(skeleton: Skeleton, pose: FloatArray, truth: FloatArray, mov
     return float(geodesic_deg(local[0, turned], local[1, turned]).mean()) if turned else 0.0
 
 
-def pose_calibration(step: Step, pose: FloatArray) -> dict[str, float]:
-    """Return coverage_50, coverage_90, crps_mm, crps_deg and log_score over the true pose's (P,) numbers, but those
-    that the prior holds fixed: no spread among the particles. log_score is left out where only one particle has a
-    weight."""
-    spread = step.spread
-    if not spread.any():
-        return {"coverage_90": float("nan")}
-    values, weights, true = step.poses[:, spread], np.exp(step.log_weights), pose[spread]
-    scores, lengths = crps(values, weights, true), np.flatnonzero(spread) < N_POSITION
-    errors = _coverages(values, weights, true, "")
-    errors |= {"crps_mm": 1e3 * float(scores[lengths].mean())} if lengths.any() else {}
-    errors |= {"crps_deg": float(np.degrees(scores[~lengths].mean()))} if not lengths.all() else {}
-    surprise = float(log_score(values, weights, true).mean())
-    return errors | ({"log_score": surprise} if np.isfinite(surprise) else {})
-
-
-def pose_ranks(step: Step) -> FloatArray:
-    """Rank, in 0..1, the true pose's numbers that `pose_calibration` counts; none where the pose is unknown."""
-    truth, spread = step.frame.truth, step.spread
-    if truth is None or truth.pose is None:
-        return np.zeros(0)
-    return ranks(step.poses[:, spread], np.exp(step.log_weights), truth.pose[spread])
-
-
-def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:
-    """Return coverage_50_joints, coverage_90_joints and crps_joints_mm over the coordinates of those of the true joints
-    (J, 3), m, that are measured and known."""
-    known = [joint for joint in measured if np.isfinite(truth[joint]).all()]
-    if not known:
-        return {}
-    values = joints(skeleton, step.poses)[:, known].reshape(len(step.poses), -1)
-    weights, true = np.exp(step.log_weights), truth[known].ravel()
-    score = 1e3 * float(crps(values, weights, true).mean())
-    return {**_coverages(values, weights, true, "_joints"), "crps_joints_mm": score}
-
-
-def _coverages(values: FloatArray, weights: FloatArray, truth: FloatArray, suffix: str) -> dict[str, float]:
-    shares = covered(values, weights, truth, LEVELS).mean(axis=1)
-    return {f"coverage_{100.0 * level:.0f}{suffix}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
+def pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray) -> FloatArray:
+    """Return distances (J,), px, of joints (J, 3), m, in the image from true pixels (J, 2); of an estimate behind the
+    camera the image's diagonal, NaN where the truth is not seen."""
+    apart = np.linalg.norm(camera.project(estimate) - truth_px, axis=1)
+    behind = ~np.isfinite(apart) & np.isfinite(truth_px).all(axis=1)
+    return np.where(behind, np.hypot(camera.width, camera.height), apart)
 
 
 def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
-    seen = camera.project(estimate)
     if truth.marks is not None:
-        visible = np.isfinite(truth.marks).all(axis=1)
+        marks = truth.marks
         if truth.marks_visible is not None:
-            visible &= truth.marks_visible
-        return float(np.linalg.norm(seen - truth.marks, axis=1)[visible].mean()) if visible.any() else None
-    if truth.joints is None:
+            marks = np.where(truth.marks_visible[:, None], marks, np.nan)
+        distances = pixel_distances(camera, estimate, marks)
+    elif truth.joints is not None:
+        distances = pixel_distances(camera, estimate, camera.project(truth.joints))[list(measured)]
+    else:
         return None
-    distances = np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)]
     return float(np.nanmean(distances)) if np.isfinite(distances).any() else None

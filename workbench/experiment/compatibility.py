@@ -7,7 +7,7 @@ from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.core.traits import Traits
+from workbench.core.traits import EVIDENCE, Traits
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
 
@@ -19,8 +19,7 @@ def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
     """
     looked_at = [group for group in GROUPS if config.get(group) is not None and group not in unread(config)]
     traits = {group: traits_of(config[group]) for group in looked_at}
-    classes = {group: str(config[group]["_target_"]).rpartition(".")[2] for group in traits}
-    called = {group: f"{group}={names.get(group) or classes[group]}" for group in traits}
+    called = {group: _called(group, config, names) for group in traits}
     for group, part in reversed(traits.items()):
         if part.lacks:
             return f"config: {called[group]}: {part.lacks}"
@@ -32,11 +31,28 @@ def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
     return None
 
 
+def _called(group: str, config: DictConfig, names: Mapping[str, str]) -> str:
+    """Name what was chosen of a group, by its class where nobody says the option."""
+    return f"{group}={names.get(group) or str(config[group]['_target_']).rpartition('.')[2]}"
+
+
 def unread(config: DictConfig) -> tuple[str, ...]:
     """Name the groups chosen that the inference does not look at: the likelihood, for one that says it needs none."""
     declared = hasattr(get_object(config.inference["_target_"]), "traits")
     ignored = declared and "likelihood" not in traits_of(config.inference).needs
     return ("likelihood",) if ignored and config.get("likelihood") is not None else ()
+
+
+def no_evidence(config: DictConfig, names: Mapping[str, str] | None = None) -> str | None:
+    """Say why the likelihood's evidence cannot be compared between runs; None where it can.
+
+    A likelihood that is averaged, flattened, weighted or made from the run's own estimates is no density of the data.
+    """
+    if config.get("likelihood") is None or unread(config):
+        return "there is no likelihood"
+    if EVIDENCE in traits_of(config.likelihood).offers:
+        return None
+    return f"{_called('likelihood', config, names or {})} is not {EVIDENCE}"
 
 
 def traits_of(node: DictConfig) -> Traits:

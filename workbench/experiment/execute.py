@@ -20,6 +20,7 @@ from workbench.core.study import Study
 from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build, check_targets
+from workbench.experiment.compatibility import no_evidence
 from workbench.experiment.identity import identity
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
@@ -52,6 +53,8 @@ def execute(
                 _study(config, summary)
             else:
                 parts = assemble(config, partial(_timed, summary), names)
+                if reason := no_evidence(config, names):
+                    summary.left_out["log_evidence"] = reason
                 with recorder_of(config, parts, summary) as recorder:
                     record(parts, recorder, int(config.seed), summary, quiet)
                     recorder.set_result(summary.metrics)
@@ -85,15 +88,18 @@ def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet:
     meter, disable = Meter(parts), True if quiet else None
     with logging_redirect_tqdm(), tqdm(total=len(parts.clip), unit="frame", disable=disable) as bar:
         for step, errors in track(parts, seed, meter):
+            if not np.isfinite(step.log_evidence):
+                summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
+            evidence = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
             with _timed(summary, "recording"):
-                recorder.log(step, errors)
+                recorder.log(step, {**evidence, **errors})
             summary.add(step, errors)
             for sentence in step.warnings:
                 log.warning(sentence)
             shown = [form.format(errors[name]) for name, form in _SHOWN.items() if name in errors][:1]
             bar.set_postfix_str(", ".join([*shown, f"ESS {step.ess:.0f}"]))
             bar.update()
-    summary.offsets = meter.offsets
+    summary.over_run = meter.over_run
 
 
 def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:

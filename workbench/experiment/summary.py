@@ -13,7 +13,6 @@ from time import perf_counter
 import numpy as np
 
 from workbench.core.step import Step
-from workbench.evaluation.errors import held
 from workbench.evaluation.events import lost_and_found, lost_share
 from workbench.files import whole_file
 
@@ -33,7 +32,8 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames. offsets: of markers from joints, see `MarkerOffsets`.
+    truth; log_evidence is that of all frames. over_run: numbers of the run as a whole, see
+    `Meter.over_run`. left_out: numbers that would mean nothing, with the reason.
     """
 
     experiment: str
@@ -48,9 +48,10 @@ class Summary:
     frames: int = 0
     steps_s: float = 0.0
     evaluations: float = 0.0
-    log_evidence: float = 0.0
+    log_evidence: float = float("nan")
     per_frame: dict[str, list[float]] = field(default_factory=dict)
-    offsets: Mapping[str, float] = field(default_factory=dict)
+    over_run: Mapping[str, float] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
     study: Mapping[str, float] | None = None
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
@@ -67,7 +68,7 @@ class Summary:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The run's numbers: mean errors, log evidence, offsets and number of frames; or a study's."""
+        """The run's numbers: mean errors, log evidence where it can be compared, those of `over_run`; or a study's."""
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
@@ -77,10 +78,12 @@ class Summary:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
         if {"error_px", "forearm_px"} <= means.keys():
             errors, widths = self.per_frame["error_px"], self.per_frame["forearm_px"]
-            means["held"] = float(held(errors, widths))
             means["times_lost"] = float(sum(event.kind == "lost" for event in lost_and_found(errors, widths)))
+            means["held"] = float(means["times_lost"] == 0.0)
             means["lost_share"] = lost_share(errors, widths)
-        return {**means, **self.offsets, "log_evidence": self.log_evidence, "frames": float(self.frames)}
+        if "log_evidence" not in self.left_out:
+            means["log_evidence"] = self.log_evidence
+        return {**means, **self.over_run, "frames": float(self.frames)}
 
     @property
     def cost(self) -> dict[str, float]:
@@ -111,6 +114,7 @@ class Summary:
             "experiment": self.experiment,
             "seed": self.seed,
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
+            "left_out": self.left_out,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
             "identity": self.identity,

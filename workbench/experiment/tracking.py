@@ -11,11 +11,14 @@ from workbench.core.clip import Clip
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
 from workbench.errors import InputError
+from workbench.evaluation.calibration import expected_calibration_error
 from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.evaluation.marker_offsets import MarkerOffsets
+from workbench.evaluation.step_calibration import pose_ranks
+from workbench.streams import stream
 
 STREAMS = ("start", "resampling", "prior", "study")
-"""Names of the run's random streams, spawned from its seed in this order."""
+"""Names of the run's random streams."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +45,24 @@ class Meter:
         self._body, self._parameters, self._scale = parts.body, parts.parameters, parts.clip.known.scale
         self._acceleration = AccelerationError(parts.body.skeleton, parts.parameters)
         self._markers = MarkerOffsets(parts.body.skeleton, parts.parameters)
+        self._first = True  # given, not tracked
+        self._ranks: list[FloatArray] = []
 
     def errors(self, step: Step) -> dict[str, float]:
         """The step's errors by name; see `step_errors`, `AccelerationError` and `MarkerOffsets`."""
         errors = step_errors(step, self._body, self._parameters, self._scale)
+        if not self._first:
+            self._ranks.append(pose_ranks(step))
+        self._first = False
         return errors | self._acceleration.add(step) | self._markers.add(step)
 
     @property
-    def offsets(self) -> dict[str, float]:
-        """Lengths, mm, of the markers' offsets from their joints, as far as they are known."""
-        return self._markers.lengths_mm
+    def over_run(self) -> dict[str, float]:
+        """Numbers of the run as a whole: lengths, mm, of the markers' offsets from their joints, as far as they are
+        known, and the expected calibration error, see `calibration.expected_calibration_error`."""
+        ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
+        calibration = {"calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
+        return self._markers.lengths_mm | calibration
 
 
 def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:
@@ -68,5 +79,4 @@ def rng_streams(seed: int) -> dict[str, np.random.Generator]:
     """The run's named random streams; raises InputError for a negative seed."""
     if seed < 0:
         raise InputError(f"seed must be zero or a positive whole number, found {seed}")
-    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
-    return {name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)}
+    return {name: stream(seed, f"run: {name}") for name in STREAMS}

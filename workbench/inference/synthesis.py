@@ -120,7 +120,7 @@ class Synthesis:
             time_s, shown = frame.time_s, pose
             yield Step(
                 frame=frame, space=self.space, particles=state, poses=pose[None], log_weights=np.zeros(1),
-                ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=0.0,
+                ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=np.nan,
                 diagnostics=diagnostics, warnings=warnings,
             )  # fmt: skip
 

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import activities as activity_models
@@ -25,6 +23,7 @@ from workbench.mocap.generated.running import builtin_runs
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
+from workbench.streams import stream
 
 log = logging.getLogger(__name__)
 WALKERS = ("02", "05", "06", "07", "08", "16", "32", "39")  # subjects of CMU whose walks are learned from
@@ -72,10 +71,11 @@ def cyclic_model(
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
 
     def learn() -> WalkingModel:
-        rng = np.random.default_rng(GAP_SEED)
+        rng = stream(GAP_SEED, "gaps")
         return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
 
-    return _learned(WalkingModel, "cyclic", cache, training, code_digest(cyclic, gaps), learn, q=q, missing=missing)
+    code, options = code_digest(cyclic, gaps), {"q": q, "missing": missing, "gap_seed": GAP_SEED}
+    return _learned(WalkingModel, "cyclic", cache, training, code, learn, **options)
 
 
 def motion_windows(

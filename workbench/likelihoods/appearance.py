@@ -23,6 +23,7 @@ from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
 from workbench.likelihoods.looks import PoseLook, Remembering
+from workbench.streams import stream
 
 ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
 _PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
@@ -83,7 +84,7 @@ class Appearance:
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch."""
-        return patch_samples(self.n_samples, np.random.default_rng(self.seed))
+        return patch_samples(self.n_samples, stream(self.seed, "appearance samples"))
 
     @cached_property
     def learned_from(self) -> FloatArray:

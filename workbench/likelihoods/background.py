@@ -19,6 +19,7 @@ from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scen
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
 from workbench.likelihoods.looks import PoseLook
+from workbench.streams import stream
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
 """Places of the points about a limb: in half widths from its axis, and beyond its end in lengths; off its outline."""
@@ -66,7 +67,7 @@ class Background:
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
         """The points (n, 2) of every patch and those about it."""
-        inside = patch_samples(self.n_samples, np.random.default_rng(self.seed))
+        inside = patch_samples(self.n_samples, stream(self.seed, "background samples"))
         return inside, points_about(inside)
 
     @cached_property

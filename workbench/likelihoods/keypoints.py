@@ -1,9 +1,9 @@
 """How well a pose explains the 2-D joints that a detector found, or somebody marked, in every view."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.observations import Keypoints, Observables, Observed, usable_keypoints
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
-from workbench.core.traits import KEYPOINTS, RESIDUALS, Traits, offering
+from workbench.core.traits import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.errors import InputError
 from workbench.likelihoods.looks import PoseLook
 
@@ -37,7 +37,10 @@ class KeypointLikelihood:
     not there.
     """
 
-    traits: ClassVar[Traits] = offering(RESIDUALS, dataset=KEYPOINTS)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare residuals, and a density of the data where nothing flattens it."""
+        return offering(RESIDUALS, *((EVIDENCE,) if keys.get("temper") == 1.0 else ()), dataset=KEYPOINTS)
 
     body: Body
     sigma_px: float = 4.0

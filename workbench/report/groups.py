@@ -20,7 +20,7 @@ CHIEF: dict[str, str] = {
     "error_abs_mm": "mean joint error (mm)",
     "error_rel_mm": "mean joint error, pelvis on pelvis (mm)",
     "error_px": "mean error in the image (px)",
-    "held": "held at the end (fraction of runs)",
+    "held": "held throughout (fraction of runs)",
     "coverage_90": "coverage of the 90 % band (fraction)",
     "activity_accuracy": "activity told right (fraction)",
     "seconds": "time taken (s)",

@@ -107,18 +107,18 @@ def test_the_true_posterior_has_the_best_scores():
 def test_a_step_reports_calibration_of_pose_or_joints():
     rng = np.random.default_rng(0)
     spread = 0.05 * rng.standard_normal((2000, 25))
-    spread[:, 5] = 0.0  # held fixed: not counted
+    spread[:, 5] = 0.0  # held fixed, and wrong: missed
     pose = standing()
     true = pose.copy()
     true[:12] += 0.05 * 1.0  # one deviation: outside of the middle half, inside of the 90 % band
     errors = step_errors(step_of(pose + spread, Truth(pose=true, joints=joints(SKELETON, true[None])[0])), BODY)
-    assert errors["coverage_50"] == pytest.approx(13 / 24)
-    assert errors["coverage_90"] == 1.0
+    assert errors["coverage_50"] == pytest.approx(13 / 25)
+    assert errors["coverage_90"] == pytest.approx(24 / 25)
     off = 1.0 * (2.0 * norm.cdf(1.0) - 1.0) + 2.0 * norm.pdf(1.0) - 1.0 / np.sqrt(np.pi)
     on = 2.0 * norm.pdf(0.0) - 1.0 / np.sqrt(np.pi)
     # scores of 2000 draws are good to a few per cent
     assert errors["crps_mm"] == pytest.approx(50.0 * off, rel=0.05)
-    assert errors["crps_deg"] == pytest.approx(np.degrees(0.05 * (8 * off + 13 * on) / 21), rel=0.05)
+    assert errors["crps_deg"] == pytest.approx(np.degrees(0.05 * (8 * off + 13 * on + 1.0) / 22), rel=0.05)
     # of N(0, 0.05²): 11 numbers are off by one deviation, 13 by none
     assert errors["log_score"] == pytest.approx(np.log(0.05 * np.sqrt(2.0 * np.pi)) + 0.5 * 11 / 24, abs=0.02)
     assert "coverage_90_joints" not in errors

@@ -12,7 +12,7 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
 from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter
+from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, n_ancestors
 from workbench.inference.particles.weights import RESAMPLING, effective_sample_size
 
 
@@ -89,7 +89,8 @@ def test_a_likelihood_with_a_memory_is_told_every_frame_before_the_next_is_weigh
     for _ in range(2):  # a second run begins anew
         told.clear()
         steps = list(inference.run(frames(4), MEAN0, streams(1)))
-        assert [step.diagnostics for step in steps] == [{"told": float(t), "evaluated": float(t > 0)} for t in range(4)]
+        found = [(step.diagnostics["told"], step.diagnostics["evaluated"]) for step in steps]
+        assert found == [(float(t), float(t > 0)) for t in range(4)]
         assert told == [()]  # what it remembers is another
 
 
@@ -267,3 +268,14 @@ def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_pr
     inference = ParticleFilter(Proposes(), Constant(-np.inf), n_particles=40)
     for step in inference.run(frames(3), MEAN0, streams(5)):
         assert np.exp(step.log_weights).sum() == pytest.approx(1.0)
+
+
+def test_ancestors_are_counted_over_several_frames():
+    first, second = np.array([0, 0, 1, 2]), np.array([1, 1, 0, 3])
+    assert n_ancestors([first]) == 3.0
+    assert n_ancestors([first, second]) == 2.0  # 0 of 0 and 1, and 2 of 3
+    steps = run(50, 0, simulate(15, 0))
+    lived = np.arange(50)
+    for step in steps[5:]:
+        lived = step.ancestors if step is steps[5] else lived[step.ancestors]
+    assert steps[-1].diagnostics["ancestors_10"] == len(np.unique(lived)) < 50

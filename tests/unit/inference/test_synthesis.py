@@ -86,7 +86,7 @@ def test_the_lead_in_may_have_another_rate(windows, motions):
 def test_a_step_is_one_particle_of_weight_one(windows, motions):
     steps = run(Implicit(windows), motions[0])
     for index, step in enumerate(steps):
-        assert (step.frame.index, step.ess, step.log_evidence) == (index, 1.0, 0.0)
+        assert (step.frame.index, step.ess) == (index, 1.0)
         assert step.particles.shape == (1, len(step.space))
         assert np.exp(step.log_weights).sum() == 1.0
         assert (step.poses[0] == step.expected_pose).all()

@@ -9,7 +9,7 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.evaluation.calibration import ranks
-from workbench.evaluation.errors import pose_ranks
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write.posterior import RANKS as PATH
 from workbench.recording.write.recorder import Recorder
 

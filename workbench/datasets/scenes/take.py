@@ -16,6 +16,7 @@ from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
 from workbench.mocap.sources import UNKNOWN, find_motion, motion_file, read_clip
+from workbench.streams import stream
 
 STARTS = ("auto", "given")
 SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
@@ -91,7 +92,7 @@ class Take:
         skeleton, pose = self.body.skeleton, self.motion.poses[0]
         sigma = np.full(len(pose), START_SIGMA_RAD)
         sigma[:3] = START_SIGMA_M
-        error = sigma * np.random.default_rng([seed, 0x57A27]).standard_normal(len(pose))
+        error = sigma * stream(seed, "rough start").standard_normal(len(pose))
         return np.clip(pose + error, *skeleton.limits.T)
 
 

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.body.turns import nearest_turn
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
@@ -57,15 +58,17 @@ class FrameByFrame:
 def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gaussian | None = None) -> Fit:
     """Fit each frame from the pose of the frame before (paper D, section 4.1), the first from a pose `start` (P,), with
     a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither points
-    nor prior tell has the deviation FLAT."""
-    clock, covariances, searches, pose = perf_counter(), [], list[Minimum](), start
+    nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their limits: a
+    straight arm's twist, which no point tells, may have gone round."""
+    clock, poses, covariances, searches = perf_counter(), [start], [], list[Minimum]()
+    middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
     for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
-        searches.append(fit_frame(decoder, residual, data.loss, pose, prior=prior, max_iterations=40))
-        pose = searches[-1].x
-        covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(pose)) / FLAT**2))
-    poses, iterations = np.array([search.x for search in searches]), np.mean([search.iterations for search in searches])
+        searches.append(fit_frame(decoder, residual, data.loss, poses[-1], prior=prior, max_iterations=40))
+        poses.append(nearest_turn(searches[-1].x, np.concatenate([poses[-1][:N_ROOT], middle])))
+        covariances.append(np.linalg.inv(searches[-1].quadratic.normal.dense() + np.eye(len(start)) / FLAT**2))
+    iterations = np.mean([search.iterations for search in searches])
     costs = tuple(search.costs[-1] for search in searches)
-    fit = fit_of(decoder, data, poses, np.array(covariances), float(iterations), costs)
+    fit = fit_of(decoder, data, np.array(poses[1:]), np.array(covariances), float(iterations), costs)
     return replace(fit, timing_s={"least_squares": perf_counter() - clock})
 
 

@@ -166,7 +166,7 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
             poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
-            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=0.0,
+            expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},
         )  # fmt: skip

@@ -61,4 +61,4 @@ class Annealed(DensityMove):
             scattered = target.shift(candidates, noisy, self.shrink**layer * innovations.std(axis=0) * noise)
             candidates = candidates.merge(scattered, np.isfinite(scattered.log_prior))
         log_weights, _ = target.weigh(even, candidates.log_prob)
-        return target.settle(target.complete(candidates, rng), log_weights, 0.0, is_posterior=0.0)
+        return target.settle(target.complete(candidates, rng), log_weights, np.nan, is_posterior=0.0)

@@ -1,12 +1,14 @@
 """The particle filter: sequential importance resampling (Doucet, de Freitas & Gordon 2001), whatever moves it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.turns import nearest_turn
 from workbench.core.checks import at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
@@ -20,6 +22,10 @@ from workbench.inference.particles.move import Move, Streams
 from workbench.inference.particles.target import Moved, Particles, Stopwatch, Target
 from workbench.inference.particles.weights import DegenerateWeights as DegenerateWeights
 from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+
+LOOKED_BACK = 10
+"""Frames over which the diagnostic `ancestors_10` follows the particles back: their weights may be even and they all
+have come from one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +75,7 @@ class ParticleFilter:
         DegenerateWeights as configured.
         """
         likelihood, log_evidence = self.likelihood, 0.0
+        lineage: deque[IntArray] = deque(maxlen=LOOKED_BACK)
         previous: Frame | None = None
         for frame in frames:
             clock = Stopwatch()
@@ -80,7 +87,9 @@ class ParticleFilter:
             else:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
-            diagnostics, warnings = {**look.diagnostics, **moved.diagnostics}, (*look.notes, *moved.warnings)
+            lineage.append(moved.particles.ancestors)
+            counted = {"ancestors_10": n_ancestors(lineage)}
+            diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
             moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
             step = particle_step(frame, self.space, moved, log_evidence, clock)
@@ -99,6 +108,14 @@ class ParticleFilter:
         return Moved(Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings)
 
 
+def n_ancestors(lineage: Sequence[IntArray]) -> float:
+    """Return how many particles before the first step of `lineage`, ancestors (N,) of steps in order, live on."""
+    origins = lineage[-1]
+    for ancestors in reversed(list(lineage)[:-1]):
+        origins = ancestors[origins]
+    return float(len(np.unique(origins)))
+
+
 def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
     """Draw states (N, D), as evenly as possible around the poses (n, P)."""
     shares = np.bincount(np.arange(n_particles) % len(poses), minlength=len(poses))
@@ -108,13 +125,14 @@ def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.rand
 def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
-    # not a BLAS product, whose order of addition depends on the number of threads
-    expected = np.einsum("n,np->p", np.exp(particles.log_weights), particles.poses)
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
+    poses = nearest_turn(particles.poses, particles.poses[best])  # else the mean of two headings may be neither
+    # not a BLAS product, whose order of addition depends on the number of threads
+    expected = np.einsum("n,np->p", np.exp(particles.log_weights), poses)
     clock.lap("summary")
     return Step(
-        frame=frame, space=space, particles=particles.state, poses=particles.poses,
-        log_weights=particles.log_weights, ancestors=particles.ancestors, expected_pose=expected,
-        map_pose=particles.poses[best], ess=effective_sample_size(particles.log_weights), log_evidence=log_evidence,
+        frame=frame, space=space, particles=particles.state, poses=poses, log_weights=particles.log_weights,
+        ancestors=particles.ancestors, expected_pose=expected, map_pose=poses[best],
+        ess=effective_sample_size(particles.log_weights), log_evidence=log_evidence,
         diagnostics=moved.diagnostics, warnings=moved.warnings, evaluations=moved.evaluations, timing_s=clock.laps,
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.body.turns import nearest_turn
 from workbench.core.checks import at_least, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
@@ -222,7 +223,7 @@ def _log_prob(
 
 def _replaced(step: Step, picked: IntArray, log_weights: FloatArray, ancestors: IntArray, best: int) -> Step:
     """Return the step with some of its particles, weighted anew."""
-    poses = step.poses[picked]
+    poses = nearest_turn(step.poses[picked], step.poses[picked[best]])
     return replace(
         step, particles=step.particles[picked], poses=poses, log_weights=log_weights, ancestors=ancestors,
         expected_pose=(np.exp(log_weights)[:, None] * poses).sum(axis=0), map_pose=poses[best],

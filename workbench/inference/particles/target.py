@@ -70,7 +70,8 @@ class Candidates:
 class Moved:
     """What a move makes of the particles in one more frame.
 
-    log_gain: log p(frame | frames before). evaluations: how often the likelihood was evaluated, for one pose each.
+    log_gain: log p(frame | frames before), NaN by moves that do not estimate it.
+    evaluations: how often the likelihood was evaluated, for one pose each.
     best: index of the particle whose pose is the step's `map_pose`; None: the heaviest.
     """
 

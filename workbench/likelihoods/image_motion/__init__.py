@@ -18,6 +18,7 @@ from workbench.errors import InputError
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import kernel
 from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
+from workbench.streams import stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ class ImageMotion:
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch, see `patch_samples`."""
-        return patch_samples(self.n_samples, np.random.default_rng(self.seed))
+        return patch_samples(self.n_samples, stream(self.seed, "image motion samples"))
 
     @property
     def model(self) -> kernel.LimbModel:

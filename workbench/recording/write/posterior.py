@@ -8,11 +8,12 @@ import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
+from workbench.body.turns import nearest_turn
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
-from workbench.evaluation.errors import pose_ranks
 from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
@@ -83,8 +84,8 @@ class Posterior:
         rows = {"mean": weights @ values, "low": low, "high": high}
         numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
         if (known := step.frame.truth) is not None and known.pose is not None:
-            dofs = self._skeleton.dof_names
-            numbers |= {_band(name, "truth"): known.pose[dofs.index(name)] for name in self.names if name in dofs}
+            dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
+            numbers |= {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
         return numbers
 
     def begin(self, step: Step) -> Entities:

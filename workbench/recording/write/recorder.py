@@ -95,7 +95,7 @@ class Recorder:
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
 
-        They are recorded with the effective sample size, the log evidence and the step's diagnostics.
+        They are recorded with the effective sample size and the step's diagnostics.
         Raises ValueError for particles that are not finite or not normalised, InputError for a camera's unusable name,
         OSError when the disk is nearly full.
         """
@@ -103,7 +103,7 @@ class Recorder:
         time = np.timedelta64(round(frame.time_s * 1e9), "ns")
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
-        measured = {"ess": step.ess, "log_evidence": step.log_evidence, **step.diagnostics, **metrics}
+        measured = {"ess": step.ess, **step.diagnostics, **metrics}
         self._bands.add(frame.index, time, curves(self._posterior.add(step)))
         numbers = {f"metrics/{name}": value for name, value in measured.items()} | {"estimate/pose": step.expected_pose}
         numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
