@@ -75,5 +75,6 @@ def trajectory_of_keypoints(skeleton: Skeleton, frames: Iterable[Frame]) -> Traj
     residuals = [views_residual(skeleton, frame.keypoints, sigma_px, LEANING_SIGMA_RAD) for frame in seen]
     data, starts = FitData(residuals, times_s, LOSS, RECORDED), first_poses(skeleton, first, sigma_px)
     poses, _, _ = fit_smooth(skeleton, seen, data, starts, MAX_ITERATIONS)
-    log.info("the whole body's motion fitted to the keypoints of all cameras")
+    n_cameras = len({keypoints.camera.name for frame in seen for keypoints in frame.keypoints})
+    log.info("the whole body's motion fitted to the keypoints of %d cameras", n_cameras)
     return Trajectory(times_s - times_s[0], poses)
