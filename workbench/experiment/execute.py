@@ -20,6 +20,7 @@ from workbench.core.study import Study
 from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build, check_targets
+from workbench.experiment.given import givens
 from workbench.experiment.identity import identity
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
@@ -51,6 +52,8 @@ def execute(
             if config.study is not None:
                 _study(config, summary)
             else:
+                config = _with_given(config, names)
+                summary.given = list(config.given)
                 parts = assemble(config, partial(_timed, summary), names)
                 with recorder_of(config, parts, summary) as recorder:
                     record(parts, recorder, int(config.seed), summary, quiet)
@@ -64,6 +67,17 @@ def execute(
     finally:
         summary.write(folder / "summary.json")
     return summary
+
+
+def _with_given(config: DictConfig, names: Mapping[str, str] | None) -> DictConfig:
+    """Put in what the run is given in place of what its experiment lists, and say both where they differ."""
+    taken, listed = list(givens(config, names)), list(config.get("given") or [])
+    log.info("given: %s", ", ".join(taken) or "nothing")
+    if listed and listed != taken:
+        log.info("the experiment as it stands lists: %s", ", ".join(listed))
+    config = config.copy()
+    OmegaConf.update(config, "given", taken, force_add=True)
+    return config
 
 
 def _study(config: DictConfig, summary: Summary) -> None:
@@ -111,7 +125,12 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
     return {
         "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
         "config_yaml": OmegaConf.to_yaml(config, resolve=True),
-        "provenance": {"experiment": summary.experiment, "seed": summary.seed, **versions()},
+        "provenance": {
+            "experiment": summary.experiment,
+            "seed": summary.seed,
+            "given": ", ".join(summary.given),
+            **versions(),
+        },
     }
 
 
