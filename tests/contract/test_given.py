@@ -9,6 +9,7 @@ from omegaconf import OmegaConf
 
 from workbench.core.given import MEANING
 from workbench.errors import InputError
+from workbench.experiment.compatibility import incompatibility
 from workbench.experiment.given import check_given, givens
 
 README = Path(__file__).parents[2] / "README.md"
@@ -67,3 +68,15 @@ def test_the_table_of_the_readme_says_what_is_given():
     }
     explained = re.search(r"What is given, in words: (.+?)\n\n", text, re.DOTALL)
     assert set(re.findall(r"`(\w+)`", explained[1])) == set(MEANING)
+
+
+@pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])
+def test_restarts_from_joints_are_refused_where_the_likelihood_weighs_these(likelihood):
+    chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=restarting", likelihood]
+    names = {"inference": "restarting", "likelihood": "keypoints"}
+    refused = incompatibility(composed(*chosen), names)
+    if likelihood == "likelihood=keypoints":
+        start = "config: inference=restarting starts from 2-D joints"
+        assert refused == f"{start}, which likelihood=keypoints would use a second time"
+    else:
+        assert refused is None
