@@ -67,7 +67,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
 }
 """Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
 
-_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep")
+_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "given", "clips")
 _PLACES = ("data", "cache")
 
 

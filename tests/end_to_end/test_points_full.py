@@ -15,11 +15,11 @@ SMALL = ("dataset.n_frames=8", "dataset.n_points=150", "prior.n_components=3", "
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """A folder as paths.data: three walks and two runs of generated people."""
+    """A folder as paths.data: a walk to track, and of the other data set two walks and two runs of generated people."""
     folder = tmp_path_factory.mktemp("data")
     for k, person in enumerate(subjects(3, np.random.default_rng(5)), start=1):
-        name = f"dataset-2_walk_normal_{k:03d}"
-        write_bandai_like(folder / "bandai" / "dataset-2" / f"{name}.bvh", walker(person, 4.0, 30.0))
+        name = f"dataset-{2 if k == 1 else 1}_walk_normal_{k:03d}"
+        write_bandai_like(folder / "bandai" / name[:9] / f"{name}.bvh", walker(person, 4.0, 30.0))
     for k, person in enumerate(runners(2, np.random.default_rng(6)), start=1):
         name = f"dataset-1_run_active_{k:03d}"
         write_bandai_like(folder / "bandai" / "dataset-1" / f"{name}.bvh", runner(person, 4.0, 30.0))

@@ -26,7 +26,7 @@ def test_runs_of_two_priors_become_a_report(run, tmp_path, capfd):
         assert cost["likelihood_evaluations"] == 30 * 3  # the first frame is given
         assert cost["seconds"] == pytest.approx(4e-3 * cost["ms_per_frame"])
         assert not cost.keys() & recorded.result.keys()  # or equal runs would not give equal metrics
-        assert re.search(rf"\n{prior} +1 +{number(error)} +– +–\n", told)
+        assert re.search(rf"\n{prior} +1 +1 +{number(error)} +– +– +–\n", told)
         joints = dict(joint_errors(recorded))
         del joints["pelvis"]  # not one of those whose mean is a run's error
         # positions are kept to float32, in metres

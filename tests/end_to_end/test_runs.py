@@ -36,7 +36,19 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     _, poses = recorded.poses
     assert poses.shape == (4, 25)
     assert "n_particles: 60" in recorded.config
+    assert summary["given"] == recorded.settings["given"]
+    assert {"start", "limb_lengths"} <= set(summary["given"])
+    assert recorded.provenance["given"] == ", ".join(summary["given"])
+    assert f"given: {recorded.provenance['given']}\n" in told
+    assert "the experiment as it stands lists" not in told
     assert not list(folder.glob("*.part"))
+
+
+def test_a_run_is_given_what_its_own_parts_take(run):
+    code, told, folder = run("out", "body=height", "body.height_m=1.7", "likelihood.background=still", *SMALL)
+    assert code == 0, told
+    assert "the experiment as it stands lists: start, rotation, limb_lengths, radii, camera\n" in told
+    assert read(folder / "run.rrd").provenance["given"] == "start, rotation, height, camera, still_camera"
 
 
 def recorded_run(folder):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from least_squares_scenes import Knowing
 
-from workbench.body import person
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
+from workbench.datasets import person
 from workbench.datasets.video import Video
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.motion_fit import MotionFit

@@ -17,10 +17,18 @@ def made_up(
     study: bool = False,
     run_id: str = "",
     version: str = "1",
+    motion: Any = None,
     **metrics: float,
 ) -> Run:
-    """A run of `prior` with n particles; its metrics by name."""
-    config = {"prior": {"_target_": f"workbench.priors.{prior}"}, "inference": {"n_particles": n}, "seed": seed}
+    """A run of `prior` with n particles, which leaves out whoever is in `motion`; its metrics by name."""
+    config: dict[str, Any] = {
+        "prior": {"_target_": f"workbench.priors.{prior}"},
+        "inference": {"n_particles": n},
+        "seed": seed,
+    }
+    if motion is not None:
+        config["dataset"] = {"motion": motion, "seed": seed}
+        config["prior"]["leave_out"] = [str(motion)[:2]]
     properties: dict[str, dict[str, Any]] = {
         "run": {"status": status, "id": run_id},
         "config": {"TextDocument:text": yaml.safe_dump(config)},
@@ -30,4 +38,6 @@ def made_up(
     }
     if not study:
         properties["body"] = {"joints": ["pelvis"], "pose": ["root_x"]}
-    return Run(Path(f"{prior}_{n}_{seed}_{status}.rrd"), properties, {})
+    return Run(
+        Path(f"{prior}_{n}_{seed}_{status}.rrd" if motion is None else f"{prior}_{motion}_{seed}.rrd"), properties, {}
+    )

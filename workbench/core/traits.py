@@ -5,8 +5,9 @@ a function from these to one. A nested part is there with its own traits in plac
 member offers nothing special and needs nothing special.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 DENSITY = "a density that can be evaluated"
 MOTION = "a motion model to fit"
@@ -26,12 +27,18 @@ START = "a pose, marks, 2-D joints or points to start from"
 @dataclass(frozen=True)
 class Traits:
     """offers: what the part has to give. needs: what it asks of the dataset, the prior and the likelihood, by group; a
-    group with nothing to ask for must be there all the same. lacks: a sentence about what its own nested parts lack,
+    group with nothing to ask for must be there all the same. Under `given` and `known` it says in the words of `given`
+    what it takes beforehand: in any case, and where the dataset knows it. Under `apart` stands what the likelihood must
+    not look at, as the part takes it for something else. lacks: a sentence about what its own nested parts lack,
     empty where they have it."""
 
     offers: frozenset[str] = frozenset()
     needs: Mapping[str, frozenset[str]] = field(default_factory=dict)
     lacks: str = ""
+
+
+Declared = Traits | Callable[[Mapping[str, Any]], Traits]
+Part = TypeVar("Part", bound=Callable[..., object])
 
 
 def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
@@ -40,6 +47,16 @@ def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
         frozenset(offers),
         {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},
     )
+
+
+def declaring(traits: Declared) -> Callable[[Part], Part]:
+    """Give a function its traits, which a class has as a member."""
+
+    def declare(part: Part) -> Part:
+        part.traits = traits  # type: ignore[attr-defined]
+        return part
+
+    return declare
 
 
 def needs_of_all(parts: Mapping[str, Traits]) -> dict[str, frozenset[str]]:

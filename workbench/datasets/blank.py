@@ -8,6 +8,7 @@ from typing import ClassVar
 from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
+from workbench.core.given import LEAD_IN, START_POSE
 from workbench.core.traits import START, Traits, offering
 from workbench.errors import InputError
 from workbench.mocap.sources import find_motion
@@ -19,7 +20,7 @@ class Blank:
     `named.find_motion`; the person stands as in its frame `first_frame`, counted at rate_hz. Raises InputError for
     parameters out of range and, when asked what is known, a motion that cannot be found or has no such frame."""
 
-    traits: ClassVar[Traits] = offering(START)
+    traits: ClassVar[Traits] = offering(START, START_POSE, LEAD_IN)
 
     motion: str = "builtin"
     data: str | None = None

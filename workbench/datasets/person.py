@@ -1,10 +1,21 @@
-"""The body of the person a dataset shows, where it knows them."""
+"""The body of the person tracked: as the dataset knows them, or an average one."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any
 
 from workbench.body.limbs import Body, person
+from workbench.body.shape import Shape, from_height
 from workbench.core.dataset import Known
+from workbench.core.given import HEIGHT, LIMB_LENGTHS, RADII
+from workbench.core.traits import Traits, declaring, offering
 from workbench.errors import InputError
 
+NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 
+
+@declaring(offering(given=(LIMB_LENGTHS, RADII)))
 def of_dataset(known: Known, *, scale: float = 1.0) -> Body:
     """Return the tracked body as the dataset knows it, or else its person as measured, all lengths times `scale`;
     raises InputError where it knows neither."""
@@ -13,3 +24,18 @@ def of_dataset(known: Known, *, scale: float = 1.0) -> Body:
     if known.shape is None:
         raise InputError("body: this dataset does not know the person's size; choose body=height body.height_m=…")
     return person(known.shape.scaled(scale))
+
+
+def _height_traits(keys: Mapping[str, Any]) -> Traits:
+    """Declare the height, and the limb lengths where some are given."""
+    return offering(given=(HEIGHT, LIMB_LENGTHS) if keys.get("lengths") else (HEIGHT,))
+
+
+@declaring(_height_traits)
+def of_height(*, height_m: float, lengths: Mapping[str, float] = NO_LENGTHS) -> Body:
+    """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}; raises InputError
+    for an unknown length and what `from_height` refuses."""
+    plain = {field.name for field in fields(Shape) if field.type is float}
+    if unknown := sorted(set(lengths) - plain):
+        raise InputError(f"body: unknown length {unknown[0]!r}, expected one of {', '.join(sorted(plain))}")
+    return person(from_height(height_m, **lengths))

@@ -1,11 +1,11 @@
 """Points out of files: one file a frame, or all frames in one."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -17,7 +17,7 @@ from workbench.core.frame import Frame
 from workbench.core.traits import POINTS, START, Traits, offering
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.errors import InputError
 from workbench.streams import stream
 
@@ -39,7 +39,10 @@ class PointFiles:
     folder without files of points.
     """
 
-    traits: ClassVar[Traits] = offering(POINTS, START)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare points, which tell the start, too, and what is given of it."""
+        return offering(POINTS, START, *offered_start(keys))
 
     source: str
     rate_hz: float = 14.0

@@ -16,7 +16,7 @@ from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, off
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.camera import take_camera
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.datasets.scenes.visible import visible_points
 from workbench.streams import stream
 
@@ -48,7 +48,7 @@ class Points(Scene):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare points, which tell the start, too, and images where they are rendered."""
         images = (IMAGES, ONE_CAMERA) if keys.get("images") else ()
-        return offering(POINTS, START, *images)
+        return offering(POINTS, START, *offered_start(keys), *images)
 
     focal_px: float = 400.0
     n_points: int = 400

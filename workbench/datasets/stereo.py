@@ -1,9 +1,9 @@
 """Points from a rendered stereo pair by semi-global block matching (Hirschmüller, PAMI 30, 2008), with exact truth."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from workbench.datasets.scenes import camera as placing
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes import room as stereo_room
 from workbench.datasets.scenes.cache import cached_images, image_key
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start
+from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.streams import stream
@@ -49,7 +49,10 @@ class Stereo(Scene):
     start: as for `points.Points`, and InputError is raised where that does.
     """
 
-    traits: ClassVar[Traits] = offering(POINTS, IMAGES, ONE_CAMERA, START)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare points, which tell the start, too, and what is given of it."""
+        return offering(POINTS, IMAGES, ONE_CAMERA, START, *offered_start(keys))
 
     cache: str | None = None
     n_points: int = 400

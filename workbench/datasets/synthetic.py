@@ -18,6 +18,7 @@ from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
+from workbench.core.given import START_POSE
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.cache import cached_images, image_key
@@ -53,7 +54,7 @@ class Synthetic(Scene):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, a start, and detected joints where they are asked for."""
         keypoints = () if keys.get("keypoint_sigma_px") is None else (KEYPOINTS,)
-        return offering(IMAGES, ONE_CAMERA, START, *keypoints)
+        return offering(IMAGES, ONE_CAMERA, START, START_POSE, *keypoints)
 
     n_frames: int = 50
     rate_hz: float = 30.0

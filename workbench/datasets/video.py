@@ -15,6 +15,7 @@ from workbench.body.camera import Camera, load_cameras
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, MarkedFrames, Truth, View
+from workbench.core.given import MARKS
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.marks import Marks, read_marks
@@ -50,7 +51,7 @@ class Video:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare images of one camera, and the joints and the start that are given."""
         keypoints = () if keys.get("keypoints") is None else (KEYPOINTS, START)
-        marks = () if keys.get("start_marks") is None else (START,)
+        marks = () if keys.get("start_marks") is None else (START, MARKS)
         return offering(IMAGES, ONE_CAMERA, *keypoints, *marks)
 
     source: str

@@ -19,21 +19,27 @@ def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
     """
     looked_at = [group for group in GROUPS if config.get(group) is not None and group not in unread(config)]
     traits = {group: traits_of(config[group]) for group in looked_at}
-    called = {group: _called(group, config, names) for group in traits}
+    called = {group: name_of(config, group, names) for group in traits}
     for group, part in reversed(traits.items()):
         if part.lacks:
             return f"config: {called[group]}: {part.lacks}"
         for other, words in part.needs.items():
+            if other not in GROUPS:
+                continue
             if other not in traits:
                 return f"config: {called[group]} needs a {other}, and there is none"
             for word in sorted(words - traits[other].offers):
                 return f"config: {called[group]} needs {word} of the {other}, which {called[other]} does not have"
+    return _used_twice(traits, called)
+
+
+def _used_twice(traits: Mapping[str, Traits], called: Mapping[str, str]) -> str | None:
+    """Say what the likelihood would weigh although another part has taken it for something else."""
+    weighed = traits["likelihood"].needs.get("dataset", frozenset()) if "likelihood" in traits else frozenset()
+    for group, part in traits.items():
+        for word in sorted(part.needs.get("apart", frozenset()) & weighed):
+            return f"config: {called[group]} starts from {word}, which {called['likelihood']} would use a second time"
     return None
-
-
-def _called(group: str, config: DictConfig, names: Mapping[str, str]) -> str:
-    """Name what was chosen of a group, by its class where nobody says the option."""
-    return f"{group}={names.get(group) or str(config[group]['_target_']).rpartition('.')[2]}"
 
 
 def unread(config: DictConfig) -> tuple[str, ...]:
@@ -52,7 +58,7 @@ def no_evidence(config: DictConfig, names: Mapping[str, str] | None = None) -> s
         return "there is no likelihood"
     if EVIDENCE in traits_of(config.likelihood).offers:
         return None
-    return f"{_called('likelihood', config, names or {})} is not {EVIDENCE}"
+    return f"{name_of(config, 'likelihood', names or {})} is not {EVIDENCE}"
 
 
 def traits_of(node: DictConfig) -> Traits:
@@ -76,6 +82,11 @@ def _value(node: DictConfig, key: str) -> Any:
     if "_target_" in value:
         return traits_of(value)
     return {str(name): _value(value, str(name)) for name in value}
+
+
+def name_of(config: DictConfig, group: str, names: Mapping[str, str]) -> str:
+    """Say which part is chosen of a group: group=option, as far as `names` knows it, or else group=class."""
+    return f"{group}={names.get(group) or str(config[group]['_target_']).rpartition('.')[2]}"
 
 
 PAIRS = (

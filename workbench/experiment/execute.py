@@ -21,6 +21,7 @@ from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build, check_targets
 from workbench.experiment.compatibility import no_evidence
+from workbench.experiment.given import givens
 from workbench.experiment.identity import identity
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
@@ -52,6 +53,8 @@ def execute(
             if config.study is not None:
                 _study(config, summary)
             else:
+                config = _with_given(config, names)
+                summary.given = list(config.given)
                 parts = assemble(config, partial(_timed, summary), names)
                 if reason := no_evidence(config, names):
                     summary.left_out["log_evidence"] = reason
@@ -67,6 +70,17 @@ def execute(
     finally:
         summary.write(folder / "summary.json")
     return summary
+
+
+def _with_given(config: DictConfig, names: Mapping[str, str] | None) -> DictConfig:
+    """Put in what the run is given in place of what its experiment lists, and say both where they differ."""
+    taken, listed = list(givens(config, names)), list(config.get("given") or [])
+    log.info("given: %s", ", ".join(taken) or "nothing")
+    if listed and listed != taken:
+        log.info("the experiment as it stands lists: %s", ", ".join(listed))
+    config = config.copy()
+    OmegaConf.update(config, "given", taken, force_add=True)
+    return config
 
 
 def _study(config: DictConfig, summary: Summary) -> None:
@@ -117,7 +131,12 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
     return {
         "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
         "config_yaml": OmegaConf.to_yaml(config, resolve=True),
-        "provenance": {"experiment": summary.experiment, "seed": summary.seed, **versions()},
+        "provenance": {
+            "experiment": summary.experiment,
+            "seed": summary.seed,
+            "given": ", ".join(summary.given),
+            **versions(),
+        },
     }
 
 

@@ -12,8 +12,9 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.digest import digest_of, read_sources
 from workbench.errors import InputError
 from workbench.experiment.parts import OURS, folder_of, packages
+from workbench.mocap.names import SUFFIXES
 
-NO_PART = ("paths", "threads", "check", "parts", "learn", "people")
+NO_PART = ("paths", "threads", "check", "parts", "learn", "people", "given", "clips")
 """Keys that say where and how a run is done, or that parts refer to, not what comes out."""
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
@@ -69,7 +70,7 @@ def _files(name: str, data: Path | None) -> dict[str, Path]:
 
 def _recorded(name: str, data: Path) -> dict[str, Path]:
     """Find the files of a database or a clip that is named without a path."""
-    from workbench.mocap.sources import SUFFIXES, find_clip  # here, as it takes long to import
+    from workbench.mocap.sources import find_clip  # here, as it takes long to import
 
     if name in RECORDED:
         found = {f"{part}/{below}": file for part in RECORDED[name] for below, file in _below(data / part).items()}

@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from workbench.errors import InputError
 from workbench.experiment import parts
 from workbench.experiment.build import resolved
+from workbench.mocap.names import left_out
 
 LIVE = frozenset({"config_yaml", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id"})
 """Parameters that the run fills with live objects, so that they are no keys of a configuration; beside those whose type
@@ -45,7 +46,7 @@ class PathsSchema:
 @dataclass
 class LearnSchema:
     """What learned priors learn from, whichever is chosen. motions: see them; missing: what each has of its own.
-    leave_out: clips or subjects, such as those that are tracked."""
+    leave_out: clips or performers, see `mocap.names`; by default those who are tracked."""
 
     motions: str = MISSING
     leave_out: list[Any] = field(default_factory=list)
@@ -59,6 +60,14 @@ class PeopleSchema:
     run: str = MISSING
     walks: str = MISSING
     library: str = MISSING
+
+
+@dataclass
+class ClipsSchema:
+    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported."""
+
+    choose: list[str] = MISSING
+    report: list[str] = MISSING
 
 
 @dataclass
@@ -83,6 +92,7 @@ class RunSchema:
     """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track.
 
     parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
+    given: what the experiment says its run is given, see `experiment.given`; a run says what it is.
     """
 
     body: Any = None
@@ -95,19 +105,23 @@ class RunSchema:
     seed: int = 0
     threads: int | None = None
     parts: list[str] = field(default_factory=list)
+    given: list[str] = field(default_factory=list)
     learn: LearnSchema = field(default_factory=LearnSchema)
     people: PeopleSchema = field(default_factory=PeopleSchema)
+    clips: ClipsSchema = field(default_factory=ClipsSchema)
     paths: PathsSchema = field(default_factory=PathsSchema)
     check: dict[str, ToleranceSchema] = field(default_factory=dict)
     sweep: SweepSchema = field(default_factory=SweepSchema)
 
 
 def prepare_hydra() -> None:
-    """Tell Hydra where options are and what `conf/` refers to: the schema of its top level, and its resolver."""
+    """Tell Hydra where options are and what `conf/` refers to: the schema of its top level, and its resolvers."""
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
     for plugin in (PartsConfigSource, PartsSearchPath):
         Plugins.instance().register(plugin)
     OmegaConf.register_new_resolver("given", _given, replace=True)
+    OmegaConf.register_new_resolver("performers", _performers, replace=True)
+    OmegaConf.register_new_resolver("each", _each, replace=True)
 
 
 def schema_of(target: Callable[..., object], with_defaults: bool = False) -> type:
@@ -285,3 +299,14 @@ def typed(config: Any, file: str) -> Any:
 def _given(value: str | None, then: object, otherwise: object) -> object:
     """`then` where there is a value, `otherwise` where it is null or the built-in walker."""
     return otherwise if value in (None, "builtin") else then
+
+
+def _performers(*motions: Any) -> list[str]:
+    """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
+    listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
+    return left_out(str(name) for names in listed for name in names)
+
+
+def _each(values: Sequence[str]) -> str:
+    """Write a list as a sweep's choices."""
+    return ",".join(f"'{value}'" for value in values)

@@ -32,8 +32,8 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames. over_run: numbers of the run as a whole, see
-    `Meter.over_run`. left_out: numbers that would mean nothing, with the reason.
+    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. over_run:
+    numbers of the run as a whole, see `Meter.over_run`. left_out: numbers that would mean nothing, with the reason.
     """
 
     experiment: str
@@ -44,6 +44,7 @@ class Summary:
     status: str = "running"
     error: str | None = None
     identity: str | None = None
+    given: list[str] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     steps_s: float = 0.0
@@ -113,6 +114,7 @@ class Summary:
             "status": self.status,
             "experiment": self.experiment,
             "seed": self.seed,
+            "given": self.given,
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "left_out": self.left_out,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},

@@ -13,6 +13,7 @@ from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
+from workbench.core.given import LEAD_IN
 from workbench.core.prior import Prior
 from workbench.core.step import Step
 from workbench.core.traits import START, Traits, offering
@@ -78,7 +79,7 @@ class Synthesis:
     Raises InputError for numbers out of range and a look-ahead with a prior that has none.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=START, prior=())
+    traits: ClassVar[Traits] = offering(dataset=START, prior=(), known=LEAD_IN)
     finds_start: ClassVar[bool] = False
 
     def __init__(

@@ -22,7 +22,8 @@ from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.generated.running import builtin_runs
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
-from workbench.mocap.sources import clip_name, cmu_clips, find_clip, find_sources, import_sources, read_clip
+from workbench.mocap.names import clip_name
+from workbench.mocap.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
 from workbench.streams import stream
 
 log = logging.getLogger(__name__)
@@ -146,7 +147,7 @@ def training_motions(
 ) -> tuple[Motion, ...]:
     """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
-    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files or of whole subjects.
+    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files or of performers (`mocap.names`).
     Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
@@ -162,8 +163,8 @@ def database_motions(
 ) -> tuple[Motion, ...]:
     """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
-    leave_out: names of clips, of their files or of whole subjects. activities: keep only these; none keeps all.
-    Raises InputError when they cannot be read or none is left.
+    leave_out: names of clips, of their files or of performers (`mocap.names`). activities: keep only these; none keeps
+    all. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("recorded", "cmu", "bandai"):
         folder = _folder(motions, data)

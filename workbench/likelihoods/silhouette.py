@@ -14,6 +14,7 @@ from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.clip import Clip
 from workbench.core.frame import Frame
+from workbench.core.given import STILL_BACKGROUND
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.limb_points import limb_points, over_views
@@ -38,7 +39,7 @@ class Silhouette:
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
 
     body: Body
     clip: Clip

@@ -12,6 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.limbs import Body, person
+from workbench.core.given import LIMB_LENGTHS, RADII
+from workbench.core.traits import declaring, offering
 from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
@@ -21,10 +23,10 @@ from workbench.mocap.generated.gait import subjects, walker
 from workbench.mocap.generated.running import runner, runners
 from workbench.mocap.library import read_library
 from workbench.mocap.motion import Motion
+from workbench.mocap.names import BANDAI, SUFFIXES, clip_name
 from workbench.mocap.retarget import retarget
 from workbench.mocap.text import fail, read_lines
 
-SUFFIXES = (".amc", ".bvh")
 CMU_LICENCE = (
     "CMU Graphics Lab Motion Capture Database, mocap.cs.cmu.edu; created with funding from NSF EIA-0196217; "
     "free for all uses"
@@ -32,7 +34,7 @@ CMU_LICENCE = (
 BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
 UNKNOWN = "unknown"
 _BUILTIN_SECONDS = 60.0
-_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`
+_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`, as their names do
 
 
 class CmuClip(NamedTuple):
@@ -54,10 +56,10 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
     """
     if name == "builtin":
         (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, seed]))
-        return walker(subject, _BUILTIN_SECONDS, rate_hz, path)
+        return walker(replace(subject, name=f"walker_of_seed_{seed}"), _BUILTIN_SECONDS, rate_hz, path)
     if name == "builtin_run":
         (athlete,) = runners(1, np.random.default_rng([_BUILTIN_SEED, seed]))
-        return runner(athlete, _BUILTIN_SECONDS, rate_hz)
+        return runner(replace(athlete, name=f"runner_of_seed_{seed}"), _BUILTIN_SECONDS, rate_hz)
     if name == "builtin_arm":
         return bending_arm(_BUILTIN_SECONDS, rate_hz)
     library = name.rpartition(":")[0]
@@ -133,7 +135,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     """
     path = Path(path)
     clip = read_clip(path, unit)
-    bandai = re.fullmatch(r"dataset-(\d+)_([^_]+)_([^_]+)_\d+", path.stem)
+    bandai = re.fullmatch(r"(dataset-\d+)_([^_]+)_([^_]+)_\d+", path.stem)
     subject = activity = licence = UNKNOWN
     if path.suffix.lower() == ".amc":
         if row := _index_row(path):
@@ -141,7 +143,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
         elif re.fullmatch(r"\d+_\d+", path.stem):
             subject, licence = path.stem.partition("_")[0], CMU_LICENCE
     elif bandai:
-        subject, activity, licence = f"bandai-{bandai[1]}", bandai[2], BANDAI_LICENCE
+        subject, activity, licence = BANDAI.get(bandai[1], bandai[1]), bandai[2], BANDAI_LICENCE
     try:
         motion = retarget(clip)
     except InputError as error:  # which knows the clip, but not its file
@@ -151,6 +153,7 @@ def load_motion(path: str | Path, unit: str = "cm") -> Motion:
     return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
 
 
+@declaring(offering(given=(LIMB_LENGTHS, RADII)))
 def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
     """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
     return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
@@ -184,20 +187,6 @@ def import_sources(
         else:
             motions.append(motion)
     return motions, reports
-
-
-def clip_name(name: str) -> str:
-    """The clip's name that a file's name, a LIBRARY.h5:clip or a CMU clip's number stands for.
-
-    A command line may take 35_02 for the number 3502.
-    """
-    library, colon, clip = name.rpartition(":")
-    if colon and library.endswith((".h5", ".hdf5")):
-        return clip
-    if name.lower().endswith(SUFFIXES):
-        return Path(name).stem
-    number = re.fullmatch(r"([0-9]+?)_?([0-9]{2})", name)
-    return f"{number[1]}_{number[2]}" if number else name
 
 
 def find_clip(data: str | Path, name: str) -> Path:

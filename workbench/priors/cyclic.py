@@ -4,7 +4,7 @@ Papers A (section 6.2, eq. 14–17) and B (section 3): `θ(t) = μ(ψ_t) + Σ_k 
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numba
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.signal import resample
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.given import ROTATION
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
@@ -43,7 +44,11 @@ class Cyclic(AllFree):
     sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
     """
 
-    traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare a density, a motion model, independent columns, and a torso that is held where it has no noise."""
+        held = not np.any(keys.get("sigma_rotation", 1.0))
+        return offering(DENSITY, MOTION, SEPARABLE, given=(ROTATION,) if held else ())
 
     def __init__(
         self, model: WalkingModel, *,

@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.given import REST, TRAJECTORY
 from workbench.core.prior import Powers, Prior
 from workbench.core.traits import DENSITY, KEYPOINTS, Traits, needs_of_all, offering
 from workbench.priors.appended import Appended
@@ -36,7 +37,8 @@ class Following(Appended):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the base's density, and that the rest of the body follows detected joints."""
         base: Traits = keys["base"]
-        needs = needs_of_all({"base": base, "rest": offering(dataset=KEYPOINTS)})
+        needs = needs_of_all({"base": base, "rest": offering(dataset=KEYPOINTS, given=TRAJECTORY)})
+        needs["given"] -= {REST}
         return Traits(base.offers & {DENSITY}, needs, base.lacks)
 
     def __init__(self, base: Prior, trajectory: Callable[[], Trajectory]) -> None:

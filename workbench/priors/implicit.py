@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.given import REST
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, Traits, offering
@@ -59,8 +60,10 @@ class Implicit:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare a density where the search is exact."""
-        return offering(DENSITY) if keys.get("search", "exact") == "exact" else offering()
+        """Declare a density where the search is exact, and that what the database does not move stays."""
+        density = (DENSITY,) if keys.get("search", "exact") == "exact" else ()
+        moves_all = list(keys.get("angles") or ["body"]) == ["body"] and keys.get("root", True)
+        return offering(*density, given=() if moves_all else (REST,))
 
     def __init__(
         self, windows: Windows, *,

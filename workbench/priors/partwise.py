@@ -8,6 +8,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.given import REST
 from workbench.core.prior import Density, Powers, Prior, propose
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
@@ -29,7 +30,8 @@ class Partwise:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare a density where all parts have one."""
         parts = keys["priors"]
-        return Traits(offers_of_all(parts) & {DENSITY}, needs_of_all(parts))
+        needs = needs_of_all(parts)
+        return Traits(offers_of_all(parts) & {DENSITY}, needs | {"given": needs.get("given", frozenset()) - {REST}})
 
     def __init__(self, priors: Mapping[str, Prior]) -> None:
         if not priors:

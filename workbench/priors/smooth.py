@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
@@ -12,6 +12,7 @@ from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
+from workbench.core.given import REST
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import BODY_PARTS, DENSITY, LIMB_COLUMNS, SEPARABLE, Traits, offering
@@ -61,7 +62,12 @@ class Smooth(AllFree):
     Raises InputError for an unknown name, a negative deviation, or limits that are none.
     """
 
-    traits: ClassVar[Traits] = offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare a density, independent columns for every joint, and that what is not among the parameters stays."""
+        return offering(
+            DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, given=(REST,) if keys.get("parameters") is not None else ()
+        )
 
     def __init__(
         self, *, parameters: Sequence[str] | None = None,

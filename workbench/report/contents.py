@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 from workbench.evaluation.intervals import N_RESAMPLES
 from workbench.report import groups as runs
-from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, headline, metric_names, statistic
+from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, Statistic, headline, metric_names, statistic
+from workbench.report.people import person_of
 from workbench.report.tables import Table, comma_separated, number
 from workbench.report.variation import short_names, shown
 
 _MOST_FOLLOWING = 6
-_COLUMNS = ("group", "n", "mean", "sd", f"{LEVEL:.0%} interval")
+_COLUMNS = ("group", "n", "people", "mean", "sd of people", "sd of runs", f"{LEVEL:.0%} interval")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +54,9 @@ def _summary(grouping: Grouping) -> tuple[str, ...]:
     said = [f"{sum(counted.values())} recordings: {listed}."]
     if grouping.variation.keys:
         names = short_names(grouping.variation.keys)
-        said.append(f"{len(groups)} groups by {', '.join(names.values())}, repeated over seeds.")
+        said.append(f"{len(groups)} groups by {', '.join(names.values())}, repeated over seeds{_and_people(groups)}.")
     elif groups:
-        said.append(f"One group, {groups[0].label}, repeated over seeds.")
+        said.append(f"One group, {groups[0].label}, repeated over seeds{_and_people(groups)}.")
     if following := grouping.variation.following:
         more = f" and {len(following) - _MOST_FOLLOWING} more" if len(following) > _MOST_FOLLOWING else ""
         said.append(f"With them change: {', '.join(following[:_MOST_FOLLOWING])}{more}.")
@@ -65,10 +66,16 @@ def _summary(grouping: Grouping) -> tuple[str, ...]:
     if headline(groups) is not None and "seconds" not in metric_names(groups):
         said.append("The recordings do not say what the runs took.")
     said.append(
-        f"Intervals are {LEVEL:.0%} percentile bootstrap intervals of the mean over seeds ({N_RESAMPLES} resamples); "
-        "with a handful of seeds they are too narrow."
+        f"Means are over people, each with the mean of their runs. Intervals are {LEVEL:.0%} percentile bootstrap "
+        f"intervals over people, or over seeds where there is one person ({N_RESAMPLES} resamples); with a handful of "
+        "either they are too narrow."
     )
     return tuple(said)
+
+
+def _and_people(groups: Sequence[Group]) -> str:
+    people = {person_of(run.settings) for group in groups for run in group.runs}
+    return f" and {len(people)} people" if len(people) > 1 else ""
 
 
 def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
@@ -76,7 +83,8 @@ def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
     for group in groups:
         if (each := statistic(group, metric)) is not None:
             interval = "–" if each.n < 2 else f"{number(each.low)} to {number(each.high)}"
-            rows.append((group.label, str(each.n), number(each.mean), number(each.sd), interval))
+            spread = number(each.sd_people), number(each.sd)
+            rows.append((group.label, str(each.n), str(each.people), number(each.mean), *spread, interval))
     title = f"{metric}: {CHIEF[metric]}" if metric in CHIEF else metric
     return title, Table(_COLUMNS, tuple(rows), frozenset(_COLUMNS[1:]))
 
@@ -89,17 +97,30 @@ def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:
     for group in groups:
         ranked = sorted(runs.values(group, metric), key=lambda pair: pair[1])
         for name, (run, value) in zip(("best", "worst"), (ranked[0], ranked[-1]) if ranked else (), strict=False):
-            rows.append((group.label, name, number(value), str(runs.seed_of(run)), str(run.path)))
-    header = ("group", "run", metric, "seed", "recording")
+            rows.append(
+                (group.label, name, number(value), person_of(run.settings), str(runs.seed_of(run)), str(run.path))
+            )
+    header = ("group", "run", metric, "person", "seed", "recording")
     return f"best and worst runs by {metric}", Table(header, tuple(rows), frozenset((metric, "seed")))
 
 
 def group_csv(grouping: Grouping) -> str:
     """Write one row a group and metric: the keys that varied, n, mean, standard deviation, interval."""
     keys = grouping.variation.keys
-    header = ("group", *short_names(keys).values(), "metric", "n", "mean", "sd", "low_95", "high_95")
+    header = (
+        "group",
+        *short_names(keys).values(),
+        "metric",
+        "n",
+        "people",
+        "mean",
+        "sd_people",
+        "sd",
+        "low_95",
+        "high_95",
+    )
     rows = [
-        (group.label, *_cells(group, keys), metric, found.n, found.mean, found.sd, found.low, found.high)
+        (group.label, *_cells(group, keys), metric, found.n, found.people, *_floats(found))
         for metric in metric_names(grouping.groups)
         for group in grouping.groups
         if (found := statistic(group, metric)) is not None
@@ -107,12 +128,16 @@ def group_csv(grouping: Grouping) -> str:
     return comma_separated(header, rows)
 
 
+def _floats(found: Statistic) -> tuple[float, ...]:
+    return found.mean, found.sd_people, found.sd, found.low, found.high
+
+
 def run_csv(grouping: Grouping) -> str:
     """Write one row a complete run and metric, tidy."""
     keys = grouping.variation.keys
-    header = ("recording", "group", *short_names(keys).values(), "seed", "metric", "value")
+    header = ("recording", "group", *short_names(keys).values(), "person", "seed", "metric", "value")
     rows = [
-        (str(run.path), group.label, *_cells(group, keys), runs.seed_of(run), metric, value)
+        (str(run.path), group.label, *_cells(group, keys), person_of(run.settings), runs.seed_of(run), metric, value)
         for group in grouping.groups
         for run in group.runs
         for metric, value in sorted(runs.numbers(run).items())

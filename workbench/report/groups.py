@@ -1,4 +1,4 @@
-"""Runs that differ in nothing but their seed, grouped: what is wrong with them, and what their metrics come to."""
+"""Runs that differ in nothing but their seed and whom they show, grouped: what is wrong, and what metrics come to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.report import variation as varied
+from workbench.report.people import MOTION, keys_of_people, person_of
 from workbench.report.variation import EXPERIMENT, Settings, Variation
 
 LEVEL = 0.95
@@ -36,9 +37,9 @@ STATUS = {"failed": "failed", "running": "cut off or still running"}
 class Group:
     """Runs with equal settings. label: how they differ from the other groups'.
 
-    values: of the keys that varied, as far as it has them. settings: all of them. runs: those complete, by seed, one
-    each. incomplete: the others. repeats: complete ones of a seed that is there already, left out. missing: seeds that
-    other groups have.
+    values: of the keys that varied, as far as it has them. settings: all of them. runs: those complete, by clip and
+    seed, one each. incomplete: the others. repeats: complete ones of what is there already, left out. missing: clips
+    and seeds that other groups have; clips are empty where they do not repeat, see `keys_of_people`.
     """
 
     label: str
@@ -47,7 +48,7 @@ class Group:
     runs: tuple[Run, ...]
     incomplete: tuple[Run, ...] = ()
     repeats: tuple[Run, ...] = ()
-    missing: tuple[int, ...] = ()
+    missing: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,17 +70,24 @@ class Grouping:
         found = []
         for group in self.groups:
             for run in group.incomplete:
-                again = "; a complete one is there" if seed_of(run) in map(seed_of, group.runs) else ""
+                again = "; a complete one is there" if _same(run, group.runs) else ""
                 status = STATUS.get(run.status, run.status)
                 found.append(f"{group.label}, seed {seed_of(run)}: {status}, not counted{again} ({run.path})")
             found += [
                 f"{group.label}, seed {seed_of(run)}: recorded more than once, not counted again ({run.path})"
                 for run in group.repeats
             ]
-            if group.missing:
-                seeds = ", ".join(map(str, group.missing))
-                found.append(f"{group.label}: no recording of seed {seeds}, which other groups have")
+            for clip in dict.fromkeys(clip for clip, _ in group.missing):
+                seeds = ", ".join(str(seed) for other, seed in group.missing if other == clip)
+                what = f"{clip}, seed {seeds}" if clip else f"seed {seeds}"
+                found.append(f"{group.label}: no recording of {what}, which other groups have")
         return (*found, *(f"not a recording that can be read: {problem.reason}" for problem in self.unreadable))
+
+
+def _same(run: Run, others: Sequence[Run]) -> bool:
+    """Tell whether one of the others shows the same clip with the same seed."""
+    shown = [(str((each.settings.get("dataset") or {}).get("motion", "")), seed_of(each)) for each in (run, *others)]
+    return shown[0] in shown[1:]
 
 
 def seed_of(run: Run) -> int:
@@ -100,33 +108,36 @@ def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Gr
             readable.append((run, varied.flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
         except InputError as error:
             problems.append(Unreadable(Path(run.path), str(error)))
-    repeated = varied.seeds_of_parts([settings for _, settings in readable], [seed_of(run) for run, _ in readable])
+    rows = [settings for _, settings in readable]
+    of_people = keys_of_people(rows)
+    repeated = of_people | varied.seeds_of_parts(rows, [seed_of(run) for run, _ in readable])
+    told = {run: (str(row.get(MOTION, "")) if of_people else "", seed_of(run)) for run, row in readable}
     readable = [(run, {k: v for k, v in settings.items() if k not in repeated}) for run, settings in readable]
     variation = varied.what_varied([settings for _, settings in readable])
     members: dict[tuple[str, ...], list[tuple[Run, dict[str, Any]]]] = {}
     for run, settings in readable:
         values = tuple(varied.comparable(settings, key) for key in variation.keys)
         members.setdefault(values, []).append((run, settings))
-    seeds = {seed_of(run) for run, _ in readable}
-    groups = [_group([run for run, _ in found], found[0][1], variation, seeds) for found in members.values()]
+    groups = [_group([run for run, _ in found], found[0][1], variation, told) for found in members.values()]
     groups.sort(key=lambda group: [_rank(group, key) for key in variation.keys])
     return Grouping(tuple(groups), variation, tuple(problems))
 
 
-def _group(runs: Sequence[Run], settings: Settings, variation: Variation, seeds: set[int]) -> Group:
-    complete: dict[int, Run] = {}
+def _group(runs: Sequence[Run], settings: Settings, variation: Variation, told: Mapping[Run, tuple[str, int]]) -> Group:
+    """Group runs; told: clip and seed of every run of all groups."""
+    complete: dict[tuple[str, int], Run] = {}
     repeats: list[Run] = []
     for run in sorted(runs, key=lambda run: str(run.properties["run"].get("id", "")), reverse=True):
-        if run.status == "complete" and complete.setdefault(seed_of(run), run) is not run:
+        if run.status == "complete" and complete.setdefault(told[run], run) is not run:
             repeats.append(run)
     return Group(
         label=varied.label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
         values={key: settings[key] for key in variation.keys if key in settings},
         settings=settings,
-        runs=tuple(complete[seed] for seed in sorted(complete)),
+        runs=tuple(complete[each] for each in sorted(complete)),
         incomplete=tuple(run for run in runs if run.status != "complete"),
         repeats=tuple(repeats),
-        missing=tuple(sorted(seeds - set(map(seed_of, runs)))),
+        missing=tuple(sorted(set(told.values()) - {told[run] for run in runs})),
     )
 
 
@@ -140,14 +151,17 @@ def _rank(group: Group, key: str) -> tuple[int, float, str]:
 
 @dataclass(frozen=True)
 class Statistic:
-    """A metric over a group's runs. n: those with a finite value. sd: of the sample. low, high: of the interval.
+    """A metric over a group's runs. n: those with a finite value. people: whom they show, each with a mean of its own.
 
-    sd, low and high are NaN for fewer than two runs.
+    mean: over the people's means, sd_people their standard deviation. sd: of all runs. low, high: of the interval of
+    the mean, over people where there are several, else over runs. NaN where there are fewer than two of them.
     """
 
     metric: str
     n: int
+    people: int
     mean: float
+    sd_people: float
     sd: float
     low: float
     high: float
@@ -187,12 +201,32 @@ def statistic(group: Group, metric: str) -> Statistic | None:
 
     The resampling has a generator of its own, so that a group's interval does not depend on the other groups.
     """
-    sample = np.array([value for _, value in values(group, metric)])
-    if not len(sample):
+    found = values(group, metric)
+    if not found:
         return None
-    low, high = interval(sample)
-    sd = float(sample.std(ddof=1)) if len(sample) > 1 else float("nan")
-    return Statistic(metric, len(sample), float(sample.mean()), sd, float(low), float(high))
+    sample, people = np.array([value for _, value in found]), by_person(found)
+    low, high = interval(repetitions(found))
+    return Statistic(
+        metric, len(sample), len(people), float(people.mean()), _sd(people), _sd(sample), float(low), float(high)
+    )
+
+
+def by_person(found: Sequence[tuple[Run, float]]) -> FloatArray:
+    """Average what was found over the runs that show the same person; one number each."""
+    people: dict[str, list[float]] = {}
+    for run, value in found:
+        people.setdefault(person_of(run.settings), []).append(value)
+    return np.array([np.mean(each) for each in people.values()])
+
+
+def repetitions(found: Sequence[tuple[Run, float]]) -> FloatArray:
+    """Return what an interval is over: people's means where there are several people, else the single runs'."""
+    people = by_person(found)
+    return people if len(people) > 1 else np.array([value for _, value in found])
+
+
+def _sd(sample: FloatArray) -> float:
+    return float(sample.std(ddof=1)) if len(sample) > 1 else float("nan")
 
 
 def interval(sample: FloatArray) -> FloatArray:

@@ -14,7 +14,17 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray
 from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
-from workbench.report.groups import CHIEF, Group, Grouping, headline, interval, joint_errors, statistic, values
+from workbench.report.groups import (
+    CHIEF,
+    Group,
+    Grouping,
+    headline,
+    interval,
+    joint_errors,
+    repetitions,
+    statistic,
+    values,
+)
 from workbench.report.page import Picture
 from workbench.report.variation import label
 
@@ -101,7 +111,9 @@ def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
         ends.append((line.label, line.colour, float(x[-1]), float(mean[-1])))
     _error_axis(axes, [group for line in series for group in line.groups], metric)
     _name_ends(axes, ends)
-    caption = "Lines are means over seeds, bands their 95 % intervals, dots single runs." + _of_more(left_out)
+    caption = "Lines are means over people and seeds, bands their 95 % intervals, dots single runs." + _of_more(
+        left_out
+    )
     return _picture("error_against_particles", caption, figure)
 
 
@@ -139,8 +151,8 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
     _name_ends(axes, ends)
     numbered = " Small numbers count particles." if any(len(line.groups) > 1 for line in timed) else ""
     caption = (
-        "Large dots are means over seeds, bands the errors' 95 % intervals, small dots single runs. The time is that "
-        f"of the inference alone, on the machine that ran it.{numbered}{_of_more(left_out)}"
+        "Large dots are means over people and seeds, bands the errors' 95 % intervals, small dots single runs. The "
+        f"time is that of the inference alone, on the machine that ran it.{numbered}{_of_more(left_out)}"
     )
     return _picture("error_against_time", caption, figure)
 
@@ -159,13 +171,14 @@ def _coverage(grouping: Grouping, _: str) -> Picture | None:
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        _interval_row(axes, float(y), np.array([value for _, value in values(group, metric)]), line.shade(group), 9.0)
+        _interval_row(axes, float(y), repetitions(values(group, metric)), line.shade(group), 9.0)
     axes.set_yticks(range(len(rows)), [group.label for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
         "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
-        "should be. Large dots are means over seeds, bands their 95 % intervals, small dots single runs."
+        "should be. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
+        "single runs where there is one person."
     )
     return _picture("coverage", caption + _of_more(left_out), figure)
 
@@ -198,7 +211,7 @@ def _per_joint(grouping: Grouping, metric: str) -> Picture | None:
     axes.tick_params(axis="y", length=0.0)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(left=0.0)
-    caption = "Dots are means over frames and seeds, bands the 95 % intervals over seeds; the best group is on top."
+    caption = "Dots are means over frames and runs, bands the 95 % intervals over runs; the best group is on top."
     if len(every) > len(rows):
         caption += f" The {len(every) - len(rows)} groups with larger errors are left out."
     return _picture("error_per_joint", caption, figure)

@@ -8,7 +8,7 @@ from typing import Any
 
 TARGET = "._target_"
 EXPERIMENT = "experiment"
-_WITHOUT_EFFECT = ("threads", "paths", "recorder", "parts", "learn", "people")  # on numbers
+_WITHOUT_EFFECT = ("threads", "paths", "recorder", "parts", "learn", "people", "given", "clips")  # on numbers
 _PLACES = (".data", ".cache")
 
 Settings = Mapping[str, Any]

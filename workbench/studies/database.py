@@ -16,7 +16,7 @@ from workbench.core.prior import Prior
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.errors import InputError
 from workbench.learning.windows import Windows
-from workbench.mocap.sources import clip_name
+from workbench.mocap.names import clip_name
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import Fidelity, fidelity
 

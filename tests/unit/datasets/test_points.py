@@ -38,7 +38,7 @@ def test_frames_carry_points_and_truth_and_no_views():
         assert frame.truth.pose.shape == (25,)
         assert frame.truth.joints.shape == (15, 3)
         assert frame.truth.activity == "walk"
-    assert dataset.known.name == "points of walker_00_straight"
+    assert dataset.known.name == "points of walker_of_seed_0_straight"
 
 
 def test_without_errors_all_points_lie_on_what_the_camera_sees():

@@ -59,7 +59,7 @@ def test_everything_that_does_not_count_is_named():
     grouping = group_runs(runs, [torn])
     smooth, walking = grouping.groups
     assert smooth.runs[0].result == {"error_px": 2.0}  # the later of two
-    assert (smooth.missing, walking.missing) == ((1, 2), (3,))
+    assert (smooth.missing, walking.missing) == ((("", 1), ("", 2)), (("", 3),))
     assert grouping.problems == (
         "smooth, seed 0: failed, not counted; a complete one is there (smooth_500_0_failed.rrd)",
         "smooth, seed 0: recorded more than once, not counted again (smooth_500_0_complete.rrd)",
@@ -94,8 +94,8 @@ def test_best_and_worst_are_the_least_and_the_largest_error():
     title, table = contents(group_runs(sweep())).extremes
     assert title == "best and worst runs by error_abs_mm"
     assert table.rows[:2] == (
-        ("smooth, n_particles=200", "best", "300.0", "0", "smooth_200_0_complete.rrd"),
-        ("smooth, n_particles=200", "worst", "302.0", "2", "smooth_200_2_complete.rrd"),
+        ("smooth, n_particles=200", "best", "300.0", "", "0", "smooth_200_0_complete.rrd"),
+        ("smooth, n_particles=200", "worst", "302.0", "", "2", "smooth_200_2_complete.rrd"),
     )
 
 

@@ -1,6 +1,6 @@
 """A scene, in which one person moves before a still camera, and its take: what the person does, frame by frame."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.core.checks import FINITE, POSITIVE, Range, at_least, check
 from workbench.core.frame import Truth
+from workbench.core.given import PHASE_ENDS, START_POSE
 from workbench.datasets.scenes.splice import splice
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
@@ -127,6 +128,11 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
     if not names:
         raise InputError("dataset: motion must name at least one motion, found none")
     return [str(name) for name in names]
+
+
+def offered_start(keys: Mapping[str, Any]) -> tuple[str, ...]:
+    """Tell what a dataset with these keys gives of the start, see `given_start`."""
+    return (START_POSE, PHASE_ENDS) if keys.get("start") == "given" else ()
 
 
 def given_start(

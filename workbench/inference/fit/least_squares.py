@@ -13,6 +13,7 @@ from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
+from workbench.core.given import PHASE_ENDS
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
 from workbench.core.prior import Powers, Prior, Smoothness
@@ -48,9 +49,9 @@ class LeastSquares:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of residuals, and what the problem needs."""
-        fit = offering(likelihood=RESIDUALS)
-        return Traits(needs=needs_of_all({"fit": fit, "problem": keys["problem"] or Traits()}))
+        """Declare the need of residuals, and what the problem needs: by itself it may take the phases of the ends."""
+        fit, problem = offering(likelihood=RESIDUALS), keys["problem"] or offering(known=PHASE_ENDS)
+        return Traits(needs=needs_of_all({"fit": fit, "problem": problem}))
 
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,

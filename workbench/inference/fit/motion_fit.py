@@ -1,14 +1,16 @@
 """The problem of a motion model: its style and phase and the root in every frame (paper D, sections 4.2, 4.3)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.given import PHASE_ENDS
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
@@ -33,7 +35,11 @@ class MotionFit:
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`.
     """
 
-    traits: ClassVar[Traits] = offering(prior=MOTION)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare the need of a motion model, and the phases of the ends, which are given or may be known."""
+        known = {"known": PHASE_ENDS} if keys.get("phases") is None else {"given": PHASE_ENDS}
+        return offering(prior=MOTION, **known)
 
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None

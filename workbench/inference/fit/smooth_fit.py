@@ -1,9 +1,9 @@
 """The problem of poses that move smoothly and stay within the body's limits, without a motion model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -13,6 +13,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
+from workbench.core.given import GROUND_HEIGHT
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.prior import PACE_HZ, MotionModel
 from workbench.core.residual import SQUARED, Loss, robust, stacked
@@ -63,7 +64,10 @@ class SmoothFit:
     """Fit smooth poses to all frames at once, see `fit_smooth`. ground_m: height of a standing person's ankles in the
     world, m, to which the lower foot is tied; None: to none."""
 
-    traits: ClassVar[Traits] = offering()
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare the height of the ground, where it is given."""
+        return offering(given=() if keys.get("ground_m") is None else (GROUND_HEIGHT,))
 
     ground_m: float | None = None
 

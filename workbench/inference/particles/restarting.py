@@ -1,10 +1,10 @@
 """Starting anew where the person is lost (paper A, section 8, its outlook)."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.step import Step
+from workbench.core.traits import KEYPOINTS, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.particles.filter import start_around
 from workbench.inference.particles.move import Move, Streams, Surrounded
@@ -45,13 +46,18 @@ class Restarting(Wrapper):
     a move that knows no evidence, such as the annealed one, nobody is ever lost.
 
     As only the past decides, this is a filter for the prior (1 − share) p(s_t | s_t−1) + share p(s_t | start) in those
-    frames, whose posterior and evidence need no correction. (Detected joints are not part of the likelihood, and so no
-    evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it does not
-    come from.
+    frames, whose posterior and evidence need no correction. (A likelihood that weighs detected joints is refused, so
+    that no evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it
+    does not come from.
 
     filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for other
     numbers.
     """
+
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare what the filter needs, and that the joints it starts from are not weighed again."""
+        return Traits(needs=needs_of_all({"filter": keys["filter"], "restarts": offering(apart=KEYPOINTS)}))
 
     body: Body | None = None
     _: KW_ONLY

@@ -1,8 +1,9 @@
 """How long a person's limbs are, from 2-D joints in the first frames: least squares over lengths and poses together."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,9 +14,11 @@ from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.clip import Clip
+from workbench.core.given import FIRST_FRAMES, HEIGHT
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import projection_jacobian
+from workbench.core.traits import KEYPOINTS, Traits, declaring, offering
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import PoseDecoder
 from workbench.inference.fit.frame import fit_frame
@@ -48,6 +51,13 @@ class Measured:
     error_px: float
 
 
+def _traits(keys: Mapping[str, Any]) -> Traits:
+    """Declare that joints of the first frames measure the person, and the height where it is given."""
+    height = () if keys.get("height_m") is None else (HEIGHT,)
+    return offering(dataset=KEYPOINTS, given=(FIRST_FRAMES, *height))
+
+
+@declaring(_traits)
 def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
     """Measure a person by the keypoints of a clip's first `n_frames` that are a 14th of a second apart.
 

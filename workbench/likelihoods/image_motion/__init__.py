@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, TypeAlias, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame
+from workbench.core.given import STILL_CAMERA
 from workbench.core.likelihood import Evaluation
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
@@ -50,7 +51,10 @@ class ImageMotion:
     likelihoods add up over the cameras present in both frames. Raises InputError when a constant is out of range.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare the need of images, and that the background stands still where it is taken to."""
+        return offering(dataset=IMAGES, given=(STILL_CAMERA,) if keys.get("background") == "still" else ())
 
     body: Body
     sigma: float = 10.0

@@ -1,0 +1,82 @@
+"""What every experiment is given is listed in its file and in the README, and is what its parts take."""
+
+import re
+from pathlib import Path
+
+import pytest
+from compositions import TRACKING, composed
+from omegaconf import OmegaConf
+
+from workbench.core.given import MEANING
+from workbench.errors import InputError
+from workbench.experiment.compatibility import incompatibility
+from workbench.experiment.given import check_given, givens
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+@pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
+def test_an_experiment_lists_what_its_parts_take(experiment):
+    check_given(composed(f"experiment={experiment}"))
+
+
+@pytest.mark.parametrize(
+    ("listed", "sentence"),
+    [
+        (["start", "rotation", "limb_lengths", "radii"], "given: likelihood=image_motion takes camera"),
+        (["start", "rotation", "limb_lengths", "radii", "camera", "height"], "given: height .* no part takes it"),
+        (["luck"], "given: no such word 'luck', expected some of start"),
+    ],
+)
+def test_a_list_that_is_not_what_the_parts_take_is_refused_with_part_and_word(listed, sentence):
+    config = OmegaConf.merge(composed("experiment=walk_straight"), {"given": listed})
+    with pytest.raises(InputError, match=sentence):
+        check_given(config, {"likelihood": "image_motion"})
+
+
+@pytest.mark.parametrize(
+    ("overrides", "more", "less"),
+    [
+        (["experiment=walk_straight", "dataset.motion=35_02"], set(), {"rotation"}),
+        (["experiment=walk_straight", "likelihood=product"], {"still_background"}, set()),
+        (["experiment=walk_straight", "likelihood.background=still"], {"still_camera"}, set()),
+        (["experiment=walk_straight", "inference=fixed_lag", "prior=smooth"], set(), {"rotation"}),
+        (["experiment=walk_straight", "body=height", "body.height_m=1.7"], {"height"}, {"limb_lengths", "radii"}),
+        (["experiment=points_walk_steady", "dataset.start=given"], {"start", "phase_ends"}, set()),
+        (["experiment=points_walk_steady", "inference=particle_filter"], {"first_frames"}, set()),
+        (["experiment=balance_4cam", "body.height_m=1.8"], {"height"}, set()),
+    ],
+)
+def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
+    before = set(givens(composed(overrides[0])))
+    assert set(givens(composed(*overrides))) == (before | more) - less
+
+
+def test_the_table_of_the_readme_says_what_is_given():
+    text = README.read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| `workbench")]
+    told = {
+        name: set(re.findall(r"\w+", row.split("|")[3]))
+        for row in rows
+        for name in re.findall(
+            r"experiment=(\w+)|`(\w+)`", row.split("|")[1].replace("`workbench` ", "`walk_straight` ")
+        )
+        for name in [name[0] or name[1]]
+    }
+    assert {name: words for name, words in told.items() if name in TRACKING} == {
+        name: set(givens(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
+    }
+    explained = re.search(r"What is given, in words: (.+?)\n\n", text, re.DOTALL)
+    assert set(re.findall(r"`(\w+)`", explained[1])) == set(MEANING)
+
+
+@pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])
+def test_restarts_from_joints_are_refused_where_the_likelihood_weighs_these(likelihood):
+    chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=restarting", likelihood]
+    names = {"inference": "restarting", "likelihood": "keypoints"}
+    refused = incompatibility(composed(*chosen), names)
+    if likelihood == "likelihood=keypoints":
+        start = "config: inference=restarting starts from 2-D joints"
+        assert refused == f"{start}, which likelihood=keypoints would use a second time"
+    else:
+        assert refused is None
