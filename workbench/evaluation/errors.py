@@ -11,7 +11,7 @@ from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
-from workbench.core.frame import Truth
+from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.calibration import covered, crps, log_score, ranks
 from workbench.evaluation.joint_errors import (
@@ -41,13 +41,16 @@ def step_errors(
     moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with the
     root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
-    marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
-    where the true joints are known. coverage_50, coverage_90: fraction of the pose's numbers whose truth lies in the
-    posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the root position's and the angles' mean score, and
-    log_score, nats, that of all, see `calibration`; with coordinates of the joints in place of the pose's numbers,
-    where the true pose is not known, they are called coverage_50_joints, coverage_90_joints and crps_joints_mm.
-    error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
-    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one.
+    marked by hand, over the visible marks. The estimate is seen through the camera as it is told, as it is drawn over
+    the image, and the true joints through the camera that took the image (`Truth.cameras`), where marks would lie: as
+    with marked video, what counts is whether the estimate lies on the person in the image. forearm_px: width of a
+    forearm in the same pixels, the yardstick of `held`, where the true joints are known. coverage_50, coverage_90:
+    fraction of the pose's numbers whose truth lies in the posterior's 25–75 and 5–95 % bands; crps_mm, crps_deg: the
+    root position's and the angles' mean score, and log_score, nats, that of all, see `calibration`; with coordinates of
+    the joints in place of the pose's numbers, where the true pose is not known, they are called coverage_50_joints,
+    coverage_90_joints and crps_joints_mm. error_angle_deg: the mean turn between joints' frames and the true ones,
+    relative to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is
+    the true one.
     """
     truth = step.frame.truth
     if truth is None:
@@ -59,12 +62,13 @@ def step_errors(
         if truth.joints is not None:
             in_space = joint_errors(measured, estimate, truth.joints)
             errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in OF_HEAVIEST}
-        pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
+        pixels = _pixel_error(step.frame, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
-        distances = [mean_distance(camera.project(estimates[0]), camera.project(truth.joints)) for camera in cameras]
+        views = zip(cameras, true_cameras(step.frame), strict=True)
+        distances = [mean_distance(told.project(estimates[0]), took.project(truth.joints)) for told, took in views]
         error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "error_px" in errors:
@@ -206,8 +210,8 @@ def _coverages(values: FloatArray, weights: FloatArray, truth: FloatArray, suffi
     return {f"coverage_{100.0 * level:.0f}{suffix}": float(share) for level, share in zip(LEVELS, shares, strict=True)}
 
 
-def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
-    seen = camera.project(estimate)
+def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
+    seen = frame.views[0].camera.project(estimate)
     if truth.marks is not None:
         visible = np.isfinite(truth.marks).all(axis=1)
         if truth.marks_visible is not None:
@@ -215,5 +219,5 @@ def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, 
         return float(np.linalg.norm(seen - truth.marks, axis=1)[visible].mean()) if visible.any() else None
     if truth.joints is None:
         return None
-    distances = np.linalg.norm(seen - camera.project(truth.joints), axis=1)[list(measured)]
+    distances = np.linalg.norm(seen - true_cameras(frame)[0].project(truth.joints), axis=1)[list(measured)]
     return float(np.nanmean(distances)) if np.isfinite(distances).any() else None

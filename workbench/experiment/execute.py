@@ -53,6 +53,7 @@ def execute(
             else:
                 parts = assemble(config, partial(_timed, summary), names)
                 with recorder_of(config, parts, summary) as recorder:
+                    recorder.set_departures(parts.clip.known.departures)
                     record(parts, recorder, int(config.seed), summary, quiet)
                     recorder.set_result(summary.metrics)
                     recorder.set_cost(summary.cost)
