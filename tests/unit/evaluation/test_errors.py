@@ -28,7 +28,7 @@ def test_a_shift_of_the_root_is_an_absolute_error_only():
 
 def test_pixels_are_those_of_the_camera_that_took_the_image():
     """An estimate that a camera told wrong shows on the person costs no pixels, and one at the true place does."""
-    pose, beside = standing(), replace(CAMERA, translation=CAMERA.translation + [0.1, 0.0, 0.0])
+    pose, beside = standing(), replace(CAMERA, translation=CAMERA.translation + np.array([0.1, 0.0, 0.0]))
     truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0], cameras=(beside,))
     at_truth = step_errors(step_of(pose[None], truth), BODY)
     assert at_truth["error_abs_mm"] == pytest.approx(0.0)
