@@ -165,7 +165,7 @@ def _likelihood(likelihood: ImageMotion, before: Frame, now: Frame, n_particles:
 
 def _walk(prior: Prior, n_frames: int) -> tuple[LeastSquares, list[Frame], FloatArray | None]:
     """What fits a walk, its frames, and the start that paper D sets by hand."""
-    dataset = Points(motion="builtin", path="circle", n_frames=n_frames, start="given")
+    dataset = Points(motion="builtin", path="circle", n_frames=n_frames, start="given", exact=True)
     known = dataset.known
     body = person(known.shape)
     inference = LeastSquares(body, SurfacePoints(body), prior, known.phase_ends)

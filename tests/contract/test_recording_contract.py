@@ -43,6 +43,7 @@ def record(path, run, **options):
     with recorder(path, **options) as recording:
         for step in run:
             recording.log(step, errors(step) if step.frame.truth is not None else {})
+        recording.set_departures({"radius_calf": np.array([1.05, 0.95]), "camera_focal": np.array([1.002])})
         recording.set_result({"error_mm": 12.5, "frames": 13})
     return path
 
@@ -150,6 +151,7 @@ def test_properties_come_back(recorded):
     assert found.status == "complete"
     assert found.properties["provenance"] == PROVENANCE
     assert found.properties["metrics"] == {"error_mm": 12.5, "frames": 13.0}
+    assert found.properties["departures"] == {"radius_calf": [1.05, 0.95], "camera_focal": 1.002}
     assert tuple(found.properties["body"]["pose"]) == BODY.skeleton.dof_names
     assert found.properties["shape"]["torso_radii_low"] == list(BODY.shape.torso_radii_low)
 

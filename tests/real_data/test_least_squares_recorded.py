@@ -31,7 +31,7 @@ def errors_of(model, data, clip):
     first_frame = 0 if clip == "dataset-1_run_active_001" else 10
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a camera that stands further off
-        dataset = Points(motion=clip, data=str(data), first_frame=first_frame)
+        dataset = Points(motion=clip, data=str(data), first_frame=first_frame, exact=True)
         frames, body = list(dataset.frames()), person(dataset.known.shape)
     streams = dict(zip(("start", "prior"), np.random.default_rng(0).spawn(2), strict=True))
     fitting = LeastSquares(body, SurfacePoints(body), Knowing(motion=model))
@@ -43,7 +43,8 @@ def errors_of(model, data, clip):
 @pytest.mark.slow
 @pytest.mark.parametrize(("clips", "most_mm"), [(WALKS, 22.0), (RUNS, 26.0)])
 def test_clips_that_are_not_learned_from_are_held(model, data, clips, most_mm):
-    """What is asked of the workbench for 400 points a frame, 2 cm at 4 m, 15 % outliers, 14 Hz."""
+    """What is asked of the workbench for 400 points a frame, 2 cm at 4 m, 15 % outliers, 14 Hz, of the body it is told:
+    the fit is tested here, not what another body costs."""
     errors = np.array([errors_of(model, data, clip) for clip in clips])
     assert (errors.mean(axis=0) <= [most_mm, 4.5, 3.5]).all()
     assert errors[:, 0].max() < 40.0  # none is lost

@@ -1,7 +1,7 @@
 """What every dataset offers: its frames, and what is known before any of them is looked at."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from workbench.arrays import FloatArray
@@ -23,6 +23,8 @@ class Known:
     perhaps in some that follow. has_keypoints, has_points: whether frames show joints or points of the surface.
     phase_ends: of a cyclic motion, cycles, in the first and the last frame. lead_in: (F, P) poses up to the start pose,
     which is the last of them, at rate_hz; lead_in_activity: what the person does in them, such as "walk".
+    departures: numbers that say how the person and the camera really shown depart from what is told here, by name; for
+    the recording, not for whoever tracks.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Known:
     phase_ends: tuple[float, float] | None = None
     lead_in: FloatArray | None = None
     lead_in_activity: str | None = None
+    departures: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 class Dataset(Protocol):

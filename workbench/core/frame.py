@@ -25,7 +25,8 @@ class Truth:
 
     pose: (P,). joints: (J, 3), m, in the skeleton's order of joints, NaN for one that is not known. marks: (J, 2)
     marked pixels in the first view, NaN for joints without a mark; marks_visible: (J,) bool, false for a mark on a
-    hidden joint. activity: what the person does, such as "walk".
+    hidden joint. activity: what the person does, such as "walk". cameras: those that really took the views, where the
+    views' own are what a calibration made of them; none where they are the same.
     """
 
     pose: FloatArray | None = None
@@ -33,6 +34,7 @@ class Truth:
     marks: FloatArray | None = None
     marks_visible: BoolArray | None = None
     activity: str | None = None
+    cameras: tuple[Camera, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,12 @@ class Frame:
     views: tuple[View, ...]
     truth: Truth | None = None
     points: FloatArray | None = None
+
+
+def true_cameras(frame: Frame) -> tuple[Camera, ...]:
+    """The cameras that really took a frame's views: those of its truth, or else the views' own."""
+    known = () if frame.truth is None else frame.truth.cameras
+    return known or tuple(view.camera for view in frame.views)
 
 
 @dataclass(frozen=True, eq=False)

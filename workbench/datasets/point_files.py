@@ -81,7 +81,7 @@ class PointFiles:
     def _take(self) -> Take | None:
         if self.truth is None:
             return None
-        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": self.first_frame}
+        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": self.first_frame, "exact": True}
         return find_take(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **shown))
 
     @cached_property

@@ -1,7 +1,7 @@
 """Simulated stereo points: what a depth camera sees of a moving person, with exact truth (paper D, section 4.1)."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -9,12 +9,13 @@ import numpy as np
 
 from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.body.limbs import Body
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import render
-from workbench.datasets.scenes.camera import take_camera
+from workbench.datasets.scenes.camera import take_camera, told_camera
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.datasets.scenes.visible import visible_points
@@ -28,8 +29,8 @@ _NOISE_GREY = 4.0
 class Points(Scene):
     """Points of the surface that one still camera sees of a person, n_points a frame.
 
-    motion to seed: see `Scene`. The camera is distance_m away half-way through, or further where the motion would not
-    fit into its image.
+    motion to departures: see `Scene`. The camera is distance_m away half-way through, or further where the motion would
+    not fit into its image. What it sees is placed in the world by the camera that is told.
 
     Of n_points a share `outliers` lie anywhere in a box about the person, the others evenly over what the camera sees
     of the limbs, off along the line of sight by σ = sigma_m (z / 4 m)². clutter: as many points more of floor, wall and
@@ -71,16 +72,18 @@ class Points(Scene):
         start_pose, phase_ends = given_start("points", self.start, self.take, self.seed)
         return Known(
             name=f"points of {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
-            cameras=(self.view_camera,) if self.images else (), shape=self.take.motion.shape,
+            cameras=(self.told_camera,) if self.images else (), shape=self.take.motion.shape,
             body=self.take.body if self.skeleton == "full" else None, start_pose=start_pose, has_points=True,
-            phase_ends=phase_ends,
+            phase_ends=phase_ends, departures=self.take.departures(start_pose, self.view_camera, self.told_camera),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with its points, the true pose and joints and, where it is known, the activity."""
+        cameras = (self.view_camera,) if self.images and self.told_camera is not self.view_camera else ()
         for i, truth in enumerate(self.take.truths):
             index = self.first_frame + i
-            views = (View(self.view_camera, self._image(i)),) if self.images else ()
+            views = (View(self.told_camera, self._image(i)),) if self.images else ()
+            truth = replace(truth, cameras=cameras)
             yield Frame(index, index / self.rate_hz, views, truth, points=self._points(i))
 
     @cached_property
@@ -93,10 +96,19 @@ class Points(Scene):
         """The camera that sees the points."""
         return take_camera(self, self.take, self.distance_m)
 
+    @cached_property
+    def told_camera(self) -> Camera:
+        """The camera as a calibration found it, by which what it sees was placed in the world."""
+        return told_camera(self, self.take, self.view_camera)
+
+    def _subject(self, i: int) -> Body:
+        """The body that is seen in frame i."""
+        return self.take.subject.at((self.first_frame + i) / self.rate_hz)
+
     def _points(self, i: int) -> FloatArray:
         """The points (K, 3) of frame i, in random order."""
         rng = stream(self.seed, "points", i)
-        camera, body, pose = self.view_camera, self.take.body, self.take.motion.poses[i]
+        camera, body, pose = self.view_camera, self._subject(i), self.take.motion.poses[i]
         n_outliers = int(rng.binomial(self.n_points, self.outliers))
         surface = visible_points(body, pose, camera, self.n_points - n_outliers, rng)
         if self.bar_m > 0.0:
@@ -104,7 +116,7 @@ class Points(Scene):
         if self.clutter:
             others = clutter_points(self._surroundings, pose[:3], camera, self.clutter, rng)
             surface = np.concatenate([surface, not_hidden(others, camera, body, pose)])
-        noisy = with_depth_noise(surface, camera, self.sigma_m, rng)
+        noisy = with_depth_noise(surface, camera, self.sigma_m, rng, self.told_camera)
         return rng.permutation(np.concatenate([noisy, in_box(pose[:3], n_outliers, rng)]))
 
     @cached_property
@@ -113,19 +125,28 @@ class Points(Scene):
 
     def _image(self, i: int) -> ByteArray:
         noise = stream(self.seed, "sensor", i)
-        return render.with_noise(render.render(self._scene, self.take.motion.poses[i]), _NOISE_GREY, noise)
+        shown = self.take.subject.shown(self._scene, (self.first_frame + i) / self.rate_hz)
+        return render.with_noise(render.render(shown, self.take.motion.poses[i]), _NOISE_GREY, noise)
 
     @cached_property
     def _scene(self) -> render.Scene:
-        body, camera = self.take.body, self.view_camera
+        body, camera = self.take.subject.body, self.view_camera
         wall = render.background(camera.height, camera.width, stream(self.seed, "background"))
         return render.Scene(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
 
 
-def with_depth_noise(points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator) -> FloatArray:
+def with_depth_noise(
+    points: FloatArray, camera: Camera, sigma_m: float, rng: np.random.Generator, told: Camera | None = None
+) -> FloatArray:
     """Move points (K, 3), m, along their lines of sight so that their depth z errs by σ = sigma_m (z / 4 m)², as a
-    stereo pair's does: depth is focal length × baseline / disparity, whose error is constant."""
+    stereo pair's does: depth is focal length × baseline / disparity, whose error is constant. told: the camera, without
+    distortion, by which what `camera` sees is placed in the world; None: the same."""
     seen = camera.to_camera(points)
     depth = seen[:, 2]
     factor = 1.0 + sigma_m * depth / AT_M**2 * rng.standard_normal(len(points))
-    return (seen * factor[:, None] - camera.translation) @ camera.rotation
+    moved = seen * factor[:, None]
+    if told is None or told is camera:
+        return (moved - camera.translation) @ camera.rotation
+    pixels = moved[:, :2] / moved[:, 2:] * camera.matrix[[0, 1], [0, 1]] + camera.matrix[:2, 2]
+    moved[:, :2] = (pixels - told.matrix[:2, 2]) / told.matrix[[0, 1], [0, 1]] * moved[:, 2:]
+    return (moved - told.translation) @ told.rotation

@@ -18,6 +18,7 @@ from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, off
 from workbench.datasets.scenes import camera as placing
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes import room as stereo_room
+from workbench.datasets.scenes import subject as subjects
 from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.digest import code_digest
@@ -36,8 +37,9 @@ PATCH_SHARE = 0.05
 class Stereo(Scene):
     """Frames of a person before a textured wall and floor, seen by two level cameras side by side, and their points.
 
-    motion to seed: see `Scene`, of the left camera, which is distance_m away half-way through, or further where the
-    motion would not fit into its image; the right one is baseline_m to its right. noise: σ of each sensor, grey levels.
+    motion to departures: see `Scene`, of the left camera, which is distance_m away half-way through, or further where
+    the motion would not fit into its image; the right one is baseline_m to its right. The pair as a whole is told off.
+    noise: σ of each sensor, grey levels.
     contrast, clutter: strength of the clothes' and the room's texture, see `synthetic.Synthetic`. cache: a folder for
     rendered images; without one every process renders them anew.
 
@@ -75,15 +77,18 @@ class Stereo(Scene):
             found = f"disparities up to {self.n_disparities} px in images {self.width} px wide"
             raise InputError(f"stereo: {found}; expected a smaller baseline_m or focal_px, or a larger distance_m")
         return Known(
-            name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=self.cameras,
-            shape=self.take.motion.shape, start_pose=start_pose, has_points=True, phase_ends=phase_ends,
+            name=f"stereo {self.take.motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz,
+            cameras=self.told_cameras, shape=self.take.motion.shape, start_pose=start_pose, has_points=True,
+            phase_ends=phase_ends, departures=self.take.departures(start_pose, self.cameras[0], self.told_cameras[0]),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order; all are rendered and matched before the first comes out."""
+        cameras = () if self.told_cameras is self.cameras else self.cameras
         for i, (truth, points) in enumerate(zip(self.take.truths, self._points, strict=True)):
             index = self.first_frame + i
-            views = tuple(View(camera, self._images[i, k]) for k, camera in enumerate(self.cameras))
+            views = tuple(View(camera, self._images[i, k]) for k, camera in enumerate(self.told_cameras))
+            truth = replace(truth, cameras=cameras)
             yield Frame(index, index / self.rate_hz, views, truth, points=points)
 
     @cached_property
@@ -94,7 +99,15 @@ class Stereo(Scene):
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
         """The left and the right camera; rows of one image are rows of the other."""
-        left = placing.take_camera(self, self.take, self.distance_m, "left")
+        return self._pair(placing.take_camera(self, self.take, self.distance_m, "left"))
+
+    @cached_property
+    def told_cameras(self) -> tuple[Camera, Camera]:
+        """Both cameras as a calibration found them: the pair as a whole is off."""
+        left = placing.told_camera(self, self.take, self.cameras[0])
+        return self.cameras if left is self.cameras[0] else self._pair(left)
+
+    def _pair(self, left: Camera) -> tuple[Camera, Camera]:
         return left, replace(left, name="right", translation=left.translation - [self.baseline_m, 0.0, 0.0])
 
     @cached_property
@@ -112,7 +125,7 @@ class Stereo(Scene):
         empty = empty_disparity(seen[self.n_frames :])
         clouds = []
         for i in range(self.n_frames):
-            points = nearer_points(seen[i], empty, self.cameras[0], self.baseline_m)
+            points = nearer_points(seen[i], empty, self.told_cameras[0], self.baseline_m)
             chosen = stream(self.seed, "points", i).permutation(len(points))[: self.n_points]
             clouds.append(points[chosen])
         return clouds
@@ -126,19 +139,22 @@ class Stereo(Scene):
     def _render(self) -> ByteArray:
         """The images (2 (n_frames + N_EMPTY), height, width), left and right in turns."""
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
-        body, texture = self.take.body, render.clothes(self.take.body, outfit, self.contrast)
+        body = self.take.subject.body
+        texture = render.clothes(body, outfit, self.contrast)
         room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
         views = ((camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras)
         scenes = [render.Scene(body, *view) for view in views]
         images = []
-        for pose in tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None):
-            images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in scenes]
+        poses = tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
+        for i, pose in enumerate(poses):
+            shown = [self.take.subject.shown(scene, (self.first_frame + i) / self.rate_hz) for scene in scenes]
+            images += [render.with_noise(render.render(scene, pose), self.noise, sensor) for scene in shown]
         images += [render.with_noise(scene.background, self.noise, sensor) for _ in range(N_EMPTY) for scene in scenes]
         return np.stack(images)
 
     def _key(self) -> str:
         unseen = ("data", "cache", "start", "n_points")
-        return image_key(self, unseen, code_digest(render, stereo_room, placing), self.take.motion)
+        return image_key(self, unseen, code_digest(render, stereo_room, placing, subjects), self.take.motion)
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:

@@ -21,10 +21,13 @@ from workbench.core.frame import Frame, Truth, View
 from workbench.core.given import START_POSE
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.scenes import render
+from workbench.datasets.scenes import subject as subjects
 from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.camera import automatic_camera, standing_height
+from workbench.datasets.scenes.miscalibration import calibrated, calibration_error
 from workbench.datasets.scenes.splice import splice
-from workbench.datasets.scenes.take import Scene, motion_names
+from workbench.datasets.scenes.subject import Subject, subject_of
+from workbench.datasets.scenes.take import Scene, motion_names, rough_pose, start_error
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.mocap.generated.gait import PATHS
@@ -39,11 +42,12 @@ KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does n
 class Synthetic(Scene):
     """A person in motion, ray-cast over a cluttered background by one still camera; the images are grey.
 
-    motion to seed: see `Scene`; the seed is of the clothes, the background, the noise and the keypoints. cache: a
-    folder for rendered images; without one every process renders them anew. moving: names of the pose's parameters, or
-    of body parts (`skeleton.PARTS`), that move while all others stay as in the first frame used; None: everything
-    moves. camera: a camera file, of which the first camera is used, and the scene's does not count; without one the
-    person is person_px tall half-way through, or smaller where the whole motion would not fit into width × height.
+    motion to departures: see `Scene`; the seed is of the person, the clothes, the background, the noise and the
+    keypoints. cache: a folder for rendered images; without one every process renders them anew. moving: names of the
+    pose's parameters, or of body parts (`skeleton.PARTS`), that move while all others stay as in the first frame used;
+    None: everything moves. camera: a camera file, of which the first camera is used, and the scene's does not count;
+    without one the person is person_px tall half-way through, or smaller where the whole motion would not fit into
+    width × height.
     noise: σ of the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
     being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
     KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
@@ -74,21 +78,26 @@ class Synthetic(Scene):
 
     @cached_property
     def known(self) -> Known:
-        """The camera, the person's measurements and the true pose in the first frame."""
+        """The camera, the person's measurements and the pose in the first frame, each about as it really is."""
         motion = self._used_motion
         return Known(
-            name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.view_camera,),
-            shape=motion.shape, start_pose=motion.poses[0], has_keypoints=self.keypoint_sigma_px is not None,
+            name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.told_camera,),
+            shape=motion.shape, start_pose=self._start, has_keypoints=self.keypoint_sigma_px is not None,
+            departures={
+                **self._subject.factors, **calibration_error(self.view_camera, self.told_camera),
+                **start_error(self._start, motion.poses[0]),
+            },
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, each with the true pose and joints; all are rendered before the first comes out."""
         poses = self._used_motion.poses
-        places = joints(self.body.skeleton, poses)
+        places = joints(self._subject.body.skeleton, poses)
+        cameras = () if self.told_camera is self.view_camera else (self.view_camera,)
         for i, image in enumerate(self._images):
             index = self.first_frame + i
-            truth = Truth(pose=poses[i], joints=places[i])
-            views = (View(self.view_camera, image, self._keypoints(i, places[i])),)
+            truth = Truth(pose=poses[i], joints=places[i], cameras=cameras)
+            views = (View(self.told_camera, image, self._keypoints(i, places[i])),)
             yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
@@ -104,14 +113,29 @@ class Synthetic(Scene):
 
     @cached_property
     def view_camera(self) -> Camera:
-        """The camera: from the file, or placed automatically."""
-        places = joints(self.body.skeleton, self._used_motion.poses)
+        """The camera that takes the images: from the file, or placed automatically."""
+        places = joints(self._subject.body.skeleton, self._used_motion.poses)
         if self.camera is None:
             return self._automatic_camera(places)
         camera = load_cameras(Path(self.camera).expanduser())[0]
         if not _inside(camera, camera.project(places)).any():
             raise InputError(f"{self.camera}: camera {camera.name!r} never sees the person of motion {self.motion!r}")
         return camera
+
+    @cached_property
+    def told_camera(self) -> Camera:
+        """The camera as a tracker is told."""
+        motion, off = self._used_motion, self.departure
+        middle = motion.poses[len(motion) // 2, :3]
+        return calibrated(self.view_camera, middle, off["camera"], off["camera_deg"], self.seed)
+
+    @cached_property
+    def _start(self) -> FloatArray:
+        """The first pose (P,) as a tracker is told."""
+        pose, off = self._used_motion.poses[0], self.departure
+        if off["start_m"] == off["start_rad"] == 0.0:
+            return pose
+        return rough_pose(self.body.skeleton, pose, self.seed, off["start_m"], off["start_rad"])
 
     def _automatic_camera(self, places: FloatArray) -> Camera:
         tall = standing_height(self._used_motion, places)
@@ -141,8 +165,12 @@ class Synthetic(Scene):
 
     @cached_property
     def body(self) -> Body:
-        """The person's body."""
+        """The person's body, as a tracker is told."""
         return person(self._used_motion.shape)
+
+    @cached_property
+    def _subject(self) -> Subject:
+        return subject_of(self.body, self.departure, self.seed)
 
     @cached_property
     def _images(self) -> ByteArray:
@@ -152,17 +180,21 @@ class Synthetic(Scene):
 
     def _render(self) -> ByteArray:
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
-        camera, texture = self.view_camera, render.clothes(self.body, outfit, self.contrast)
+        camera, body = self.view_camera, self._subject.body
+        texture = render.clothes(body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
-        scene = render.Scene(self.body, camera, texture, background)
+        scene, images = render.Scene(body, camera, texture, background), []
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
-        return np.stack([render.with_noise(render.render(scene, pose), self.noise, sensor) for pose in poses])
+        for i, pose in enumerate(poses):
+            shown = self._subject.shown(scene, (self.first_frame + i) / self.rate_hz)
+            images.append(render.with_noise(render.render(shown, pose), self.noise, sensor))
+        return np.stack(images)
 
     def _key(self) -> str:
         unseen, seen_by = ("data", "cache", "camera", "keypoint_sigma_px"), self.view_camera
         calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
         size = np.array([seen_by.width, seen_by.height])
-        return image_key(self, unseen, code_digest(render), self._used_motion, *calibration, size)
+        return image_key(self, unseen, code_digest(render, subjects), self._used_motion, *calibration, size)
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:

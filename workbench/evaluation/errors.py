@@ -12,7 +12,7 @@ from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.body.turns import N_POSITION
-from workbench.core.frame import Truth
+from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.joint_errors import (
     PCK_M,
@@ -38,11 +38,14 @@ def step_errors(
     moving pelvis onto pelvis. error_procrustes_mm: after the best similarity. humaneva_mm: over all joints with the
     root, HumanEva's 15. pck_150mm: fraction of the joints within 15 cm. error_px: mean distance in the first view's
     image, in pixels of the unscaled image (`image_scale` is the factor the image was resized by); where joints were
-    marked by hand, over the visible marks. forearm_px: width of a forearm in the same pixels, the yardstick of `held`,
-    where the true joints are known. coverage_50, coverage_90, crps_mm, crps_deg, z2, log_score: how true the posterior
-    is, see `step_calibration`; where the true pose is not known, of the joints' coordinates.
-    error_angle_deg: the mean turn between joints' frames and the true ones, relative to their parents'. knee_deg,
-    hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true one.
+    marked by hand, over the visible marks. The estimate is seen through the camera as it is told, as it is drawn over
+    the image, and the true joints through the camera that took the image (`Truth.cameras`), where marks would lie: as
+    with marked video, what counts is whether the estimate lies on the person in the image. forearm_px: width of a
+    forearm in the same pixels, the yardstick of `held`, where the true joints are known. coverage_50, coverage_90,
+    crps_mm, crps_deg, z2, log_score: how true the posterior is, see `step_calibration`; where the true pose is not
+    known, of the joints' coordinates. error_angle_deg: the mean turn between joints' frames and the true ones, relative
+    to their parents'. knee_deg, hip_deg: see `flexion_errors`. activity_accuracy: 1 where the activity told is the true
+    one.
     """
     truth = step.frame.truth
     if truth is None:
@@ -54,12 +57,14 @@ def step_errors(
         if truth.joints is not None:
             in_space = joint_errors(measured, estimate, truth.joints)
             errors |= {name + suffix: in_space[name] for name in in_space if not suffix or name in OF_HEAVIEST}
-        pixels = _pixel_error(step.frame.views[0].camera, measured, estimate, truth) if step.frame.views else None
+        pixels = _pixel_error(step.frame, measured, estimate, truth) if step.frame.views else None
         if pixels is not None:
             errors[f"error_px{suffix}"] = pixels / image_scale
     cameras = [view.camera for view in step.frame.views]
     if truth.joints is not None and len(measured) == len(skeleton.names) - 1 and cameras:
-        distances = [pixel_distances(each, estimates[0], each.project(truth.joints)).mean() for each in cameras]
+        views = zip(cameras, true_cameras(step.frame), strict=True)
+        places = truth.joints
+        distances = [pixel_distances(told, estimates[0], took.project(places)).mean() for told, took in views]
         error = float(np.mean(distances)) / image_scale
         errors |= {"humaneva_px": error} if np.isfinite(error) else {}
     if truth.joints is not None and "error_px" in errors:
@@ -163,14 +168,16 @@ def pixel_distances(camera: Camera, estimate: FloatArray, truth_px: FloatArray) 
     return np.where(behind, np.hypot(camera.width, camera.height), apart)
 
 
-def _pixel_error(camera: Camera, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
+def _pixel_error(frame: Frame, measured: Sequence[int], estimate: FloatArray, truth: Truth) -> float | None:
+    camera = frame.views[0].camera
     if truth.marks is not None:
         marks = truth.marks
         if truth.marks_visible is not None:
             marks = np.where(truth.marks_visible[:, None], marks, np.nan)
         distances = pixel_distances(camera, estimate, marks)
     elif truth.joints is not None:
-        distances = pixel_distances(camera, estimate, camera.project(truth.joints))[list(measured)]
+        true = true_cameras(frame)[0].project(truth.joints)
+        distances = pixel_distances(camera, estimate, true)[list(measured)]
     else:
         return None
     return float(np.nanmean(distances)) if np.isfinite(distances).any() else None

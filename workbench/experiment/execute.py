@@ -59,6 +59,7 @@ def execute(
                 if reason := no_evidence(config, names):
                     summary.left_out["log_evidence"] = reason
                 with recorder_of(config, parts, summary) as recorder:
+                    recorder.set_departures(parts.clip.known.departures)
                     record(parts, recorder, int(config.seed), summary, quiet)
                     recorder.set_result(summary.metrics)
                     recorder.set_cost(summary.cost)

@@ -1,5 +1,7 @@
 """Errors and posterior summaries against numbers worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from single_steps import BODY, CAMERA, SKELETON, standing, step_of
@@ -22,6 +24,19 @@ def test_a_shift_of_the_root_is_an_absolute_error_only():
     assert step_errors(step_of(moved[None], truth), BODY, image_scale=0.5)["error_px"] == pytest.approx(
         2 * errors["error_px"]
     )
+
+
+def test_pixels_are_those_of_the_camera_that_took_the_image():
+    """An estimate that a camera told wrong shows on the person costs no pixels, and one at the true place does."""
+    pose, beside = standing(), replace(CAMERA, translation=CAMERA.translation + np.array([0.1, 0.0, 0.0]))
+    truth = Truth(pose=pose, joints=joints(SKELETON, pose[None])[0], cameras=(beside,))
+    at_truth = step_errors(step_of(pose[None], truth), BODY)
+    assert at_truth["error_abs_mm"] == pytest.approx(0.0)
+    for name in ("error_px", "humaneva_px"):
+        assert at_truth[name] == pytest.approx(10.0, rel=0.05)  # 10 cm in 7 m at 700 px
+    told = replace(step_of(pose[None], truth).frame, truth=Truth(joints=truth.joints, cameras=(CAMERA,)))
+    errors = step_errors(replace(step_of(pose[None], truth), frame=told), BODY)
+    assert errors["error_px"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_bent_elbow_moves_one_joint_of_fourteen():

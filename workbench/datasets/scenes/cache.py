@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.arrays import AnyArray, ByteArray
+from workbench.datasets.scenes.departures import SHOWN
 from workbench.datasets.scenes.take import Scene
 from workbench.files import whole_file
 from workbench.mocap.motion import Motion
@@ -19,8 +20,10 @@ from workbench.mocap.motion import Motion
 
 def image_key(scene: Scene, unseen: Iterable[str], code: str, motion: Motion, *arrays: AnyArray) -> str:
     """Name a scene's images: a digest of the code, the motion, further arrays, and the parameters but those unseen."""
-    parameters = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in unseen}
-    shown = [code, parameters | {"motion": motion.name}, motion.shape.as_dict()]
+    apart = {*unseen, "exact", "departures"}
+    parameters = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in apart}
+    drawn = {name: scene.departure[name] for name in SHOWN}
+    shown = [code, parameters | drawn | {"motion": motion.name}, motion.shape.as_dict()]
     digest = hashlib.sha256(json.dumps(shown).encode())
     for array in (motion.poses, *arrays):
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -7,6 +7,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.skeleton import POSE_NAMES
+from workbench.datasets.scenes.miscalibration import calibrated
 from workbench.datasets.scenes.take import Scene, Take
 from workbench.mocap.motion import Motion
 
@@ -48,6 +49,12 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
         words = f"{scene.kind}: the camera is {away}, so that the whole motion fits into its image"
         warnings.warn(words, stacklevel=2)
     return camera
+
+
+def told_camera(scene: Scene, take: Take, camera: Camera) -> Camera:
+    """Tell what a tracker is told of the camera of a take, see `calibrated`."""
+    off, middle = scene.departure, take.motion.poses[len(take.motion) // 2, :3]
+    return calibrated(camera, middle, off["camera"], off["camera_deg"], scene.seed)
 
 
 def standing_height(motion: Motion, places: FloatArray) -> float:

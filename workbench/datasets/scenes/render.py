@@ -6,7 +6,7 @@ ellipsoid, so that joints have no holes.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -24,8 +24,9 @@ CLUTTER_GREY = 35.0  # standard deviation of the background at clutter 1, grey l
 _AMBIENT = 0.6
 _LIGHT = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])  # towards the light, in the world
 _NEAR_M = 0.02
-_VOXEL_M = 0.0125
-_SHIRT, _TROUSERS = ("torso", "upper_arm"), ("thigh", "calf")
+_EVEN = 1e-9  # sections whose semi-axes have one ratio, but for rounding
+VOXEL_M = 0.0125
+_SHIRT, _TROUSERS = ("torso", "upper_arm"), ("thigh", "calf", "foot")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +80,9 @@ class Scene:
     texture: Texture
     background: FloatArray
 
-    @cached_property
+    @property
     def rays(self) -> Rays:
-        """The camera's rays, which take longer to compute than a picture."""
+        """The camera's rays."""
         return camera_rays(self.camera)
 
 
@@ -96,8 +97,10 @@ class _PlacedLimbs:
     sizes: FloatArray
 
 
+@lru_cache(maxsize=2)
 def camera_rays(camera: Camera, samples: int = 2) -> Rays:
-    """The camera's rays, `samples` × `samples` evenly spread over every pixel."""
+    """The camera's rays, `samples` × `samples` evenly spread over every pixel; those of the last two cameras are kept,
+    as they take longer to compute than a picture."""
     u, v = ((np.arange(size * samples) + 0.5) / samples - 0.5 for size in (camera.width, camera.height))
     if camera.distortion.any():
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 1, 2)
@@ -113,7 +116,7 @@ def camera_rays(camera: Camera, samples: int = 2) -> Rays:
 def clothes(body: Body, rng: np.random.Generator, contrast: float = 1.0) -> Texture:
     """A random outfit: plain shirt, trousers and skin with noise of wavelengths about 5 to 25 cm on each."""
     n = 64
-    frequency = np.stack(np.meshgrid(*[np.fft.fftfreq(n, _VOXEL_M)] * 2, np.fft.rfftfreq(n, _VOXEL_M), indexing="ij"))
+    frequency = np.stack(np.meshgrid(*[np.fft.fftfreq(n, VOXEL_M)] * 2, np.fft.rfftfreq(n, VOXEL_M), indexing="ij"))
     octaves = np.log2(np.maximum(np.linalg.norm(frequency, axis=0), 1e-9) * 0.11)
     spectrum = np.fft.rfftn(rng.standard_normal((n, n, n))) * np.exp(-((octaves / 0.8) ** 2))
     volume = np.fft.irfftn(spectrum, s=(n, n, n), axes=(0, 1, 2))
@@ -239,7 +242,7 @@ def _shade(scene: Scene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatAr
     for k in np.unique(limb):
         those = np.flatnonzero(limb == k)
         points = placed.eyes[k] + towards[those] @ placed.rotations[k].T
-        cells = (points / _VOXEL_M + texture.offsets[k]).T
+        cells = (points / VOXEL_M + texture.offsets[k]).T
         pattern = map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
         lit = np.maximum(_normals(points, placed.sizes[k]) @ (placed.rotations[k] @ light), 0.0)
         grey[those] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
@@ -281,7 +284,7 @@ def _depths_reference(eye: FloatArray, direction: FloatArray, size: FloatArray) 
     gx, gy = (bx - ax) / length, (by - ay) / length
     t = np.clip((oz - dz * (ox * dx + oy * dy) / (dx * dx + dy * dy)) / length, 0.0, 1.0)
     k = ((ax + t * (bx - ax)) / (ay + t * (by - ay))) ** 2
-    exact = ax * by == ay * bx
+    exact = abs(ax * by - ay * bx) < _EVEN * ax * by
     fat = 1.0 if exact else 1.1
     r, g = fat * (ax + gx * oz), fat * gx
     a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
@@ -328,7 +331,7 @@ def _limb_depth(eye: Any, dx: float, dy: float, dz: float, size: Any) -> float:
     # of the place where the ray passes nearest to the axis, on a limb a tenth fatter, starts Newton's method outside.
     t = min(max((oz - dz * (ox * dx + oy * dy) / (dx * dx + dy * dy)) / length, 0.0), 1.0)
     k = ((ax + t * (bx - ax)) / (ay + t * (by - ay))) ** 2
-    exact = ax * by == ay * bx
+    exact = abs(ax * by - ay * bx) < _EVEN * ax * by
     fat = 1.0 if exact else 1.1
     r, g = fat * (ax + gx * oz), fat * gx
     a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r

@@ -7,12 +7,17 @@ from typing import Any
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
+from workbench.body.skeleton import Skeleton
 from workbench.core.checks import FINITE, POSITIVE, Range, at_least, check
 from workbench.core.frame import Truth
 from workbench.core.given import PHASE_ENDS, START_POSE
+from workbench.datasets.scenes.departures import GIVEN, sizes
+from workbench.datasets.scenes.miscalibration import calibration_error
 from workbench.datasets.scenes.splice import splice
+from workbench.datasets.scenes.subject import Subject, subject_of
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body, full_poses
 from workbench.mocap.motion import Motion
@@ -39,6 +44,15 @@ class Scene:
     the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
     view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of
     the builtin walker.
+
+    The person and the camera are not those that a tracker is told: no tracker of real people knows either. Drawn by
+    the seed are bones longer or shorter by up to `lengths`, at the same height, and thicker or thinner by up to
+    `radii`; limbs that bulge by `profile`, 1 being a person, with a neck and feet; clothes that swing and slide by a
+    standard deviation of `clothes_m` (`subject`); a camera told whose focal length, principal point (of the image's
+    width) and place (of its distance) are off by `camera` and whose direction by `camera_deg` degrees, in random
+    directions (`miscalibration`); and a start off by Gaussian errors of `start_m` and `start_rad`. departures: other
+    sizes of these, by name; the rest are `departures.USUAL`. exact: the rest are zero; with no departures the person
+    is the tracker's own body, and what is told is the truth. That is an inverse crime, for tests of a tracker's sums.
     """
 
     motion: Any = "builtin"  # a name or a list of them, for which a schema has no other type
@@ -52,6 +66,13 @@ class Scene:
     focal_px: float = 700.0
     view_deg: float = 90.0
     seed: int = 0
+    exact: bool = False
+    departures: Mapping[str, float] | None = None
+
+    @property
+    def departure(self) -> Mapping[str, float]:
+        """How far each thing departs from what is told, by name."""
+        return sizes(self.exact, self.departures)
 
     @property
     def kind(self) -> str:
@@ -64,18 +85,20 @@ class Scene:
 
     def check(self, **expected: Range) -> None:
         """Raise InputError for the first number that is not in its range, of those that all scenes share and others."""
-        check(self.kind, self, **(_RANGES | expected))
+        check(self.kind, self, departures=GIVEN, **(_RANGES | expected))
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
     """A person's motion in the F frames of a dataset, at its rate, and F truths. body: the person's, or of the motion
-    file's full skeleton; the poses (F, P) of motion and truths are this body's. phases: (F,) cycles, see `Spliced`."""
+    file's full skeleton, as a tracker is told; the poses (F, P) of motion and truths are this body's. phases: (F,)
+    cycles, see `Spliced`. subject: who is really shown, whose joints the truths have."""
 
     motion: Motion
     body: Body
     truths: tuple[Truth, ...]
     phases: FloatArray
+    subject: Subject
 
     @property
     def places(self) -> FloatArray:
@@ -88,13 +111,29 @@ class Take:
         first, last = float(self.phases[0]), float(self.phases[-1])
         return (first, last) if np.isfinite(first + last) else None
 
+    def departures(self, start: FloatArray | None, camera: Camera, told: Camera) -> dict[str, FloatArray]:
+        """How far who and what is shown is off what is told, with a start (P,), by name; {} where nothing is."""
+        found = {**self.subject.factors, **calibration_error(camera, told)}
+        return found | start_error(start, self.motion.poses[0]) if found else {}
+
     def rough_start(self, seed: int) -> FloatArray:
         """The first pose (P,) with Gaussian errors of 3 cm in place and 0.05 rad in every angle, within the limits."""
-        skeleton, pose = self.body.skeleton, self.motion.poses[0]
-        sigma = np.full(len(pose), START_SIGMA_RAD)
-        sigma[:3] = START_SIGMA_M
-        error = sigma * stream(seed, "rough start").standard_normal(len(pose))
-        return np.clip(pose + error, *skeleton.limits.T)
+        return rough_pose(self.body.skeleton, self.motion.poses[0], seed)
+
+
+def rough_pose(
+    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = START_SIGMA_M, sigma_rad: float = START_SIGMA_RAD
+) -> FloatArray:
+    """Return a pose (P,) with Gaussian errors in place and in every angle, within the limits."""
+    sigma = np.full(len(pose), sigma_rad)
+    sigma[:3] = sigma_m
+    error = sigma * stream(seed, "rough start").standard_normal(len(pose))
+    return np.clip(pose + error, *skeleton.limits.T)
+
+
+def start_error(told: FloatArray | None, pose: FloatArray) -> dict[str, FloatArray]:
+    """Tell how far the start told is off, by name, for the recording: (P,), m and rad; {} for none."""
+    return {} if told is None or np.array_equal(told, pose) else {"start": told - pose}
 
 
 def find_take(scene: Scene, skeleton: str = "person") -> Take:
@@ -115,11 +154,12 @@ def find_take(scene: Scene, skeleton: str = "person") -> Take:
         own = replace(person_motion, rate_hz=recorded.rate_hz, poses=full_poses(recorded))
         poses = own.resampled(person_motion.rate_hz).poses[first::_FINE][: scene.n_frames]
         body, shown = full_body(recorded, person_motion.shape), replace(shown, poses=poses)
-    places = joints(body.skeleton, shown.poses)
+    subject = subject_of(body, scene.departure, scene.seed)
+    places = joints(subject.body.skeleton, shown.poses)
     activities = [None if clips[k].activity == UNKNOWN else clips[k].activity for k in fine.clips[::_FINE]]
     frames = zip(shown.poses, places, activities, strict=True)
     truths = tuple(Truth(pose=pose, joints=place, activity=activity) for pose, place, activity in frames)
-    return Take(shown, body, truths, fine.phases[::_FINE])
+    return Take(shown, body, truths, fine.phases[::_FINE], subject)
 
 
 def motion_names(motion: str | Sequence[str]) -> list[str]:

@@ -38,11 +38,16 @@ def surface_points(body: Body, pose: FloatArray, tries: int, rng: np.random.Gene
 
 
 def _rough_areas(body: Body) -> FloatArray:
-    """About the areas (L, 3), m², of every limb's side, start and end: of round cones and spheres; 0: there is none."""
+    """About the areas (L, 3), m², of every limb's side, start and end: of round cones and spheres; 0: there is none.
+
+    Where a limb goes on in the next, as those of a `subject` do, there is no end.
+    """
     limbs = body.limbs
     radii = limbs.radii.mean(axis=2)
     length = np.linalg.norm(limbs.ends - limbs.starts, axis=1)
     start, end = 4.0 * radii.T**2
+    goes_on = (limbs.joints[:-1] == limbs.joints[1:]) & (limbs.ends[:-1] == limbs.starts[1:]).all(axis=1)
+    start[1:][goes_on], end[:-1][goes_on] = 0.0, 0.0
     return np.pi * np.column_stack([radii.sum(axis=1) * length, start, np.where(length > 0.0, end, 0.0)])
 
 

@@ -49,6 +49,11 @@ def picture(camera: Camera) -> Picture:
     return Picture(path, camera, replace(camera, distortion=np.zeros(5)), maps)
 
 
+def taken_by(shown: Picture, camera: Camera) -> Picture:
+    """The same picture with the camera that really took it, by which the truth is drawn over it."""
+    return replace(shown, camera=replace(camera, distortion=np.zeros(5)))
+
+
 def fixed(shown: Picture) -> Entities:
     """Yield pose and lens of a camera that stands still, and the styles of what is drawn over its images."""
     camera = shown.camera

@@ -17,6 +17,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
+from workbench.core.frame import true_cameras
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
@@ -133,6 +134,10 @@ class Recorder:
         """Record the run's scalar results as the property `metrics`."""
         self._file.send_property("metrics", metrics)
 
+    def set_departures(self, departures: Mapping[str, FloatArray]) -> None:
+        """Record how who and what is shown departs from what was told, as the property `departures`."""
+        self._file.send_property("departures", departures)
+
     def set_cost(self, cost: Mapping[str, float]) -> None:
         """Record what the run took as the property `cost`, in which equal runs differ."""
         self._file.send_property("cost", cost)
@@ -148,12 +153,12 @@ class Recorder:
         yield from scene.particles(figure, cloud, shades)
         yield from scene.bones(figure, scene.TRUTH, true)
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
-        for view in views:
+        for view, took in zip(views, true_cameras(step.frame), strict=True):
             shown = self._picture(view.camera)
             yield from images.image(shown, view.image, self._jpeg_quality)
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
-            yield from images.overlay(shown, "truth", true, figure.chains)
+            yield from images.overlay(images.taken_by(shown, took), "truth", true, figure.chains)
             self._with_keypoints |= {view.camera.name} if view.keypoints is not None else set()
             if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
                 self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
