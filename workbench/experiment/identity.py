@@ -13,7 +13,7 @@ from workbench.digest import digest_of, read_sources
 from workbench.errors import InputError
 from workbench.experiment.parts import OURS, folder_of, packages
 
-NO_PART = ("paths", "threads", "check", "parts", "learn", "people")
+NO_PART = ("paths", "threads", "check", "parts", "paper", "learn", "people")
 """Keys that say where and how a run is done, or that parts refer to, not what comes out."""
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
