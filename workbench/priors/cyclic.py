@@ -49,8 +49,9 @@ class Cyclic(AllFree):
     cycles, else the speed of the phase is part of the state, as in B.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
     leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
-    torso's own axis (A eq. 16), so that a torso that leans does not sink. Neither holds under "A" and "B". Where the model has learned how the root
-    sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
+    torso's own axis (A eq. 16), so that a torso that leans does not sink. Neither holds under "A" and "B". Where the
+    model has learned how the root sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and
+    the sway is added to it.
     """
 
     traits: ClassVar[Traits] = offering(DENSITY, MOTION, SEPARABLE)
@@ -73,7 +74,9 @@ class Cyclic(AllFree):
         self.sways = model.mean.shape[1] > len(CHANNEL_NAMES)
         self.parameters = POSE_NAMES
         groups = cycle_groups(tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ")
-        self.space = StateSpace.of({name: groups[name] for name in groups if (name, transition) != ("phase_speed", "A")})
+        if transition == "A":
+            del groups["phase_speed"]
+        self.space = StateSpace.of(groups)
         self._sigma = by_column(
             self.space, coefficients=sigma_coefficients, phase=sigma_phase, **self._of_speed(sigma_phase_speed),
             root_position=sigma_position, root_rotation=sigma_rotation,
