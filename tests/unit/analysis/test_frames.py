@@ -226,16 +226,30 @@ def test_a_scripts_docstring_names_the_figure_and_its_experiments(name):
     assert all(re.search(rf"\b{experiment}\b", module.__doc__) for experiment in module.EXPERIMENTS)
 
 
+def reading_of(run, papers):
+    """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
+    readings, replicates = script("readings"), script("replicates")
+    numbers = {
+        paper: replicates.Replicates(tuple({**run.result, "held": held} for held in (1.0, float(paper == "ours"))))
+        for paper in papers
+    }
+    return readings.Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_draws_and_says_the_runs_numbers(recorded, name, tmp_path):
     module = script(name)
     with context(STYLE):
-        figure = module.draw({experiment: recorded[experiment] for experiment in module.EXPERIMENTS})
+        figure = module.draw({name: reading_of(recorded[name], module.READINGS) for name in module.EXPERIMENTS})
         figure.savefig(tmp_path / "figure.png", dpi=40)
     assert all(axes.has_data() for axes in figure.get_axes())
     text = " ".join(" ".join(part.get_text() for part in figure.findobj(Text)).split())
     assert [word for word in WORDS[name] if word not in text] == []
     assert "The paper" in text
+    if module.READINGS == script("readings").BOTH:  # both rows with their numbers over seeds, and what they leave out
+        assert "1 of 2 seeds hold" in text
+        assert "2 of 2 seeds hold" in text
+        assert "Not " in text
 
 
 def test_an_arms_picture_is_cut_to_the_arm_and_shows_what_was_recorded(recorded):
@@ -312,7 +326,7 @@ def test_the_newest_complete_run_with_the_configuration_is_taken(monkeypatch, tm
         run("other", other), run("cut", wanted, "running"), run("another", wanted, experiment="walk_circle"),
     ]  # fmt: skip
     monkeypatch.setattr(recordings, "_composed", lambda experiment, overrides: wanted)
-    monkeypatch.setattr(recordings, "_made", lambda experiment, source: "made")
+    monkeypatch.setattr(recordings, "_made", lambda experiment, source, paper: "made")
     assert recordings.recording("walk_straight", source, [old, *useless, new]) is new
     assert recordings.recording("walk_straight", source, [*useless, old]) is old
     assert recordings.recording("walk_straight", source, useless) == "made"
@@ -326,6 +340,11 @@ def test_what_a_run_is_made_with():
     assert full.variants("walk_circle") == [[]]
     assert small.variants("walk_circle") == [[], list(recordings.QUICK["walk_circle"])]
     assert small.variants("learn_walk") == [[]]
+    assert full.variants("walk_circle", "literal") == [["paper=literal"]]
+    assert small.variants("walk_circle", "literal")[-1] == ["paper=literal", *recordings.QUICK["walk_circle"]]
+    assert recordings.Source(Path(), "DATA", quick=False).variants("walk_prior_only", "literal") == [
+        ["paper=literal", "paths.data=DATA"]  # on the circle, and not a recorded walk
+    ]
     assert recorded.variants("body_implicit")[0] == ["paths.data=DATA"]
     assert small.variants("body_implicit")[0] == list(recordings.GENERATED["body_implicit"])
     with pytest.raises(InputError, match=r"body_implicit.*--data"):
