@@ -22,7 +22,7 @@ DEVIATIONS = {
     "drawn; σ, p_occluded and the noise, of which B gives no numbers, that of the root as large as a walker's way in a "
     "frame, since nothing else moves it.",
     "C": "Not C's in either row: a rendered person with true measurements and camera; the database, CMU's and Bandai's "
-    "without the clip or person tracked; place and heading enter it as increments in the body's own frame; σ, ε and the "
+    "without whom or what is tracked; place and heading enter it as increments in the body's own frame; σ, ε and the "
     "noise, of which C gives no numbers. Its β = 1 is that of fig. 4, C names none for tracking.",
     "D": "Not D's in either row: simulated points, true measurements; the literal database is CMU's, whose people are "
     "not tracked; a point belongs to the part of the smallest |log f/C|, not |f − C|; the root of a frame may start "

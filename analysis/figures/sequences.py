@@ -7,7 +7,7 @@ from matplotlib.figure import Figure, SubFigure
 from analysis.figures.panels import bodies, evenly, images, over_frames, skeletons
 from analysis.figures.readings import DEVIATIONS, Reading
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import accuracy, setup
+from analysis.figures.told import accuracy, legs, setup
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES
 
@@ -48,7 +48,8 @@ def compared(title: str, found: Mapping[str, Reading], paper: str) -> Figure:
 def fitted(title: str, found: Reading, paper: str, n_frames: int = 7) -> Figure:
     """The surface fitted to points, in frames from the first to the last, a row for either reading."""
     key = "Black: observed points; blue: true skeleton; solid: fit."
-    caption = f"{key} {words({'': found})} {paper} {DEVIATIONS[title[6]]}"
+    angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in found.runs.items())
+    caption = f"{key} {words({'': found})} Flexion, {angles}. {paper} {DEVIATIONS[title[6]]}"
     figure = canvas(title, 1.7 * len(found.runs) + 1.3, caption)
     parts = rows(figure, [1.0] * len(found.runs), [found.row(reading) for reading in found.runs])
     for part, run in zip(parts, found.runs.values(), strict=True):
