@@ -11,8 +11,11 @@ BOTH, OURS = ("literal", "ours"), ("ours",)
 
 ROW = {"literal": "As the paper writes it", "ours": "Ours"}
 
-ERRORS = {"error_px": "px", "error_abs_mm": "mm", "hip_deg": "° hips", "knee_deg": "° knees"}
-"""Told of every reading, where it has them."""
+ERRORS = {
+    "images": {"error_px": "px", "error_abs_mm": "mm"},
+    "points": {"error_abs_mm": "mm", "hip_deg": "° hips", "knee_deg": "° knees"},
+}
+"""Told of a reading by what is seen, and their units."""
 
 DEVIATIONS = {
     "A": "Not A's in either row: people are rendered, their measurements and the camera are true; all particles share "
@@ -53,6 +56,7 @@ class Reading:
         if reading not in self.numbers:
             return ""
         numbers = self.numbers[reading]
-        known = [(metric, unit) for metric, unit in ERRORS.items() if metric in numbers.runs[0]]
+        of = "images" if "error_px" in numbers.runs[0] else "points"
+        known = [(metric, unit) for metric, unit in ERRORS[of].items() if metric in numbers.runs[0]]
         held, n = numbers.held
         return f"{held} of {n} seeds hold; {', '.join(numbers.told(metric, unit) for metric, unit in known)}"

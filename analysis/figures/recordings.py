@@ -104,6 +104,12 @@ class Source:
         return [data, small] if self.quick and small != data else [data]
 
 
+def chosen(experiment: str) -> list[str]:
+    """Name the experiment, and the choice where it is one of VARIANTS, as the command line does."""
+    name, *choice = VARIANTS.get(experiment, (experiment,))
+    return [f"experiment={name}", *choice]
+
+
 def recording(experiment: str, source: Source, known: Sequence[Run], paper: str = "ours") -> Run:
     """The newest complete run among `known` with the experiment's configuration, or else a new one.
 
@@ -158,5 +164,4 @@ def _made(experiment: str, source: Source, paper: str) -> Run:
 
 
 def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    name, *choice = VARIANTS.get(experiment, (experiment,))
-    return [sys.executable, "-m", "workbench", f"experiment={name}", *choice, *overrides]
+    return [sys.executable, "-m", "workbench", *chosen(experiment), *overrides]

@@ -23,7 +23,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from threadpoolctl import threadpool_limits
 
-from analysis.figures.recordings import Source, what_matters
+from analysis.figures.recordings import Source, chosen, what_matters
 from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.experiment.assembly import assemble
@@ -68,7 +68,7 @@ def replicates(experiment: str, paper: str, source: Source, n_seeds: int | None 
     Raises InputError for an experiment that cannot be run, and for a study, which draws nothing that matters.
     """
     n_seeds = (N_SEEDS_QUICK if source.quick else N_SEEDS) if n_seeds is None else n_seeds
-    overrides = [f"experiment={experiment}", *source.variants(experiment, paper)[-1]]
+    overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1]]
     config = _composed(overrides)
     file = _file(experiment, paper, config, source.folder)
     own_seed = "seed" in (config.dataset or {})
@@ -119,11 +119,13 @@ def table(found: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
     yield "| --- | --- | --- | --- | --- | --- |"
     for (experiment, paper), each in found.items():
         held, n = each.held
+        seen = "error_px" in each.runs[0]
         cells = [
-            each.told(metric, unit) if metric in each.runs[0] else ""
-            for metric, unit in (("error_abs_mm", "mm"), ("error_px", "px"), ("knee_deg", "°"))
+            each.told(metric, unit) if metric in each.runs[0] and seen == of_images else ""
+            for metric, unit, of_images in (("error_px", "px", True), ("knee_deg", "°", False))
         ]
-        yield f"| {experiment} | {paper} | {held} of {n} | {' | '.join(cells)} |"
+        space = each.told("error_abs_mm", "mm") if "error_abs_mm" in each.runs[0] else ""
+        yield f"| {experiment} | {paper} | {held} of {n} | {space} | {' | '.join(cells)} |"
 
 
 def _short(value: float) -> str:
