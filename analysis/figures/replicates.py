@@ -35,6 +35,7 @@ PAPERS = ("literal", "ours")
 N_SEEDS, N_SEEDS_QUICK = 10, 2
 APART = 1000
 """From a run's seed to that of its data set."""
+KNEES = [("knee_deg", "°")]
 HELD_MM, LAST_FRAMES = 150.0, 5
 """Without images a person is held whose joints are off by less than this in the last frames, as in pck_150mm."""
 
@@ -119,13 +120,10 @@ def table(found: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
     yield "| --- | --- | --- | --- | --- | --- |"
     for (experiment, paper), each in found.items():
         held, n = each.held
-        seen = "error_px" in each.runs[0]
-        cells = [
-            each.told(metric, unit) if metric in each.runs[0] and seen == of_images else ""
-            for metric, unit, of_images in (("error_px", "px", True), ("knee_deg", "°", False))
-        ]
-        space = each.told("error_abs_mm", "mm") if "error_abs_mm" in each.runs[0] else ""
-        yield f"| {experiment} | {paper} | {held} of {n} | {space} | {' | '.join(cells)} |"
+        metrics = [("error_abs_mm", "mm"), *([("error_px", "px")] if "error_px" in each.runs[0] else KNEES)]
+        cells = {metric: each.told(metric, unit) for metric, unit in metrics if metric in each.runs[0]}
+        row = [cells.get(metric, "") for metric in ("error_abs_mm", "error_px", "knee_deg")]
+        yield f"| {experiment} | {paper} | {held} of {n} | {' | '.join(row)} |"
 
 
 def _short(value: float) -> str:
