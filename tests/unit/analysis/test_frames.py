@@ -39,7 +39,7 @@ TRACKED = {
 ARM_ANGLES = ("shoulder_flexion", "shoulder_abduction", "shoulder_twist", "elbow_flexion")
 ARM = StateSpace.of({"arm": (tuple(f"right_{angle}" for angle in ARM_ANGLES), "rad")})
 CONFIG = """
-dataset: {motion: builtin, rate_hz: 30.0}
+dataset: {motion: builtin, rate_hz: 30.0, person_px: 175.0}
 prior: {beta: 0.05, missing: 0.2}
 inference: {n_particles: 40}
 """
@@ -78,6 +78,7 @@ def bars(name):
 HELD = ("12.3 px", "46 mm in space", "23 mm with pelvis on pelvis", "held", "40 particles")
 FITTED = ("46 mm in space", "3.4°", "5.6°")
 WORDS = {
+    "a_fig2_planar_patch": ("42 px long", "7.0 px"),
     "a_fig3_eigencurves": ("13 components", "93 cycles", "five: 86 %"),
     "a_fig4_arm_marginals": HELD,
     "a_fig5_walk_straight": HELD,
@@ -92,6 +93,8 @@ WORDS = {
     "c_fig5_running": ("0.2 s", "β = 0.05", "2 % of the frames"),
     "c_fig6_arm": HELD,
     "c_fig7_body": HELD,
+    "d_fig1_body": ("frame 10", "here 25"),
+    "d_fig2_points": ("a generated walker, 7 frames",),
     "d_fig1_motion_model": ("1057 cycles of 391 clips", "7 components (legs: 5)", "93.1 %", "97.3 %"),
     "d_fig3_no_model": FITTED,
     "d_fig4_eigenvectors": ("1057 cycles",),
@@ -387,3 +390,14 @@ def test_missing_runs_are_made_small_and_used_again(tmp_path):
     assert again.returncode == 0, again.stderr
     assert "workbench experiment=" not in again.stdout
     assert len(list((tmp_path / "runs").rglob("run.rrd"))) == 2
+
+
+def test_a_patch_is_exact_at_the_silhouette_and_off_by_the_radius_over_the_sine_in_the_middle():
+    """At the limb's end, where nothing is interpolated along it; to first order in its size over the distance."""
+    module = script("a_fig2_planar_patch")
+    for alpha in (0.0, 0.5, 1.0):
+        exact, patch = module.projections(alpha, np.zeros(2), np.array([np.pi / 2.0, 0.0]))
+        first_order = 2.0 * module.RADIUS_M**2 / module.DISTANCE_M
+        np.testing.assert_allclose(patch[0], exact[0], atol=first_order)
+        off = np.linalg.norm(patch[1] - exact[1])
+        np.testing.assert_allclose(off, module.RADIUS_M * np.sin(alpha), rtol=0.08, atol=first_order)
