@@ -27,9 +27,9 @@ DEVIATIONS = {
     "C": "Not C's in either row: a rendered person with true measurements and camera; the database, CMU's and Bandai's "
     "without whom or what is tracked; place and heading enter it as increments in the body's own frame; σ, ε and the "
     "noise, of which C gives no numbers. Its β = 1 is that of fig. 4, C names none for tracking.",
-    "D": "Not D's in either row: simulated points, true measurements; the literal database is CMU's, whose people are "
-    "not tracked; a point belongs to the part of the smallest |log f/C|, not |f − C|; the root of a frame may start "
-    "where the two before lead.",
+    "D": "Not D's in either row: simulated points, true measurements; how wide the fields are, of which D gives no "
+    "number, and that a point belongs to the part of the smallest |log f/C|, not |f − C|; the global motion by "
+    "distances, each frame's from where the two before lead. The literal database is CMU's, none of whose people is tracked.",
 }
 """What is left in the literal rows that a paper does not write, or writes otherwise."""
 
