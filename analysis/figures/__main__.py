@@ -4,6 +4,8 @@
 
 Without a NAME all figures are made; a NAME may be a script's or its beginning, such as a_fig4 or c. Each takes the
 newest complete recording of its experiments in FOLDER, and one that is not there is run first, at the paper's size.
+What a paper tracks is shown twice, as the paper writes it (paper=literal) and as ours, with numbers over ten seeds (two
+with --quick), see `replicates`; what is left in the literal rows that is not the paper's is in `readings.DEVIATIONS`.
 """
 
 import argparse
@@ -16,7 +18,9 @@ from types import ModuleType
 
 from matplotlib.style import context
 
+from analysis.figures.readings import Reading
 from analysis.figures.recordings import Source, recording
+from analysis.figures.replicates import replicates
 from workbench.errors import InputError
 from workbench.recording.read.reader import Run, open_runs
 from workbench.recording.study.drawing import STYLE
@@ -32,10 +36,10 @@ def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:
     return {script: import_module(f"analysis.figures.{script}") for script in chosen}
 
 
-def save(script: ModuleType, runs: Mapping[str, Run], folder: Path, name: str) -> None:
-    """Draw a figure from the runs of its experiments and write NAME.png and NAME.pdf."""
+def save(script: ModuleType, found: Mapping[str, Reading], folder: Path, name: str) -> None:
+    """Draw a figure of its experiments' readings and write NAME.png and NAME.pdf."""
     with context(STYLE):
-        figure = script.draw(runs)
+        figure = script.draw(found)
         figure.savefig(folder / f"{name}.png")
         figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
 
@@ -45,18 +49,25 @@ def make(chosen: Mapping[str, ModuleType], source: Source, folder: Path) -> list
     known, problems = open_runs(source.folder)
     for problem in problems:
         print(f"left out: {problem.reason}", file=sys.stderr)
-    by_experiment: dict[str, Run] = {}
+    made: dict[tuple[str, tuple[str, ...]], Reading] = {}
     failed = []
     for name, script in chosen.items():
         print(name, flush=True)
         try:
             for experiment in script.EXPERIMENTS:
-                if experiment not in by_experiment:
-                    by_experiment[experiment] = recording(experiment, source, known)
-            save(script, {experiment: by_experiment[experiment] for experiment in script.EXPERIMENTS}, folder, name)
+                if (experiment, script.READINGS) not in made:
+                    made[experiment, script.READINGS] = _reading(experiment, script.READINGS, source, known)
+            save(script, {name: made[name, script.READINGS] for name in script.EXPERIMENTS}, folder, name)
         except InputError as error:
             failed.append(f"{name}: {error}")
     return failed
+
+
+def _reading(experiment: str, papers: Sequence[str], source: Source, known: Sequence[Run]) -> Reading:
+    """An experiment's recordings and, where both readings are shown, its numbers over seeds."""
+    runs = {paper: recording(experiment, source, known, paper) for paper in papers}
+    numbers = {paper: replicates(experiment, paper, source) for paper in papers} if len(papers) > 1 else {}
+    return Reading(runs, numbers)
 
 
 def main() -> int:

@@ -7,19 +7,20 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import curves_named
 from analysis.figures.style import canvas
 from workbench.core.study import Curves
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("learn_walk",)
+READINGS = OURS
 ANGLE = "left knee flexion"
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Cycles and mean; the first three eigencurves; the variance explained."""
-    run = runs["learn_walk"]
+    run = found["learn_walk"].ours
     result = run.result
     figure = canvas(
         "Paper A, fig. 3: learning a walking model",

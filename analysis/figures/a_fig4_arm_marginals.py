@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.panels import evenly, images, marginal
-from analysis.figures.sequences import KEY, N_FRAMES
+from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.sequences import KEY, N_FRAMES, words
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import accuracy, setup
 from workbench.arrays import FloatArray
 from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("arm_twist",)
+READINGS = BOTH
 ANGLES = {
     "right_shoulder_flexion": "shoulder flexion",
     "right_shoulder_abduction": "shoulder abduction",
@@ -24,24 +25,30 @@ ANGLES = {
 }
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
-    """Images above, marginals below."""
-    run = runs["arm_twist"]
-    first, last = band_deg(run, "right_shoulder_twist")[[0, -1]]
+def draw(found: Mapping[str, Reading]) -> Figure:
+    """For either reading images above, marginals below."""
+    arm = found["arm_twist"]
+    bands = "; ".join(
+        f"{reading}: {first:.0f}° wide in the first frame and {last:.0f}° in the last"
+        for reading, run in arm.runs.items()
+        for first, last in [band_deg(run, "right_shoulder_twist")[[0, -1]]]
+    )
     figure = canvas(
         "Paper A, fig. 4: tracking one arm",
-        4.3,
-        f"{KEY} Brightness: log posterior. Ours: {setup(run)}; {accuracy(run)}. The twist's 5–95 % band is "
-        f"{first:.0f}° wide in the first frame and {last:.0f}° in the last. The paper: 2000 particles; the twist "
-        "starts uniform and concentrates near the true value around frame 20, when the elbow bends.",
+        3.7 * len(arm.runs) + 1.5,
+        f"{KEY} Brightness: log posterior. {words({'': arm})} The twist's 5–95 % band, {bands}. Ours compares what no "
+        "limb covers with a background that stands still, which A does not. The paper: 2000 particles; the twist "
+        f"starts uniform and concentrates near the true value around frame 20, when the elbow bends. {DEVIATIONS['A']}",
     )
-    above, below = rows(figure, (1.7, 1.9), ("", ""))
-    frames = evenly(run, N_FRAMES)
-    images(above.subplots(1, len(frames)), run, frames)
-    row = below.subplots(1, len(ANGLES))
-    for axes, (name, title) in zip(row, ANGLES.items(), strict=True):
-        marginal(axes, run, name, title)
-    row[0].set_ylabel("degrees")
+    titles = [line for reading in arm.runs for line in (arm.row(reading), "")]
+    parts = rows(figure, (1.7, 1.9) * len(arm.runs), titles)
+    for above, below, run in zip(parts[0::2], parts[1::2], arm.runs.values(), strict=True):
+        frames = evenly(run, N_FRAMES)
+        images(above.subplots(1, len(frames)), run, frames)
+        row = below.subplots(1, len(ANGLES))
+        for axes, (name, title) in zip(row, ANGLES.items(), strict=True):
+            marginal(axes, run, name, title)
+        row[0].set_ylabel("degrees")
     return figure
 
 

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import tracked
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("walk_straight",)
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Images above, the expected pose in space below."""
     paper = "The paper: 5000 particles, 50 frames, held; arms often poorly estimated; no errors given."
-    return tracked("Paper A, fig. 5: a walk in a straight line", runs["walk_straight"], paper)
+    return tracked("Paper A, fig. 5: a walk in a straight line", found["walk_straight"], paper)

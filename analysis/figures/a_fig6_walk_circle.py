@@ -7,13 +7,14 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import tracked
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("walk_circle",)
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Images above, the expected pose in space below."""
     paper = "The paper: 15 000 particles; in frame 50 the model starts to drift off, its rotation poorly estimated."
-    return tracked("Paper A, fig. 6: a walk on a circle", runs["walk_circle"], paper)
+    return tracked("Paper A, fig. 6: a walk on a circle", found["walk_circle"], paper)

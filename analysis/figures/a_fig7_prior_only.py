@@ -7,17 +7,18 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import compared
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("walk_straight", "walk_prior_only")
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """A row of images each, and both errors over frames."""
     paper = (
-        "The paper repeats the walk on a circle so: the prior keeps the pose that of a walk, "
-        "but without images the figure walks its own way."
+        "The paper repeats the walk on a circle so, as does the literal row, ours the straight one: the prior keeps "
+        "the pose that of a walk, but without images the figure walks its own way."
     )
-    rows = {"Image motion": runs["walk_straight"], "Prior only": runs["walk_prior_only"]}
+    rows = {"Image motion": found["walk_straight"], "Prior only": found["walk_prior_only"]}
     return compared("Paper A, fig. 7: how strong is the walking prior?", rows, paper)

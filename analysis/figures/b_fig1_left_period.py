@@ -7,16 +7,17 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import canvas
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("period_snr",)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """The walk whose period was found best, all walks with white noise, and the deviations from hip events."""
-    run = runs["period_snr"]
+    run = found["period_snr"].ours
     result = run.result
     figure = canvas(
         "Paper B, fig. 1 left: finding the period",

@@ -7,18 +7,19 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import curves_named
 from analysis.figures.style import canvas
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("align_cycles",)
+READINGS = OURS
 ANGLES = ("left hip flexion", "left knee flexion", "left shoulder flexion")
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Three angles before, above, and after, below."""
-    run = runs["align_cycles"]
+    run = found["align_cycles"].ours
     result = run.result
     figure = canvas(
         "Paper B, fig. 1 right: aligning walks",

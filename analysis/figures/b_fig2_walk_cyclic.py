@@ -7,15 +7,15 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import tracked
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("walk_cyclic",)
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Images above, the expected pose in space below."""
-    run = runs["walk_cyclic"]
-    missing = 100 * run.settings["prior"]["missing"]
+    missing = 100 * found["walk_cyclic"].ours.settings["prior"]["missing"]
     paper = f"Learned with {missing:.0f} % of the samples missing. The paper: 10 000 particles, held; no errors given."
-    return tracked("Paper B, fig. 2: a walk under the cyclic prior", run, paper)
+    return tracked("Paper B, fig. 2: a walk under the cyclic prior", found["walk_cyclic"], paper)

@@ -7,17 +7,18 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import figure_named
 from analysis.figures.style import canvas
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("impute_gaps",)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Error over the part removed, in blocks and by markers; one angle of one walk with its gaps."""
-    run = runs["impute_gaps"]
+    run = found["impute_gaps"].ours
     result = run.result
     figure = canvas(
         "Paper B, section 2.2: filling in missing joint angles",

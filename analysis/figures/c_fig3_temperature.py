@@ -7,18 +7,19 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import sticks
 from analysis.figures.style import canvas, rows
 from workbench.core.study import Curves, Sticks
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw_curves
 
 EXPERIMENTS = ("temperature",)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Draws at rising temperatures, a row for each search; fidelity against temperature."""
-    run = runs["temperature"]
+    run = found["temperature"].ours
     result = run.result
     draws = [figure for figure in run.figures if isinstance(figure, Sticks)]
     fidelity = [figure for figure in run.figures if isinstance(figure, Curves)]

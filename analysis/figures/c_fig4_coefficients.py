@@ -7,17 +7,18 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import canvas
 from workbench.core.study import Bars
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw_bars
 
 EXPERIMENTS = ("coefficient_histograms",)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """A row for each search, a column for each coefficient."""
-    run = runs["coefficient_histograms"]
+    run = found["coefficient_histograms"].ours
     shown = [figure for figure in run.figures if isinstance(figure, Bars)]
     figure = canvas(
         "Paper C, fig. 4: coefficients of the windows drawn for one probe",

@@ -7,15 +7,16 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import compared
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("arm_implicit", "arm_smooth_300", "arm_smooth_3000")
+READINGS = BOTH
 NAMES = ("(a) implicit prior", "(b) constant velocity", "constant velocity, more particles")
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """A row of images each, and all errors over frames."""
     paper = "The paper: 300 particles suffice with the implicit prior, constant velocity needs 3000."
-    rows = {name: runs[experiment] for name, experiment in zip(NAMES, EXPERIMENTS, strict=True)}
+    rows = {name: found[experiment] for name, experiment in zip(NAMES, EXPERIMENTS, strict=True)}
     return compared("Paper C, fig. 6: an arm, 300 particles", rows, paper)

@@ -7,14 +7,15 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import compared
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("body_implicit", "body_smooth")
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """A row of images each, and both errors over frames."""
     paper = "The paper: 300 particles track 30 frames with the implicit prior and do not with constant velocity."
-    rows = {"(a) implicit prior": runs["body_implicit"], "(b) constant velocity": runs["body_smooth"]}
+    rows = {"(a) implicit prior": found["body_implicit"], "(b) constant velocity": found["body_smooth"]}
     return compared("Paper C, fig. 7: a walker, 300 particles", rows, paper)

@@ -9,25 +9,29 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import activities
 from analysis.figures.panels import activity_lanes, bodies, evenly
+from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.sequences import words
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import accuracy, setup
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_transition",)
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
-    """The fit in frames from the first to the last; the activity told and the true one over all frames."""
-    run = runs["points_transition"]
+def draw(found: Mapping[str, Reading]) -> Figure:
+    """For either reading the fit in frames from the first to the last; the activity told and the true one."""
+    both = found["points_transition"]
+    told = ", ".join(f"{reading} {100 * run.result['activity_accuracy']:.0f} %" for reading, run in both.runs.items())
     figure = canvas(
         "Paper D, fig. 10: from walking to running",
-        3.4,
-        f"Black: observed points; blue: true skeleton; solid: fit. Ours: {setup(run)}; {accuracy(run)}; the activity "
-        f"is told right in {100 * run.result['activity_accuracy']:.0f} % of the frames. The paper: four frames of "
-        "walking, three of transition, then running; it tells no activities.",
+        2.5 * len(both.runs) + 1.6,
+        f"Black: observed points; blue: true skeleton; solid: fit. {words({'': both})} The activity is told right in "
+        f"{told} of the frames. The paper: four frames of walking, three of transition, then running; it tells no "
+        f"activities. {DEVIATIONS['D']}",
     )
-    above, below = rows(figure, (1.9, 0.75), ("", ""))
-    frames = evenly(run, 8)
-    bodies(above.subplots(1, len(frames)), run, frames)
-    activity_lanes(below.subplots(), run, activities(run))
+    titles = [line for reading in both.runs for line in (both.row(reading), "")]
+    parts = rows(figure, (1.7, 0.75) * len(both.runs), titles)
+    for above, below, run in zip(parts[0::2], parts[1::2], both.runs.values(), strict=True):
+        frames = evenly(run, 8)
+        bodies(above.subplots(1, len(frames)), run, frames)
+        activity_lanes(below.subplots(), run, activities(run))
     return figure

@@ -7,17 +7,18 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import figure_named
 from analysis.figures.style import canvas
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("learn_walk_run",)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """The examples' first two coefficients, of the whole body and of the legs; the variance explained."""
-    run = runs["learn_walk_run"]
+    run = found["learn_walk_run"].ours
     result = run.result
     figure = canvas(
         "Paper D, fig. 1: a motion model of walking and running",

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.sequences import fitted
-from analysis.figures.told import accuracy, legs
-from workbench.recording.read.reader import Run
 
 EXPERIMENTS = ("points_no_model",)
+READINGS = BOTH
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """The fit in frames from the first to the last."""
-    run = runs["points_no_model"]
-    words = f"{accuracy(run)}; {legs(run)}. The paper: both legs are attracted to the same points; no errors given."
-    return fitted("Paper D, fig. 3: no motion model", run, words)
+    paper = "The paper: both legs are attracted to the same points; no errors given."
+    return fitted("Paper D, fig. 3: no motion model", found["points_no_model"], paper)

@@ -7,18 +7,19 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.studies import figure_named
 from analysis.figures.style import canvas
-from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import draw as draw_figure
 
 EXPERIMENTS = ("learn_walk_run",)
+READINGS = OURS
 ANGLE = "eigenvectors/left knee flexion"
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Eigenvectors on the left, derivatives on the right."""
-    run = runs["learn_walk_run"]
+    run = found["learn_walk_run"].ours
     caption = (
         f"Each scaled by its standard deviation over {run.result['n_examples']:.0f} cycles. The paper draws five, in "
         "no stated unit."

@@ -9,25 +9,30 @@ from matplotlib.figure import Figure
 
 from analysis.figures.frames import flexions
 from analysis.figures.panels import flexion
-from analysis.figures.style import canvas
-from analysis.figures.told import legs, setup
-from workbench.recording.read.reader import Run
+from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.sequences import words
+from analysis.figures.style import canvas, rows
+from analysis.figures.told import legs
 
 EXPERIMENTS = ("points_walk_steady",)
+READINGS = BOTH
 JOINTS = ("right_hip", "left_hip", "right_knee", "left_knee")
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
-    """Right leg on the left, left leg on the right, hips above knees, as in the paper."""
-    run = runs["points_walk_steady"]
+def draw(found: Mapping[str, Reading]) -> Figure:
+    """A row for either reading: hips, then knees, each right leg first."""
+    walk = found["points_walk_steady"]
+    told = "; ".join(f"{reading}: {legs(run)}" for reading, run in walk.runs.items())
     figure = canvas(
         "Paper D, fig. 6: flexion of hips and knees",
-        3.9,
-        f"Orange: fit; blue, thick: truth. Ours: {setup(run)}; {legs(run)}. The paper: “very close” to the gyroscopes, "
-        "even though the left leg is mostly hidden; no errors given.",
+        1.7 * len(walk.runs) + 1.7,
+        f"Orange: fit; blue, thick: truth. {words({'': walk})} Flexion, {told}. The paper: “very close” to the "
+        f"gyroscopes, even though the left leg is mostly hidden; no errors given. {DEVIATIONS['D']}",
     )
-    found = flexions(run)
-    for axes, joint in zip(figure.subplots(2, 2, sharex=True, sharey="row").flat, JOINTS, strict=True):
-        flexion(axes, found[joint], joint.replace("_", " "))
-        axes.label_outer()
+    parts = rows(figure, [1.0] * len(walk.runs), [walk.row(reading) for reading in walk.runs])
+    for part, run in zip(parts, walk.runs.values(), strict=True):
+        angles = flexions(run)
+        for axes, joint in zip(part.subplots(1, len(JOINTS), sharey=True), JOINTS, strict=True):
+            flexion(axes, angles[joint], joint.replace("_", " "))
+            axes.label_outer()
     return figure

@@ -1,47 +1,45 @@
-"""Paper D, section 6: the same points without and with a motion model, fitted and filtered.
+"""Paper D, section 4: the same points with a motion model, fitted and filtered.
 
-From points_no_model, points_walk_steady, points_walk_variable, points_particle_filter and points_hybrid.
+From points_walk_steady, points_walk_variable, points_particle_filter and points_hybrid.
 """
 
 from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
+from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import canvas
 from analysis.figures.told import setup
-from workbench.recording.read.reader import Run
-from workbench.recording.study.drawing import ESTIMATE, SERIES
+from workbench.recording.study.drawing import ESTIMATE
 
 NAMES = {
-    "points_no_model": "no motion model",
     "points_particle_filter": "particle filter",
     "points_hybrid": "particle filter about the fit",
     "points_walk_steady": "fit, one style",
     "points_walk_variable": "fit, a style per frame",
 }
 EXPERIMENTS = tuple(NAMES)
+READINGS = OURS
 
 
-def draw(runs: Mapping[str, Run]) -> Figure:
+def draw(found: Mapping[str, Reading]) -> Figure:
     """Errors in space and of the knees, and milliseconds a frame, a row for each method."""
-    first = runs["points_walk_steady"]
+    first = found["points_walk_steady"].ours
     figure = canvas(
-        "Paper D, section 6: fitting and filtering the same points",
+        "Paper D, section 4: fitting and filtering the same points",
         2.6,
         f"Ours: {setup(first)}; times are those of the machine that ran them. The paper gives no errors; it expects "
-        "fitting to cost less than filtering and suggests to combine both.",
+        "fitting to cost less than filtering (section 4.4) and suggests to combine both (section 1).",
     )
     columns = figure.subplots(1, 3, sharey=True)
-    found = [runs[experiment] for experiment in NAMES]
+    shown = [found[experiment].ours for experiment in NAMES]
     values = {
-        "joints off by (mm)": [run.result["error_abs_mm"] for run in found],
-        "knees off by (degrees)": [run.result["knee_deg"] for run in found],
-        "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in found],
+        "joints off by (mm)": [run.result["error_abs_mm"] for run in shown],
+        "knees off by (degrees)": [run.result["knee_deg"] for run in shown],
+        "time (ms a frame)": [run.properties.get("cost", {}).get("ms_per_frame", float("nan")) for run in shown],
     }
     for axes, (name, row) in zip(columns, values.items(), strict=True):
-        axes.barh(
-            list(NAMES.values()), row, color=[SERIES[6] if k == 0 else ESTIMATE for k in range(len(row))], height=0.6
-        )
+        axes.barh(list(NAMES.values()), row, color=ESTIMATE, height=0.6)
         for y, value in enumerate(row):
             axes.annotate(
                 f"{value:.{0 if value >= 100 else 1}f}",

@@ -84,6 +84,31 @@ def bodies(row: Sequence[Axes], run: Run, frames: Sequence[int]) -> None:
         axes.set_title(f"frame {scene.frame}", fontsize=7.5, pad=2.0)
 
 
+def points(row: Sequence[Axes], run: Run, frames: Sequence[int], turned_deg: float) -> None:
+    """The observed points and the true skeleton, seen from that angle beside where the points were seen from."""
+    shown = scenes(run, frames)
+    azimuth = _azimuth_deg(shown) + turned_deg
+    for axes, scene in zip(row, shown, strict=True):
+        flat = seen(scene.points, azimuth, 0.0)
+        axes.scatter(flat[:, 0], flat[:, 1], s=0.7, color=POINTS, linewidths=0.0)
+        truth = list(seen(scene.truth, azimuth, 0.0))
+        axes.add_collection(LineCollection(truth, colors=TRUTH, linewidths=0.8))
+        where = scene.truth if len(scene.truth) else scene.estimate
+        _frame_body(axes, seen(where.reshape(-1, 3), azimuth, 0.0))
+        axes.set_title(f"frame {scene.frame}", fontsize=7.5, pad=2.0)
+
+
+def around(row: Sequence[Axes], run: Run, frame: int) -> None:
+    """The fitted surface and skeleton of one frame, seen from as many sides as there are axes, evenly round."""
+    (scene,) = scenes(run, [frame])
+    for axes, azimuth in zip(row, np.linspace(0.0, 360.0, len(row), endpoint=False), strict=True):
+        _surface(axes, scene.vertices, scene.triangles, float(azimuth))
+        lines = list(seen(scene.estimate, float(azimuth), 0.0))
+        axes.add_collection(LineCollection(lines, colors=ESTIMATE, linewidths=1.0))
+        _frame_body(axes, seen(scene.estimate.reshape(-1, 3), float(azimuth), 0.0))
+        axes.set_title(f"{azimuth:.0f}°", fontsize=7.5, pad=2.0)
+
+
 def marginal(axes: Axes, run: Run, name: str, title: str) -> None:
     """The log posterior of a parameter over frames as brightness, in degrees where it is an angle, and the truth."""
     found = run.marginals

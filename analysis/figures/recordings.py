@@ -30,9 +30,10 @@ QUICK: Mapping[str, Sequence[str]] = {
     "temperature": ("study.n_probes=3",),
     "coefficient_histograms": ("study.n_draws=300",),
     "impute_gaps": ("study.fractions=[0.1,0.2]",),
+    "points_no_model": ("dataset.n_frames=16", "dataset.n_points=150", "inference.n_particles=100"),
     **dict.fromkeys(
         (
-            "points_no_model", "points_walk_steady", "points_walk_variable", "points_run_steady",
+            "points_walk_steady", "points_walk_variable", "points_run_steady",
             "points_run_variable", "points_particle_filter", "points_hybrid",
         ),
         ("dataset.n_frames=16", *_FEW_POINTS),
@@ -47,6 +48,9 @@ RECORDED: Mapping[str, Sequence[str]] = {
     "walk_cyclic": ("dataset.motion='35_02'",),
 }
 """What puts a recorded walk, of somebody not learned from, in the place of a generated one, as in the papers."""
+
+AS_IT_STANDS = {("walk_prior_only", "literal")}
+"""Readings that no recorded walk takes the place of: the paper's is on a circle."""
 
 _WALKER = ("dataset.motion=builtin", "prior.motions=builtin")
 GENERATED: Mapping[str, Sequence[str]] = {
@@ -67,7 +71,7 @@ VARIANTS: Mapping[str, tuple[str, ...]] = {
 }
 """Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
 
-_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "given", "clips")
+_NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "given", "clips", "paper")
 _PLACES = ("data", "cache")
 
 
@@ -79,36 +83,49 @@ class Source:
     data: str | None
     quick: bool
 
-    def variants(self, experiment: str) -> list[list[str]]:
+    def variants(self, experiment: str, paper: str = "ours") -> list[list[str]]:
         """The overrides that may have made a recording, the best first; the last is what a new run is made with.
+
+        paper: "literal" for the experiment as its paper writes it.
 
         Raises InputError for an experiment that needs recorded motion where there is none, unless small runs do.
         """
-        data = [] if self.data is None else [f"paths.data={self.data}", *RECORDED.get(experiment, ())]
+        recorded = RECORDED.get(experiment, ()) if (experiment, paper) not in AS_IT_STANDS else ()
+        data = [] if self.data is None else [f"paths.data={self.data}", *recorded]
         if self.data is None and experiment in GENERATED:
             if not self.quick:
                 raise InputError(
                     f"{experiment}: needs recorded motion, --data DATA (or, with generated people, --quick)"
                 )
             data = list(GENERATED[experiment])
-        small = [*data, *QUICK.get(experiment, ())]
+        reading = [] if paper == "ours" else [f"paper={paper}"]
+        small = [*reading, *data, *QUICK.get(experiment, ())]
+        data = [*reading, *data]
         return [data, small] if self.quick and small != data else [data]
 
 
-def recording(experiment: str, source: Source, known: Sequence[Run]) -> Run:
+def chosen(experiment: str) -> list[str]:
+    """Name the experiment, and the choice where it is one of VARIANTS, as the command line does."""
+    name, *choice = VARIANTS.get(experiment, (experiment,))
+    return [f"experiment={name}", *choice]
+
+
+def recording(experiment: str, source: Source, known: Sequence[Run], paper: str = "ours") -> Run:
     """The newest complete run among `known` with the experiment's configuration, or else a new one.
+
+    paper: see `Source.variants`.
 
     Raises InputError when it cannot be made.
     """
     name = VARIANTS.get(experiment, (experiment,))[0]
     candidates = [run for run in known if run.status == "complete" and run.provenance.get("experiment") == name]
     candidates.sort(key=lambda run: run.path.stat().st_mtime, reverse=True)
-    for overrides in source.variants(experiment) if candidates else ():
+    for overrides in source.variants(experiment, paper) if candidates else ():
         wanted = what_matters(_composed(experiment, overrides))
         for run in candidates:
             if what_matters(run.settings) == wanted:
                 return run
-    return _made(experiment, source)
+    return _made(experiment, source, paper)
 
 
 def what_matters(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,8 +151,8 @@ def _composed(experiment: str, overrides: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def _made(experiment: str, source: Source) -> Run:
-    overrides = source.variants(experiment)[-1]
+def _made(experiment: str, source: Source, paper: str) -> Run:
+    overrides = source.variants(experiment, paper)[-1]
     folder = source.folder / experiment / f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
     print(f"  {' '.join(['workbench', *_command(experiment, overrides)[3:]])}", flush=True)
     done = subprocess.run(
@@ -147,5 +164,4 @@ def _made(experiment: str, source: Source) -> Run:
 
 
 def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    name, *choice = VARIANTS.get(experiment, (experiment,))
-    return [sys.executable, "-m", "workbench", f"experiment={name}", *choice, *overrides]
+    return [sys.executable, "-m", "workbench", *chosen(experiment), *overrides]

@@ -1,47 +1,73 @@
-"""The layout that papers A, B and C share: frames of one run in a row, with the expected pose over the images."""
+"""The layouts that the papers share: frames in a row, as the paper writes the experiment and as ours."""
 
 from collections.abc import Mapping
 
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from analysis.figures.panels import bodies, evenly, images, over_frames, skeletons
+from analysis.figures.readings import DEVIATIONS, Reading
 from analysis.figures.style import canvas, rows
-from analysis.figures.told import accuracy, setup
+from analysis.figures.told import accuracy, legs, setup
 from workbench.recording.read.reader import Run
-from workbench.recording.study.drawing import ESTIMATE, SERIES
+from workbench.recording.study.drawing import SERIES
 
 N_FRAMES = 6
 """As in the papers: frames 0, 10, …, 50 or 5, 10, …, 30."""
 KEY = "Orange: expected pose; blue: truth; violet: particles."
+INTERVALS = "Intervals: 95 %, bootstrap over seeds, on one person."
 
 
-def tracked(title: str, run: Run, paper: str) -> Figure:
-    """Images with the posterior's skeletons above, the expected pose in space below, the error over frames."""
-    frames = evenly(run, N_FRAMES)
-    figure = canvas(title, 5.2, f"{KEY} Ours: {setup(run)}; {accuracy(run)}. {paper}")
-    above, middle, below = rows(figure, (2.0, 1.9, 1.2), ("", "expected pose in space", ""))
-    images(above.subplots(1, len(frames)), run, frames)
-    skeletons(middle.subplots(1, len(frames)), run, frames)
-    over_frames(below.subplots(), {"": run}, "error_px", "error (px)", {"": ESTIMATE})
+def tracked(title: str, found: Reading, paper: str) -> Figure:
+    """For either reading images with the posterior's skeletons and the expected pose in space; both errors."""
+    figure = canvas(title, 3.6 * len(found.runs) + 2.4, f"{KEY} {words({'': found})} {paper} {DEVIATIONS[title[6]]}")
+    titles = [line for reading in found.runs for line in (found.row(reading), "expected pose in space")]
+    parts = rows(figure, [2.0, 1.6] * len(found.runs) + [1.2], [*titles, ""])
+    for above, below, run in zip(parts[0::2], parts[1::2], found.runs.values(), strict=False):
+        frames = evenly(run, N_FRAMES)
+        images(above.subplots(1, len(frames)), run, frames)
+        skeletons(below.subplots(1, len(frames)), run, frames)
+    _errors(parts[-1], found.runs)
     return figure
 
 
-def compared(title: str, runs: Mapping[str, Run], paper: str) -> Figure:
-    """A row of images for each run, named by its key, and their errors over frames."""
-    sentences = " ".join(f"{label}: {accuracy(run)}." for label, run in runs.items())
-    figure = canvas(title, 1.9 * len(runs) + 1.9, f"{KEY} {sentences} {paper}")
-    parts = rows(figure, [1.9] * len(runs) + [1.3], [f"{label}: {setup(run)}" for label, run in runs.items()] + [""])
-    for part, run in zip(parts, runs.values(), strict=False):
+def compared(title: str, found: Mapping[str, Reading], paper: str) -> Figure:
+    """A row of images for either reading of each experiment, named by its key, and their errors over frames."""
+    n_rows = sum(len(each.runs) for each in found.values())
+    figure = canvas(title, 1.7 * n_rows + 2.9, f"{KEY} {words(found)} {paper} {DEVIATIONS[title[6]]}")
+    titles = [each.row(reading, label) for label, each in found.items() for reading in each.runs]
+    parts = rows(figure, [1.7] * n_rows + [1.3], [*titles, ""])
+    runs = [run for each in found.values() for run in each.runs.values()]
+    for part, run in zip(parts, runs, strict=False):
         frames = evenly(run, N_FRAMES)
         images(part.subplots(1, len(frames)), run, frames)
-    colours = dict(zip(runs, SERIES[2:], strict=False))
-    over_frames(parts[-1].subplots(), runs, "error_px", "error (px)", colours)
+    each_run = zip(((label, reading) for label, each in found.items() for reading in each.runs), runs, strict=True)
+    _errors(parts[-1], {f"{label}, {reading}": run for (label, reading), run in each_run})
     return figure
 
 
-def fitted(title: str, run: Run, words: str, n_frames: int = 7) -> Figure:
-    """The surface fitted to points, in frames from the first to the last."""
-    frames = evenly(run, n_frames)
-    figure = canvas(title, 2.3, f"Black: observed points; blue: true skeleton; solid: fit. Ours: {setup(run)}; {words}")
-    bodies(figure.subplots(1, len(frames)), run, frames)
+def fitted(title: str, found: Reading, paper: str, n_frames: int = 7) -> Figure:
+    """The surface fitted to points, in frames from the first to the last, a row for either reading."""
+    key = "Black: observed points; blue: true skeleton; solid: fit."
+    angles = "; ".join(f"{reading}: {legs(run)}" for reading, run in found.runs.items())
+    caption = f"{key} {words({'': found})} Flexion, {angles}. {paper} {DEVIATIONS[title[6]]}"
+    figure = canvas(title, 1.7 * len(found.runs) + 1.3, caption)
+    parts = rows(figure, [1.0] * len(found.runs), [found.row(reading) for reading in found.runs])
+    for part, run in zip(parts, found.runs.values(), strict=True):
+        frames = evenly(run, n_frames)
+        bodies(part.subplots(1, len(frames)), run, frames)
     return figure
+
+
+def words(found: Mapping[str, Reading]) -> str:
+    """What the recordings shown are of and their numbers, and what the intervals of the rows are."""
+    shown = [
+        f"{f'{label}, {reading}' if label else reading}: {setup(run)}; {accuracy(run)}"
+        for label, each in found.items()
+        for reading, run in each.runs.items()
+    ]
+    return f"Shown: {'. '.join(shown)}. {INTERVALS}"
+
+
+def _errors(part: SubFigure, runs: Mapping[str, Run]) -> None:
+    colours = dict(zip(runs, (*SERIES[2:], *SERIES[:2]), strict=False))
+    over_frames(part.subplots(), runs, "error_px", "error (px)", colours)

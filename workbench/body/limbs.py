@@ -46,6 +46,11 @@ class Limbs:
         x /= np.linalg.norm(x, axis=1, keepdims=True)
         return np.stack([x, np.cross(z, x), z], axis=2)
 
+    def cylinders(self) -> "Limbs":
+        """Make every limb a cylinder, of its sections' mean semi-axes (paper A, section 3.1)."""
+        mean = self.radii.mean(axis=1, keepdims=True)
+        return replace(self, radii=np.repeat(mean, 2, axis=1))
+
 
 @dataclass(frozen=True, eq=False)
 class Body:

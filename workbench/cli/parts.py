@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def listing() -> str:
     """Every group with its options and what they are, one line each."""
-    groups = [group for group in ("experiment", *GROUPS) if options(group)]
+    groups = [group for group in ("experiment", "paper", *GROUPS) if options(group)]
     return "\n\n".join(f"{group}=\n{_table(_abouts(group), lines=1)}" for group in groups)
 
 
@@ -70,7 +70,7 @@ def _abouts(group: str) -> dict[str, str]:
 def _described(place: str) -> str:
     """An option's class, what that says of itself, and its keys with defaults and notes."""
     group, _, name = place.partition(".")
-    if group not in ("experiment", *GROUPS) or (name and name not in options(group)):
+    if group not in ("experiment", "paper", *GROUPS) or (name and name not in options(group)):
         raise InputError(f"expected a group or group.option, such as prior.jitter, found {place!r}")
     if not name:
         return f"{group}=\n{_table(_abouts(group))}"

@@ -14,7 +14,7 @@ from workbench.errors import InputError
 from workbench.experiment.parts import OURS, folder_of, packages
 from workbench.mocap.names import SUFFIXES
 
-NO_PART = ("paths", "threads", "check", "parts", "learn", "people", "given", "clips")
+NO_PART = ("paths", "threads", "check", "parts", "paper", "learn", "people", "given", "clips")
 """Keys that say where and how a run is done, or that parts refer to, not what comes out."""
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}

@@ -34,6 +34,9 @@ _PLAIN = (str, int, float, bool)
 WHEN = "when"
 """Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
 
+LITERAL = "paper.literal"
+"""Place under `when` of what an experiment sets where it is to be as its paper writes it."""
+
 
 @dataclass
 class PathsSchema:
@@ -93,6 +96,7 @@ class RunSchema:
 
     parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
     given: what the experiment says its run is given, see `experiment.given`; a run says what it is.
+    paper: "literal" where an experiment does what its paper writes, else "ours".
     """
 
     body: Any = None
@@ -106,6 +110,7 @@ class RunSchema:
     threads: int | None = None
     parts: list[str] = field(default_factory=list)
     given: list[str] = field(default_factory=list)
+    paper: str = "ours"
     learn: LearnSchema = field(default_factory=LearnSchema)
     people: PeopleSchema = field(default_factory=PeopleSchema)
     clips: ClipsSchema = field(default_factory=ClipsSchema)
@@ -191,6 +196,7 @@ class PartsConfigSource(ConfigSource):
           prior.jitter: {sigma: 0.01}
 
     in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
+    Under `when: {paper.literal: …}` it says likewise, and of `learn`, how its paper departs from that.
     """
 
     @staticmethod
@@ -221,7 +227,7 @@ class PartsConfigSource(ConfigSource):
         """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
         if config_path.startswith(f"{WHEN}/"):
             experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
-            return self._result(self._settings(experiment, set(chosen)), {"package": "_global_"})
+            return self._result(self._chosen_settings(experiment, set(chosen)), {"package": "_global_"})
         path = self._find(config_path)
         assert path is not None
         text = path.read_text(encoding="utf-8")
@@ -240,23 +246,43 @@ class PartsConfigSource(ConfigSource):
         name = self._normalize_file_name(config_path)
         return next((folder / name for folder in self._folders() if (folder / name).is_file()), None)
 
-    def _settings(self, experiment: str, chosen: set[str]) -> DictConfig:
-        """What an experiment and those it begins with set of the parts chosen, each `group.option`; its own last."""
-        found = OmegaConf.create({})
-        path = self._find(f"experiment/{experiment}")
-        if path is None:
-            return found
-        own: Any = OmegaConf.create(path.read_text(encoding="utf-8"))
+    def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
+        """Collect what an experiment sets of the parts chosen, each `group.option`; its paper's own words last.
+
+        Raises ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
+        """
+        found = self._settings(experiment, chosen)
+        if LITERAL in chosen:
+            if LITERAL not in self._own(experiment).get(WHEN, {}):
+                raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
+            found.merge_with(self._settings(experiment, chosen, literal=True))
+        return found
+
+    def _settings(self, experiment: str, chosen: set[str], literal: bool = False) -> DictConfig:
+        """What an experiment and those it begins with set of the parts chosen, each `group.option`; its own last.
+
+        literal: what they set under `paper.literal` instead.
+        """
+        found, own = OmegaConf.create({}), self._own(experiment)
         for base in own.get("defaults", ()):
             if isinstance(base, str) and base != "_self_":
-                found.merge_with(self._settings(base, chosen))
-        for place, keys in own.get(WHEN, {}).items():
+                found.merge_with(self._settings(base, chosen, literal))
+        settings = own.get(WHEN, {})
+        for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
             group, _, option = str(place).partition(".")
-            if group not in parts.GROUPS or self._find(f"{group}/{option}") is None:
-                raise ConfigCompositionException(f"{path}: {WHEN}: there is no part {place}")
-            if place in chosen:
+            if literal and place == "learn":
+                found.merge_with({place: keys})
+            elif place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                raise ConfigCompositionException(f"experiment={experiment}: {WHEN}: there is no part {place}")
+            elif place != LITERAL and place in chosen:
                 found.merge_with({group: keys})
         return found
+
+    def _own(self, experiment: str) -> DictConfig:
+        """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
+        path = self._find(f"experiment/{experiment}")
+        own: Any = OmegaConf.create("" if path is None else path.read_text(encoding="utf-8"))
+        return own
 
 
 class PartsSearchPath(SearchPathPlugin):

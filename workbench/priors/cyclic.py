@@ -23,6 +23,7 @@ from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_colum
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
+TRANSITIONS = ("stationary", "A", "B")
 ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 
 
@@ -37,11 +38,21 @@ class Cyclic(AllFree):
     start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
     penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
-    Deviations. A's eq. 15 has no drift; as in B the speed of the phase is part of the state and drives the phase.
+    transition: "stationary", or what a paper writes, with the noise above:
+
+        "A" (eq. 14–17)  c_t ~ N(c_t−1, (ελ)²)   μ_t ~ N(μ_t−1 + ρ, σ_μ²)   τ_t ~ N(T_t−1 [v Δt, 0, 0, 1]ᵀ, σ_τ²)
+        "B" (section 3)  c, ρ, τ and θ random walks, no more   ψ_t = ψ_t−1 + ρ_t−1 + noise
+
+    and θ_t ~ N(θ_t−1, σ_θ²). Under A ρ is no part of the state, D = d + 7; B has learned no torso speed v.
+    Raises InputError for another.
+
+    Deviations. A's eq. 15 has no drift, under which a walk would stand still: under "A" ρ is the mean of the training
+    cycles, else the speed of the phase is part of the state, as in B.
     Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
     leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
-    torso's own axis (A eq. 16), so that a torso that leans does not sink. Where the model has learned how the root
-    sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it.
+    torso's own axis (A eq. 16), so that a torso that leans does not sink. Neither holds under "A" and "B". Where the
+    model has learned how the root sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and
+    the sway is added to it.
     """
 
     @staticmethod
@@ -57,20 +68,26 @@ class Cyclic(AllFree):
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
         start_coefficients: float = 0.3, start_phase: float = 0.015,
         start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
+        transition: str = "stationary",
     ) -> None:  # fmt: skip
+        if transition not in TRANSITIONS:
+            raise InputError(f"prior: transition must be one of {', '.join(TRANSITIONS)}, found {transition!r}")
         for name, given in (("sigma_position", sigma_position), ("sigma_rotation", sigma_rotation)):
             if len(given) != 3:
                 raise InputError(f"prior: {name} must hold three numbers, found {len(given)}")
-        self.model = model
+        self.model, self.transition = model, transition
         self.sways = model.mean.shape[1] > len(CHANNEL_NAMES)
         self.parameters = POSE_NAMES
-        self.space = StateSpace.of(cycle_groups(tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ"))
+        groups = cycle_groups(tuple(f"c{k + 1}" for k in range(len(model.scales))), "λ")
+        if transition == "A":
+            del groups["phase_speed"]
+        self.space = StateSpace.of(groups)
         self._sigma = by_column(
-            self.space, coefficients=sigma_coefficients, phase=sigma_phase, phase_speed=sigma_phase_speed,
+            self.space, coefficients=sigma_coefficients, phase=sigma_phase, **self._of_speed(sigma_phase_speed),
             root_position=sigma_position, root_rotation=sigma_rotation,
         )  # fmt: skip
         self._start = by_column(
-            self.space, coefficients=start_coefficients, phase=start_phase, phase_speed=model.cycle_rate_hz[1],
+            self.space, coefficients=start_coefficients, phase=start_phase, **self._of_speed(model.cycle_rate_hz[1]),
             root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
         )  # fmt: skip
         self._sigma_coefficients = sigma_coefficients
@@ -107,14 +124,23 @@ class Cyclic(AllFree):
     def _drifted(self, state: FloatArray, moved: FloatArray, dt_s: float) -> FloatArray:
         """`moved`, which is `state` with its noise, after the drift of `dt_s` seconds."""
         slices = self.space.slices
-        speed = decode(self._speed, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
-        heading = state[:, slices["root_rotation"]][:, 0]
-        kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self._sigma_coefficients**2))
-        moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
-        moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * state[:, slices["phase_speed"]]) % 1.0
-        moved[:, slices["root_position"]][:, 0] += dt_s * speed * np.cos(heading)
-        moved[:, slices["root_position"]][:, 1] += dt_s * speed * np.sin(heading)
+        if self.transition == "stationary":
+            kept = np.sqrt(max(0.0, 1.0 - dt_s * REFERENCE_RATE_HZ * self._sigma_coefficients**2))
+            moved[:, slices["coefficients"]] -= (1.0 - kept) * state[:, slices["coefficients"]]
+        cycles_hz = state[:, slices["phase_speed"]] if "phase_speed" in slices else self.model.cycle_rate_hz[0]
+        moved[:, slices["phase"]] = (moved[:, slices["phase"]] + dt_s * cycles_hz) % 1.0
+        if self.transition != "B":
+            moved[:, slices["root_position"]] += self._way(state, dt_s)
         return moved
+
+    def _way(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """The root's way (N, 3), m, at the learned speed: along the heading, or under "A" along the torso's axis."""
+        slices = self.space.slices
+        speed = decode(self._speed, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
+        heading, pitch = state[:, slices["root_rotation"]].T[:2]
+        pitch = pitch if self.transition == "A" else np.zeros_like(pitch)
+        way = [np.cos(heading) * np.cos(pitch), np.sin(heading) * np.cos(pitch), -np.sin(pitch)]
+        return (dt_s * speed)[:, None] * np.stack(way, axis=1)
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
@@ -139,9 +165,13 @@ class Cyclic(AllFree):
             sway = sway[:, len(CHANNEL_NAMES) :]
             root -= turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
         return by_column(
-            self.space, coefficients=coefficients, phase=best / TABLE_PHASES, phase_speed=self.model.cycle_rate_hz[0],
-            root_position=root[:3], root_rotation=root[3:],
+            self.space, coefficients=coefficients, phase=best / TABLE_PHASES,
+            **self._of_speed(self.model.cycle_rate_hz[0]), root_position=root[:3], root_rotation=root[3:],
         )  # fmt: skip
+
+    def _of_speed(self, value: float) -> dict[str, float]:
+        """The value of the phase's speed, where that is part of the state."""
+        return {"phase_speed": value} if "phase_speed" in self.space.slices else {}
 
 
 def cycle_groups(coefficients: tuple[str, ...], unit: str) -> dict[str, tuple[tuple[str, ...], str]]:

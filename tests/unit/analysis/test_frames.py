@@ -39,7 +39,7 @@ TRACKED = {
 ARM_ANGLES = ("shoulder_flexion", "shoulder_abduction", "shoulder_twist", "elbow_flexion")
 ARM = StateSpace.of({"arm": (tuple(f"right_{angle}" for angle in ARM_ANGLES), "rad")})
 CONFIG = """
-dataset: {motion: builtin, rate_hz: 30.0}
+dataset: {motion: builtin, rate_hz: 30.0, person_px: 175.0}
 prior: {beta: 0.05, missing: 0.2}
 inference: {n_particles: 40}
 """
@@ -78,6 +78,7 @@ def bars(name):
 HELD = ("12.3 px", "46 mm in space", "23 mm with pelvis on pelvis", "held", "40 particles")
 FITTED = ("46 mm in space", "3.4°", "5.6°")
 WORDS = {
+    "a_fig2_planar_patch": ("42 px long", "7.0 px"),
     "a_fig3_eigencurves": ("13 components", "93 cycles", "five: 86 %"),
     "a_fig4_arm_marginals": HELD,
     "a_fig5_walk_straight": HELD,
@@ -92,6 +93,8 @@ WORDS = {
     "c_fig5_running": ("0.2 s", "β = 0.05", "2 % of the frames"),
     "c_fig6_arm": HELD,
     "c_fig7_body": HELD,
+    "d_fig1_body": ("frame 10", "here 25"),
+    "d_fig2_points": ("a generated walker, 7 frames",),
     "d_fig1_motion_model": ("1057 cycles of 391 clips", "7 components (legs: 5)", "93.1 %", "97.3 %"),
     "d_fig3_no_model": FITTED,
     "d_fig4_eigenvectors": ("1057 cycles",),
@@ -226,16 +229,30 @@ def test_a_scripts_docstring_names_the_figure_and_its_experiments(name):
     assert all(re.search(rf"\b{experiment}\b", module.__doc__) for experiment in module.EXPERIMENTS)
 
 
+def reading_of(run, papers):
+    """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
+    readings, replicates = script("readings"), script("replicates")
+    numbers = {
+        paper: replicates.Replicates(tuple({**run.result, "held": held} for held in (1.0, float(paper == "ours"))))
+        for paper in papers
+    }
+    return readings.Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_draws_and_says_the_runs_numbers(recorded, name, tmp_path):
     module = script(name)
     with context(STYLE):
-        figure = module.draw({experiment: recorded[experiment] for experiment in module.EXPERIMENTS})
+        figure = module.draw({name: reading_of(recorded[name], module.READINGS) for name in module.EXPERIMENTS})
         figure.savefig(tmp_path / "figure.png", dpi=40)
     assert all(axes.has_data() for axes in figure.get_axes())
     text = " ".join(" ".join(part.get_text() for part in figure.findobj(Text)).split())
     assert [word for word in WORDS[name] if word not in text] == []
     assert "The paper" in text
+    if module.READINGS == script("readings").BOTH:  # both rows with their numbers over seeds, and what they leave out
+        assert "1 of 2 seeds hold" in text
+        assert "2 of 2 seeds hold" in text
+        assert "Not " in text
 
 
 def test_an_arms_picture_is_cut_to_the_arm_and_shows_what_was_recorded(recorded):
@@ -312,7 +329,7 @@ def test_the_newest_complete_run_with_the_configuration_is_taken(monkeypatch, tm
         run("other", other), run("cut", wanted, "running"), run("another", wanted, experiment="walk_circle"),
     ]  # fmt: skip
     monkeypatch.setattr(recordings, "_composed", lambda experiment, overrides: wanted)
-    monkeypatch.setattr(recordings, "_made", lambda experiment, source: "made")
+    monkeypatch.setattr(recordings, "_made", lambda experiment, source, paper: "made")
     assert recordings.recording("walk_straight", source, [old, *useless, new]) is new
     assert recordings.recording("walk_straight", source, [*useless, old]) is old
     assert recordings.recording("walk_straight", source, useless) == "made"
@@ -326,6 +343,11 @@ def test_what_a_run_is_made_with():
     assert full.variants("walk_circle") == [[]]
     assert small.variants("walk_circle") == [[], list(recordings.QUICK["walk_circle"])]
     assert small.variants("learn_walk") == [[]]
+    assert full.variants("walk_circle", "literal") == [["paper=literal"]]
+    assert small.variants("walk_circle", "literal")[-1] == ["paper=literal", *recordings.QUICK["walk_circle"]]
+    assert recordings.Source(Path(), "DATA", quick=False).variants("walk_prior_only", "literal") == [
+        ["paper=literal", "paths.data=DATA"]  # on the circle, and not a recorded walk
+    ]
     assert recorded.variants("body_implicit")[0] == ["paths.data=DATA"]
     assert small.variants("body_implicit")[0] == list(recordings.GENERATED["body_implicit"])
     with pytest.raises(InputError, match=r"body_implicit.*--data"):
@@ -368,3 +390,14 @@ def test_missing_runs_are_made_small_and_used_again(tmp_path):
     assert again.returncode == 0, again.stderr
     assert "workbench experiment=" not in again.stdout
     assert len(list((tmp_path / "runs").rglob("run.rrd"))) == 2
+
+
+def test_a_patch_is_exact_at_the_silhouette_and_off_by_the_radius_over_the_sine_in_the_middle():
+    """At the limb's end, where nothing is interpolated along it; to first order in its size over the distance."""
+    module = script("a_fig2_planar_patch")
+    for alpha in (0.0, 0.5, 1.0):
+        exact, patch = module.projections(alpha, np.zeros(2), np.array([np.pi / 2.0, 0.0]))
+        first_order = 2.0 * module.RADIUS_M**2 / module.DISTANCE_M
+        np.testing.assert_allclose(patch[0], exact[0], atol=first_order)
+        off = np.linalg.norm(patch[1] - exact[1])
+        np.testing.assert_allclose(off, module.RADIUS_M * np.sin(alpha), rtol=0.08, atol=2.0 * first_order)

@@ -71,7 +71,7 @@ def _plain(default):
 
 def test_nothing_but_options_is_listed():
     source = PartsConfigSource("main", "parts://workbench")
-    assert source.list("", None) == sorted(["config", "experiment", *(set(GROUPS) - {"study"})])
+    assert source.list("", None) == sorted(["config", "experiment", "paper", *(set(GROUPS) - {"study"})])
     for group in ("experiment", *GROUPS):
         assert source.list(group, None) == sorted(options(group))
 

@@ -133,6 +133,27 @@ def test_a_frame_without_observations_is_bridged_and_less_certain():
     assert np.all(np.abs(found[5] - states[5]) < 4.0 * deviations)
 
 
+@pytest.mark.parametrize("frames_per_style", STYLES.values(), ids=STYLES)
+def test_without_regularisation_the_cost_is_the_papers_sum_of_squares(frames_per_style):
+    times, states = walk(T)
+    data = FitData(joint_residuals(states, noise_m=0.02), times, SQUARED)
+    fitted = fit_problem(decoder(), data, frames_per_style, plain=True)
+    x = fitted.unknowns(disturbed(states))
+    poses = fitted.decoder.poses(x[fitted.columns])
+    squares = [residual(pose)[0] @ residual(pose)[0] for residual, pose in zip(fitted.residuals, poses, strict=True)]
+    assert fitted.expand(x).cost == pytest.approx(0.5 * sum(squares), rel=1e-12)
+
+
+def test_without_regularisation_a_frame_that_shows_nothing_is_as_uncertain_as_can_be():
+    times, states = walk(T)
+    residuals = joint_residuals(states, noise_m=0.005)
+    residuals[5] = lambda pose: (np.empty(0), np.empty((0, 10)))
+    fitted = fit_problem(decoder(), FitData(residuals, times, SQUARED), 1, plain=True)
+    _, covariance, _ = fit_motion(fitted, disturbed(states))
+    np.testing.assert_allclose(covariance[5], np.eye(len(covariance[5])), atol=1e-9)
+    assert np.diagonal(covariance[4])[-6:].max() < 0.01
+
+
 def test_no_observation_at_all_is_an_error():
     fitted, states = problem(1)
     empty = replace(fitted, residuals=[lambda pose: (np.empty(0), np.empty((0, 10)))] * T)

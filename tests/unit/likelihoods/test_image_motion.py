@@ -1,14 +1,17 @@
 """The image-motion likelihood where the answer is known: flat images, shifted textures, rods in front of rods."""
 
+from dataclasses import replace
+
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from scipy.stats import kstest
 
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
 from workbench.likelihoods.image_levels import grey_levels
-from workbench.likelihoods.image_motion import ImageMotion, patch_samples
+from workbench.likelihoods.image_motion import ImageMotion, drawn_samples, patch_samples
 from workbench.likelihoods.image_motion.kernel import PosedView
 from workbench.likelihoods.image_motion.reference import hidden_samples, limb_patches
 
@@ -278,3 +281,24 @@ def test_samples_are_spread_evenly():
         counts, _ = np.histogram(column, bins=10, range=(low, high))
         assert counts.sum() == 50
         assert counts.min() >= 3  # independent uniform draws leave a strip with fewer than 3 of 5 seven times in ten
+
+
+def test_samples_as_in_the_paper_are_uniform_over_the_whole_patch():
+    samples = drawn_samples(20_000, np.random.default_rng(0))
+    for column, (low, high) in zip(samples.T, ((0.0, 1.0), (-1.0, 1.0)), strict=True):
+        assert kstest(column, "uniform", (low, high - low)).pvalue > 0.01
+    assert abs(np.corrcoef(samples.T)[0, 1]) < 0.03
+
+
+def test_without_taper_a_limb_is_compared_as_the_cylinder_of_its_mean_radius():
+    """A cone as wide on average as the rod, before a texture that moves."""
+    cone = replace(ROD, limbs=replace(ROD.limbs, radii=np.array([[[0.02, 0.02], [0.08, 0.08]]])))
+    texture = scenes.texture(np.random.default_rng(0), scenes.FRONT.width, scenes.FRONT.height)
+    frames = [scenes.frame(0, (scenes.FRONT, texture)), scenes.frame(1, (scenes.FRONT, np.roll(texture, 2, axis=1)))]
+    pose = scenes.root()
+    found, expected, tapered = (
+        scenes.log_prob(ImageMotion(body, taper=taper), *frames, pose, pose)
+        for body, taper in ((cone, False), (ROD, True), (cone, True))
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert abs(tapered - expected) > 1e-3

@@ -78,6 +78,7 @@ def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
         {"background": "still", "exponent": "sum", "occlusion": "limb", "n_samples": 10},
         {"background": "still", "epsilon": 0.0},
         {"sigma": 2.0, "p_occluded": 1e-4},
+        {"exponent": "sum", "occlusion": "limb", "points": "drawn"},
         {"n_samples": 1},
         {"n_samples": 37, "blur_px": 0.0, "seed": 5},
     ],

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import plain_camera
-from workbench.body.skeleton import N_ROOT
+from workbench.body.kinematics import forward
+from workbench.body.shape import from_height
+from workbench.body.skeleton import N_ROOT, person_skeleton
 from workbench.core.residual import projection_jacobian
 from workbench.errors import InputError
 from workbench.learning.walking import WalkingModel
@@ -104,6 +106,58 @@ def test_one_step_has_the_stated_mean_and_deviation(dt_s):
     mean[slices["phase"]] = dt_s * one[0, slices["phase_speed"]]
     mean[slices["root_position"]] = dt_s * speed * np.array([np.cos(heading), np.sin(heading), 0.0])
     assert moved.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
+
+
+STILL = {"sigma_phase": 0.0, "sigma_phase_speed": 0.0, "sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3}
+
+
+def test_as_paper_a_writes_it_the_state_is_its_twelve_numbers_and_coefficients_walk_at_random():
+    """A section 6.2 counts 5 + 1 + 3 + 3; here d is 3. Over 400 steps N(0, 400 ε²), not the stationary N(0, 1)."""
+    prior = Cyclic(model(), transition="A", sigma_coefficients=0.2, **STILL)
+    assert len(prior.space) == D + 7
+    assert "phase_speed" not in prior.space.slices
+    state, rng = np.zeros((4000, len(prior.space))), np.random.default_rng(0)
+    for _ in range(400):
+        state = prior.step(state, 1 / 30, rng)
+    assert state[:, prior.space.slices["coefficients"]].std(axis=0) == pytest.approx(0.2 * 20.0, rel=0.04)
+    phase = 0.95 * 400 / 30 % 1.0  # by the mean ρ of the training cycles, the same for all
+    assert state[:, prior.space.slices["phase"]] == pytest.approx(phase, abs=1e-9)
+
+
+def test_as_paper_a_writes_it_the_root_moves_along_the_torsos_own_axis():
+    prior = Cyclic(model(), transition="A", sigma_coefficients=0.0, **STILL)
+    state = states(prior, 5)
+    moved = prior.step(state, 0.1, np.random.default_rng(0))
+    pose = np.zeros((5, 25))
+    pose[:, :N_ROOT] = state[:, -N_ROOT:]
+    torso = forward(person_skeleton(from_height(1.75)), pose).rotations[:, 0]
+    speed = decode(prior._table, state[:, :D], state[:, D])[:, 0]
+    position = prior.space.slices["root_position"]
+    assert moved[:, position] - state[:, position] == pytest.approx(0.1 * speed[:, None] * torso[:, :, 0], abs=1e-12)
+
+
+def test_as_paper_b_writes_it_nothing_but_noise_moves_the_root():
+    prior = Cyclic(model(), transition="B", sigma_coefficients=0.0, **STILL)
+    state = states(prior, 5)
+    moved = prior.step(state, 0.1, np.random.default_rng(0))
+    phase, cycles_hz = (state[:, prior.space.slices[name]] for name in ("phase", "phase_speed"))
+    expected = state.copy()
+    expected[:, prior.space.slices["phase"]] = (phase + 0.1 * cycles_hz) % 1.0
+    assert moved == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("transition", ["A", "B"])
+def test_a_start_as_the_papers_write_it_is_near_the_pose(transition):
+    prior = Cyclic(model(), transition=transition)
+    pose = prior.pose(0.1 * states(prior, 1))[0]
+    start = prior.pose(prior.start(pose, 500, np.random.default_rng(0)))
+    assert start[:, :3].mean(axis=0) == pytest.approx(pose[:3], abs=0.005)
+    assert start[:, :3].std(axis=0) == pytest.approx(0.01, rel=0.15)
+
+
+def test_an_unknown_transition_is_refused():
+    with pytest.raises(InputError, match="stationary, A, B, found 'C'"):
+        Cyclic(model(), transition="C")
 
 
 def test_wrong_number_of_sigmas_is_refused():

@@ -17,13 +17,12 @@ from workbench.core.traits import MOTION, Traits, offering
 from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.fit.frame import Gaussian, fit_frame
 from workbench.inference.fit.hypotheses import first_pose
+from workbench.inference.fit.motion import FLAT
 from workbench.inference.fit.motion_fit import needed
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.fit.solver import Minimum
 from workbench.inference.fit.task import Fit, Task, fit_of
 
-FLAT = 1.0
-"""Standard deviation, m and rad, that numbers of a pose have which no point and no prior speaks of."""
 PRIOR_PHASES = 64
 PRIOR_RAD = 0.05
 """Standard deviation of an angle beside what the motion model explains of it."""

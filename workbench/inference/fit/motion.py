@@ -17,6 +17,8 @@ from workbench.errors import InputError
 from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
 from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
+FLAT = 1.0
+"""Standard deviation, m, rad, cycles or of a coefficient, of what neither observations nor regularisation speak of."""
 N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
 Row: TypeAlias = tuple[IntArray, FloatArray]
@@ -46,8 +48,9 @@ class FitProblem:
     def of(decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int) -> "FitProblem":
         """Pose the problem with the penalty of `rows`; the last n_border unknowns belong to all frames."""
         n = int(columns.max()) + 1
-        places = np.concatenate([np.full(len(at), k) for k, (at, _) in enumerate(rows)])
-        at, values = (np.concatenate([row[i] for row in rows]) for i in range(2))
+        places = np.concatenate([np.empty(0, int), *(np.full(len(at), k) for k, (at, _) in enumerate(rows))])
+        at = np.concatenate([np.empty(0, int), *(row[0] for row in rows)])
+        values = np.concatenate([np.empty(0), *(row[1] for row in rows)])
         penalty = csr_array((values, (places, at)), shape=(len(rows), n))
         square = (penalty.T @ penalty).tocoo()
         i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
@@ -84,7 +87,7 @@ class FitProblem:
         return Quadratic(cost + 0.5 * float(rough @ rough), gradient, normal, np.asarray(trust, dtype=np.float64))
 
 
-def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) -> FitProblem:
+def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int, plain: bool = False) -> FitProblem:
     """Pose the problem of T frames with coefficients α for every `frames_per_style` of them.
 
     One for all frames is D's steady style (eq. 12), one for each its varying style (eq. 15).
@@ -92,7 +95,7 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) ->
     Regularisation. α of the first style is N(0, 1) in units of the model's scales, and from one frame to the next α is
     a stationary autoregression whose new part has the deviation smoothness.style, so that every α is N(0, 1) and a
     style that may not change is the steady one. Second differences of μ and of the root are normal. D has none of
-    this ("regularization constraints that we presently do not need", section 5).
+    this ("regularization constraints that we presently do not need", section 5), nor has the problem that is `plain`.
 
     Raises InputError for times that do not increase.
     """
@@ -100,6 +103,8 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int) ->
         raise InputError("least squares: expected the times of the frames to increase")
     times, styles = PACE_HZ * data.times_s, np.arange(len(data.times_s)) // frames_per_style
     columns, n_border = _columns(styles, decoder.n_style)
+    if plain:
+        return FitProblem.of(decoder, data, columns, (), n_border)
     rows = _style_rows(styles, columns[:, : decoder.n_style], times, data.smoothness.style)
     rows += second_differences(columns[:, decoder.n_style :], times, data.smoothness.second_differences)
     return FitProblem.of(decoder, data, columns, rows, n_border)
@@ -110,8 +115,9 @@ def fit_motion(
 ) -> tuple[FloatArray, FloatArray, Minimum]:
     """Fit all frames from `states` (T, D); returns states, their marginal covariances (T, D, D), and the search.
 
-    The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation.
-    Raises InputError when the observations leave some unknown undetermined.
+    The covariance is the inverse of the Gauss–Newton matrix at the minimum, Laplace's approximation. Without
+    regularisation, what the observations leave undetermined has the deviation FLAT in it.
+    Raises InputError when observations and regularisation leave some unknown undetermined.
     """
     with tqdm(total=max_iterations, desc="least squares", unit="step", disable=None, leave=False) as bar:
 
@@ -122,7 +128,8 @@ def fit_motion(
         start = problem.unknowns(states)
         search = minimise(problem.expand, start, max_iterations=max_iterations, tolerance=tolerance, progress=progress)
     try:
-        covariances = search.quadratic.normal.factor().covariances(problem.columns)
+        flat = 0.0 if problem.penalty.shape[0] else FLAT**-2
+        covariances = search.quadratic.normal.factor(flat).covariances(problem.columns)
     except np.linalg.LinAlgError:
         raise InputError(
             f"least squares: what {len(states)} frames show does not determine the motion; expected more points"

@@ -30,9 +30,13 @@ class MotionFit:
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them.
+    plain: minimise F alone, as D does, without regularisation.
     Raises InputError when frames_per_style is not positive.
 
-    Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`.
+    Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
+    `plain` does without. The global motion is found by distances, whatever the fit minimises: our field says nothing
+    beyond a fraction of a limb's radius, and D does not say how wide its own is. A frame's root may start where the two
+    frames before lead, see `global_motion`.
     """
 
     @staticmethod
@@ -43,6 +47,7 @@ class MotionFit:
 
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None
+    plain: bool = False
 
     def __post_init__(self) -> None:
         if self.frames_per_style is not None and self.frames_per_style < 1:
@@ -60,6 +65,7 @@ class MotionFit:
             decoder, task.data(UPRIGHT_SIGMA_RAD), self.frames_per_style or len(task.seen), coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
+            plain=self.plain,
         )  # fmt: skip
 
 
@@ -76,12 +82,14 @@ def needed(motion: MotionModel | None) -> MotionModel:
 def fit_sequence(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, *, phases: tuple[float, float] | None = None,
     roots: FloatArray | None = None, coarse: FitData | None = None, max_iterations: int = 40,
+    plain: bool = False,
 ) -> Fit:  # fmt: skip
     """Fit a motion model to frames, whatever their residuals are made of.
 
     roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
     coarse: data to start with, where others are faster to compute or see further. phases: those of the first and the
     last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
+    plain: see `fit_problem`.
     """
     clock, far, times_s = perf_counter(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
@@ -92,7 +100,7 @@ def fit_sequence(
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    problem = fit_problem(decoder, data, frames_per_style)
+    problem = fit_problem(decoder, data, frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
     return replace(fit, timing_s={"start": started - clock, "least_squares": perf_counter() - started})

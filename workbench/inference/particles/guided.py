@@ -1,4 +1,4 @@
-"""A particle filter that looks where a fit of all frames ended (paper D, section 6: the two could be combined)."""
+"""A particle filter that looks where a fit of all frames ended (paper D, section 1: the two could be combined)."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace

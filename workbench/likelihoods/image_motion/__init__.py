@@ -1,9 +1,9 @@
 """Paper A's likelihood: how well the previous image, moved with the body, predicts the present one."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from workbench.likelihoods.image_motion import kernel
 from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
 from workbench.streams import stream
 
+Points = Literal["spread", "drawn"]
+
 
 @dataclass(frozen=True, eq=False)
 class ImageMotion:
@@ -34,7 +36,7 @@ class ImageMotion:
 
     sigma: σ_I, grey levels; it covers what a planar patch and a rigid limb get wrong, not just the sensor.
     exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k multiplies either, and is 1
-    in both papers. occlusion: "sample" tests every point against the other limbs'
+    in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other limbs'
     patches; "limb" is A's rule, which silences every limb that a nearer one covers in part: in a side view the near
     arm silences the torso; "none" does without. blur_px: standard deviation of the smoothing. seed: of the points.
 
@@ -44,10 +46,13 @@ class ImageMotion:
     the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)), p_still being p_image at α = 0. It is the
     ratio of foreground to background of the pixels covered, so that only changed pixels that a limb explains count.
 
-    Deviations from A, section 5: the n points are spread evenly over the patch, not drawn per limb from its pixels, and
-    all particles and limbs share them, so that likelihoods differ by pose and not by luck; they keep off the patch's
-    rim, where background shows. Patches taper with the limb. α of a sphere is 0. Points outside an image are left out
-    and count against q, as hidden points do. Occlusion is judged in frame t only, as in A. Several views: log
+    points: "spread" evenly over the patch but for its rim, where background shows; "drawn" from the whole patch, each
+    for itself, as in A. taper: patches taper with the limb; without, limbs are A's cylinders, of their mean radii.
+
+    Deviations from A, section 5: all particles and limbs share the n points, in every frame, so that likelihoods
+    differ by pose and not by luck; they are drawn from the patch, not from its pixels. α of a sphere is 0. Points
+    outside an image are left out and count against q, as hidden points do. Occlusion is judged in frame t only, as in
+    A. By default points are spread and patches taper. Several views: log
     likelihoods add up over the cameras present in both frames. Raises InputError when a constant is out of range.
     """
 
@@ -67,17 +72,25 @@ class ImageMotion:
     background: kernel.Background = "none"
     blur_px: float = 2.0**0.5
     seed: int = 0
+    points: Points = "spread"
+    taper: bool = True
 
     def __post_init__(self) -> None:
         check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, p_occluded=POSITIVE, n_samples=at_least(1))
         check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE, blur_px=at_least(0))
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
-        check("image motion", self, background=one_of(*get_args(kernel.Background)))
+        check("image motion", self, background=one_of(*get_args(kernel.Background)), points=one_of(*get_args(Points)))
 
     @cached_property
     def samples(self) -> FloatArray:
-        """The points (n, 2) of every patch, see `patch_samples`."""
-        return patch_samples(self.n_samples, stream(self.seed, "image motion samples"))
+        """The points (n, 2) of every patch, see `patch_samples` and `drawn_samples`."""
+        make = patch_samples if self.points == "spread" else drawn_samples
+        return make(self.n_samples, stream(self.seed, "image motion samples"))
+
+    @cached_property
+    def compared(self) -> Body:
+        """The body whose patches are compared."""
+        return self.body if self.taper else replace(self.body, limbs=self.body.limbs.cylinders())
 
     @property
     def model(self) -> kernel.LimbModel:
@@ -140,7 +153,7 @@ class MotionLook:
         log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
         for name, (before, now) in self.pairs.items():
             views = kernel.PackedView(*before, previous_pose), kernel.PackedView(*now, pose)
-            found, outside = kernel.view_log_prob(cue.body, cue.samples, cue.model, *views)
+            found, outside = kernel.view_log_prob(cue.compared, cue.samples, cue.model, *views)
             log_prob += found
             share = int(outside.sum()) / max(len(pose) * len(cue.body.limbs) * cue.n_samples, 1)
             if share > 0.05:
@@ -159,3 +172,8 @@ def patch_samples(n: int, rng: np.random.Generator) -> FloatArray:
     steps = np.outer(np.arange(n), [1.0 / plastic, 1.0 / plastic**2])
     unit: FloatArray = (rng.random(2) + steps) % 1.0
     return np.array([0.08, -0.8]) + np.array([0.84, 1.6]) * unit
+
+
+def drawn_samples(n: int, rng: np.random.Generator) -> FloatArray:
+    """Draw n points (n, 2) of a patch, u = 0..1 along and v = −1..1 across the limb, evenly likely (A, section 5)."""
+    return np.array([0.0, -1.0]) + np.array([1.0, 2.0]) * rng.random((n, 2))

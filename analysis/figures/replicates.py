@@ -1,0 +1,156 @@
+"""An experiment's numbers over seeds, as its paper writes it and as ours: how many runs hold, and how well.
+
+    python -m analysis.figures.replicates EXPERIMENT… [--seeds N] [--quick] [--runs FOLDER] [--data DATA]
+
+Nothing is recorded; the numbers are kept in FOLDER/replicates, and what is there of the same configuration is not run
+again. Every seed has clothes, background, points and noise of its own; the person and the motion are the same.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from threadpoolctl import threadpool_limits
+
+from analysis.figures.recordings import Source, chosen, what_matters
+from workbench.errors import InputError
+from workbench.evaluation.intervals import bootstrap_interval
+from workbench.experiment.assembly import assemble
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.summary import Summary
+from workbench.experiment.tracking import Meter, track
+
+PAPERS = ("literal", "ours")
+N_SEEDS, N_SEEDS_QUICK = 10, 2
+APART = 1000
+"""From a run's seed to that of its data set."""
+KNEES = [("knee_deg", "°")]
+HELD_MM, LAST_FRAMES = 150.0, 5
+"""Without images a person is held whose joints are off by less than this in the last frames, as in pck_150mm."""
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """The metrics of one experiment's runs, seed by seed, and what tells this experiment from others."""
+
+    runs: tuple[Mapping[str, float], ...]
+
+    @property
+    def held(self) -> tuple[int, int]:
+        """How many runs held the person to the end, of how many."""
+        return round(sum(run["held"] for run in self.runs)), len(self.runs)
+
+    def mean(self, metric: str) -> tuple[float, float, float]:
+        """Mean of a metric over the seeds, and its 95 % bootstrap interval; NaN for fewer than two seeds."""
+        values = np.array([run[metric] for run in self.runs])
+        low, high = bootstrap_interval(values, np.random.default_rng(0))
+        return float(values.mean()), float(low), float(high)
+
+    def told(self, metric: str, unit: str) -> str:
+        """That mean with its interval in words."""
+        mean, low, high = self.mean(metric)
+        return f"{_short(mean)} {unit}" + (f" ({_short(low)} to {_short(high)})" if np.isfinite(low) else "")
+
+
+def replicates(experiment: str, paper: str, source: Source, n_seeds: int | None = None) -> Replicates:
+    """Run an experiment with so many seeds, or take what was kept of the same configuration.
+
+    Raises InputError for an experiment that cannot be run, and for a study, which draws nothing that matters.
+    """
+    n_seeds = (N_SEEDS_QUICK if source.quick else N_SEEDS) if n_seeds is None else n_seeds
+    overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1]]
+    config = _composed(overrides)
+    file = _file(experiment, paper, config, source.folder)
+    own_seed = "seed" in (config.dataset or {})
+    kept: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.is_file() else {}
+    for seed in range(n_seeds):
+        if str(seed) not in kept:
+            apart = [f"dataset.seed={APART + seed}"] if own_seed else []
+            kept[str(seed)] = _run(_composed([*overrides, f"seed={seed}", *apart]), experiment)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(json.dumps(kept, indent=1))
+    return Replicates(tuple(kept[str(seed)] for seed in range(n_seeds)))
+
+
+def _composed(overrides: Sequence[str]) -> DictConfig:
+    prepare_hydra()
+    try:
+        with initialize_config_module("workbench.conf", version_base="1.3"):
+            return compose("config", overrides=list(overrides))
+    except HydraException as error:
+        raise InputError(" ".join(str(error).split())) from error
+
+
+def _file(experiment: str, paper: str, config: DictConfig, folder: Path) -> Path:
+    """Where the numbers of this configuration are kept."""
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    digest = hashlib.sha256(json.dumps(what_matters(plain), sort_keys=True).encode()).hexdigest()
+    return folder / "replicates" / f"{experiment}-{paper}-{digest[:12]}.json"
+
+
+def _run(config: DictConfig, experiment: str) -> dict[str, float]:
+    """One run's metrics; `held` by the last frames' errors in space where there are no images."""
+    if config.study is not None:
+        raise InputError(f"{experiment}: a study has no replicates")
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=Path("none"))
+    with threadpool_limits(limits=1, user_api="blas"):
+        parts = assemble(config, lambda stage: nullcontext())
+        meter = Meter(parts)
+        for step, errors in track(parts, int(config.seed), meter):
+            summary.add(step, errors)
+    summary.offsets = meter.offsets
+    off_mm = np.mean(summary.per_frame.get("error_abs_mm", [np.nan])[-LAST_FRAMES:])
+    return {"held": float(off_mm < HELD_MM), **summary.metrics}
+
+
+def table(found: Mapping[tuple[str, str], Replicates]) -> Iterator[str]:
+    """Lines of a table in Markdown: experiment and paper, runs held, errors with intervals."""
+    yield "| experiment | | held | joints in space | in the image | knees |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for (experiment, paper), each in found.items():
+        held, n = each.held
+        metrics = [("error_abs_mm", "mm"), *([("error_px", "px")] if "error_px" in each.runs[0] else KNEES)]
+        cells = {metric: each.told(metric, unit) for metric, unit in metrics if metric in each.runs[0]}
+        row = [cells.get(metric, "") for metric in ("error_abs_mm", "error_px", "knee_deg")]
+        yield f"| {experiment} | {paper} | {held} of {n} | {' | '.join(row)} |"
+
+
+def _short(value: float) -> str:
+    return f"{value:.{0 if abs(value) >= 20.0 else 1}f}"
+
+
+def main() -> int:
+    """Exit code 0, or 2 for bad input."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.figures.replicates", description=__doc__)
+    parser.add_argument("experiments", nargs="+", metavar="EXPERIMENT")
+    parser.add_argument("--seeds", type=int, default=None, help=f"how many ({N_SEEDS}, quick {N_SEEDS_QUICK})")
+    parser.add_argument("--quick", action="store_true", help="at a small size")
+    parser.add_argument("--runs", type=Path, default=Path("recordings/runs"), help="where numbers are kept")
+    parser.add_argument("--data", default=os.environ.get("WORKBENCH_DATA"), help="recorded motion ($WORKBENCH_DATA)")
+    given = parser.parse_args()
+    source, found = Source(given.runs, given.data, given.quick), {}
+    try:
+        for experiment in given.experiments:
+            for paper in PAPERS:
+                found[experiment, paper] = replicates(experiment, paper, source, given.seeds)
+                print(list(table({(experiment, paper): found[experiment, paper]}))[-1], file=sys.stderr, flush=True)
+    except InputError as error:
+        print(f"replicates: {error}", file=sys.stderr)
+        return 2
+    print("\n".join(table(found)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

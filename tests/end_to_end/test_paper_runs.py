@@ -1,0 +1,40 @@
+"""Experiments as their papers write them, at a small size and without recordings."""
+
+import numpy as np
+import pytest
+
+SMALL = ("dataset.n_frames=4", "inference.n_particles=40")
+POINTS = (*SMALL, "dataset.n_points=150")
+WALKER = ("dataset.motion=builtin", "prior.motions=builtin", "prior.leave_out=[]")
+RUNS = {
+    "walk_straight": SMALL,
+    "walk_circle": SMALL,
+    "walk_prior_only": SMALL,
+    "arm_twist": SMALL,
+    "walk_cyclic": SMALL,
+    "body_implicit": (*SMALL, *WALKER),
+    "body_smooth": (*SMALL, "dataset.motion=builtin"),
+    "arm_smooth_300": (*SMALL, "dataset.motion=builtin"),
+    "synthesize_run": (*SMALL[:1], *WALKER),
+    "points_no_model": POINTS,
+    "points_walk_steady": POINTS,
+    "points_run_variable": POINTS,
+    "stereo_walk": (*SMALL, "dataset.n_points=150"),
+}
+FAST = ("walk_straight", "points_walk_steady")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.mark.parametrize(
+    "experiment", [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in RUNS]
+)
+def test_an_experiment_runs_as_its_paper_writes_it(cache, summary_of, experiment):
+    summary = summary_of(cache, f"experiment={experiment}", "paper=literal", *RUNS[experiment])
+    assert summary["status"] == "complete"
+    numbers = [value for name, value in summary["metrics"].items() if name in ("error_abs_mm", "jump_deg_mean")]
+    assert np.isfinite(numbers).all()
+    assert numbers
