@@ -7,6 +7,7 @@ import pytest
 from least_squares_scenes import WALKER, decoder, joint_residuals, walk
 
 from workbench.body.kinematics import joints
+from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
 from workbench.core.residual import Loss
 from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
@@ -72,6 +73,22 @@ def test_particles_are_drawn_from_the_posterior():
         np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
         phase = step.particles[:, step.space.slices["phase"]]
         assert 0.0 <= np.median(phase) % 1.0 == pytest.approx(fit.states[t, 2] % 1.0, abs=0.01)
+
+
+def test_what_the_model_misses_is_in_the_poses_and_not_in_the_states():
+    fit, _, times = sequence()
+    missed = Discrepancy(WALKER.dof_names[6:8], np.array([[0.1], [0.05]]), np.array([0.1, 0.2]), np.zeros(2), 3)
+    wider = fit.missing(missed.root(WALKER.dof_names))
+    added = wider.covariance[4] - fit.covariance[4]
+    np.testing.assert_allclose(added[6:8, 6:8], missed.covariance, atol=1e-15)
+    assert np.count_nonzero(added) == 4
+    n = 20_000
+    step, plain = (next(steps(one, frames(times), n, np.random.default_rng(0))) for one in (wider, fit))
+    np.testing.assert_array_equal(step.particles, plain.particles)
+    np.testing.assert_array_equal(step.expected_pose, plain.expected_pose)
+    deviations = np.sqrt(np.diagonal(wider.covariance[0])) + 1e-12
+    apart = (np.cov(step.poses.T) - wider.covariance[0]) / np.outer(deviations, deviations)
+    np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
 
 
 def test_the_band_covers_the_truth_as_often_as_it_says():

@@ -27,7 +27,8 @@ class MotionFit:
     """Fit the prior's motion model, with a style α for every `frames_per_style` frames, or one for all where None.
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
-    first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them.
+    first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. discrepancy: add
+    what the model misses of people it was not learned from to the poses' covariance, where that is known.
     Raises InputError when frames_per_style is not positive.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`.
@@ -37,6 +38,7 @@ class MotionFit:
 
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None
+    discrepancy: bool = True
 
     def __post_init__(self) -> None:
         if self.frames_per_style is not None and self.frames_per_style < 1:
@@ -50,11 +52,13 @@ class MotionFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
-        return fit_sequence(
+        fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), self.frames_per_style or len(task.seen), coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
         )  # fmt: skip
+        known = task.discrepancy if self.discrepancy else None
+        return fit if known is None else fit.missing(known.root(task.skeleton.dof_names))
 
 
 def needed(motion: MotionModel | None) -> MotionModel:
