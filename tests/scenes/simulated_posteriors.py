@@ -85,18 +85,20 @@ def filtered(infer, prior, n_frames, n_replicates, seed=0):
     return Simulated(np.array(found))
 
 
-def fitted(frames_per_style, n_frames, n_replicates, seed=0):
+def fitted(frames_per_style, n_frames, n_replicates, seed=0, correlation=0.0, **options):
     """Simulate fits of a motion model of two legs to keypoints, whose regularisation is the prior. What it says nothing
-    about, where the walk begins and how fast it goes, is the same in every replicate."""
+    about, where the walk begins and how fast it goes, is the same in every replicate. correlation: of the errors from
+    frame to frame. options: of the problem."""
     moving = [*range(6), *(POSE_NAMES.index(name) for name in SineModel.angles)]
     decoder, found = MotionDecoder(BODY.skeleton, SineModel(), np.zeros(len(POSE_NAMES))), []
     for replicate in range(n_replicates):
         rng = np.random.default_rng([seed, replicate])
         states = walk_of_a_fit(n_frames, frames_per_style, rng)
         truth, ends = decoder.poses(states), (states[0, 2], states[-1, 2])
-        problem = MotionFit(frames_per_style, ends)  # phases to begin the search with
+        problem = MotionFit(frames_per_style, ends, **options)  # phases to begin the search with
         fit = LeastSquares(BODY, NORMAL, Knowing(motion=SineModel()), problem=problem)
-        steps = fit.run(simulated_frames(truth, PACE_HZ, np.inf, rng), truth[0], streams([seed, replicate, 1]))
+        seen = simulated_frames(truth, PACE_HZ, np.inf, rng, correlation)
+        steps = fit.run(seen, truth[0], streams([seed, replicate, 1]))
         found.append(ranked(steps, truth, moving))
     return Simulated(np.array(found))
 
@@ -108,11 +110,13 @@ def ranked(steps, truth, moving):
     )
 
 
-def simulated_frames(poses, rate_hz, nu, rng):
+def simulated_frames(poses, rate_hz, nu, rng, correlation=0.0):
     """Frames with keypoints of poses (T, P), drawn from Student's distribution in the plane with ν degrees of freedom,
-    the normal one where they are infinite."""
+    the normal one where they are infinite; there, errors may be an autoregression with a correlation."""
     pixels = CAMERA.project(joints(BODY.skeleton, poses))
     noise = rng.standard_normal(pixels.shape)
+    for t in range(1, len(noise)):
+        noise[t] = correlation * noise[t - 1] + np.sqrt(1.0 - correlation**2) * noise[t]
     if np.isfinite(nu):
         noise *= np.sqrt(nu / rng.chisquare(nu, (*pixels.shape[:2], 1)))
     seen = np.concatenate([pixels + SIGMA_PX * noise, np.ones((*pixels.shape[:2], 1))], axis=2)

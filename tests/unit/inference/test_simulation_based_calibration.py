@@ -59,8 +59,16 @@ def test_a_walk_lies_in_the_bands_of_least_squares(frames_per_style):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("frames_per_style", [1, 10], ids=["varying", "steady"])
+def test_bands_are_too_narrow_where_errors_go_on_unless_that_is_seen(frames_per_style):
+    scene = {"n_frames": 10, "n_replicates": 40, "correlation": 0.7}
+    assert fitted(frames_per_style, **scene, rho=0.0).coverage(0.9) < 0.8
+    assert 0.85 < fitted(frames_per_style, **scene).coverage(0.9) < 0.97
+
+
+@pytest.mark.slow
 def test_a_walk_lies_in_the_bands_of_particles_about_the_peak():
-    """A state of 16 numbers, 8 of them coefficients that hardly move; see WALK for the others."""
+    """A state of 16 numbers, 8 of them coefficients that hardly move."""
     assert_calibrated(filtered(EXACT["gauss_newton"], walking_prior(), n_frames=12, n_replicates=60))
 
 

@@ -9,10 +9,12 @@ from scipy.interpolate import make_interp_spline
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
+from workbench.inference.fit.correlation import effective_share, error_correlation
 from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame import follow, global_motion
 from workbench.inference.fit.hypotheses import coarse_data, first_roots
@@ -28,8 +30,10 @@ class MotionFit:
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. discrepancy: add
-    what the model misses of people it was not learned from to the poses' covariance, where that is known.
-    Raises InputError when frames_per_style is not positive.
+    what the model misses of people it was not learned from to the poses' covariance, where that is known. rho: the
+    correlation of keypoints' errors from frame to frame, by which fewer frames count (`correlation.effective_share`);
+    None estimates it at a first fit.
+    Raises InputError when frames_per_style is not positive, and for rho out of range.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`.
     """
@@ -39,10 +43,13 @@ class MotionFit:
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None
     discrepancy: bool = True
+    rho: float | None = None
 
     def __post_init__(self) -> None:
         if self.frames_per_style is not None and self.frames_per_style < 1:
             raise InputError(f"inference: frames_per_style must be above zero, found {self.frames_per_style}")
+        if self.rho is not None and not 0.0 <= self.rho < 1.0:
+            raise InputError(f"inference: rho must lie between 0 and below 1, found {self.rho}")
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
         """Name {α, μ, root}; raises InputError without a motion model."""
@@ -52,13 +59,25 @@ class MotionFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
+        frames_per_style = self.frames_per_style or len(task.seen)
         fit = fit_sequence(
-            decoder, task.data(UPRIGHT_SIGMA_RAD), self.frames_per_style or len(task.seen), coarse=coarse_data(task),
+            decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
         )  # fmt: skip
+        rho = self._correlation(task, fit)
+        if rho > 0.0:
+            data = task.data(UPRIGHT_SIGMA_RAD)
+            again = fit_from(decoder, data, frames_per_style, fit.states, task.max_iterations, effective_share(rho))
+            spent = {stage: s + again.timing_s.get(stage, 0.0) for stage, s in fit.timing_s.items()}
+            fit = replace(again, timing_s=spent)
         known = task.discrepancy if self.discrepancy else None
         return fit if known is None else fit.missing(known.root(task.skeleton.dof_names))
+
+    def _correlation(self, task: Task, fit: Fit) -> float:
+        if self.rho is not None or kinds_seen(task.seen) != ("keypoints",):
+            return self.rho or 0.0
+        return error_correlation(task.skeleton, task.seen, task.times_s, fit.poses, task.sigma_px)
 
 
 def needed(motion: MotionModel | None) -> MotionModel:
@@ -90,10 +109,20 @@ def fit_sequence(
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    problem = fit_problem(decoder, data, frames_per_style)
+    fit = fit_from(decoder, data, frames_per_style, states, max_iterations)
+    return replace(fit, timing_s={"start": started - clock, **fit.timing_s})
+
+
+def fit_from(
+    decoder: MotionDecoder, data: FitData, frames_per_style: int, states: FloatArray, max_iterations: int,
+    share: float = 1.0,
+) -> Fit:  # fmt: skip
+    """Fit all frames at once from states (T, D) near enough; share: what part of the residuals counts."""
+    started = perf_counter()
+    problem = fit_problem(decoder, data.weighing(share), frames_per_style)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
-    return replace(fit, timing_s={"start": started - clock, "least_squares": perf_counter() - started})
+    return replace(fit, timing_s={"least_squares": perf_counter() - started})
 
 
 def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> FloatArray:
