@@ -48,8 +48,8 @@ def assert_calibrated(simulated):
 @pytest.mark.slow
 @pytest.mark.parametrize("inference", EXACT)
 def test_an_arm_lies_in_the_bands_of_every_exact_filter(inference):
-    n_replicates = 40 if inference == "backward_simulation" else 100
-    assert_calibrated(filtered(EXACT[inference], arm_prior(), n_frames=6, n_replicates=n_replicates))
+    n_frames, n_replicates = (4, 30) if inference == "backward_simulation" else (6, 100)  # it takes its time
+    assert_calibrated(filtered(EXACT[inference], arm_prior(), n_frames, n_replicates))
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_a_walk_lies_in_the_bands_of_particles_about_the_peak():
 def test_the_annealed_filter_is_no_posterior():
     simulated = filtered(particles(1000, Annealed()), arm_prior(), n_frames=6, n_replicates=40)
     assert simulated.coverage(0.9) < LEAST
-    assert simulated.p_values().min() < UNLIKELY / 4.0
+    assert simulated.p_values().min() < 0.01
 
 
 def test_ranks_tell_narrow_wide_and_right_posteriors_apart():

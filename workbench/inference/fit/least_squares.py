@@ -163,7 +163,7 @@ def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Ge
         draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
         poses = fit.poses[t] + draws @ fit.pose_jacobian[t].T
         if fit.missed is not None:
-            poses += rng.standard_normal((n_particles, fit.missed.shape[1])) @ fit.missed.T
+            poses += rng.standard_normal((n_particles, fit.missed.shape[2])) @ fit.missed[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
         diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}

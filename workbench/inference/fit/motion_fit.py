@@ -18,7 +18,7 @@ from workbench.inference.fit.correlation import effective_share, error_correlati
 from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame import follow, global_motion
 from workbench.inference.fit.hypotheses import coarse_data, first_roots
-from workbench.inference.fit.motion import fit_motion, fit_problem
+from workbench.inference.fit.motion import absorbed, fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.fit.task import Fit, Task, fit_of
@@ -60,19 +60,23 @@ class MotionFit:
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
         frames_per_style = self.frames_per_style or len(task.seen)
+        known = task.discrepancy if self.discrepancy else None
+        missed = None if known is None else known.root(task.skeleton.dof_names)
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
+            missed=missed,
         )  # fmt: skip
         rho = self._correlation(task, fit)
         if rho > 0.0:
-            data = task.data(UPRIGHT_SIGMA_RAD)
-            again = fit_from(decoder, data, frames_per_style, fit.states, task.max_iterations, effective_share(rho))
+            again = fit_from(
+                decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, fit.states, task.max_iterations,
+                share=effective_share(rho), missed=missed,
+            )  # fmt: skip
             spent = {stage: s + again.timing_s.get(stage, 0.0) for stage, s in fit.timing_s.items()}
             fit = replace(again, timing_s=spent)
-        known = task.discrepancy if self.discrepancy else None
-        return fit if known is None else fit.missing(known.root(task.skeleton.dof_names))
+        return fit
 
     def _correlation(self, task: Task, fit: Fit) -> float:
         if self.rho is not None or kinds_seen(task.seen) != ("keypoints",):
@@ -93,12 +97,14 @@ def needed(motion: MotionModel | None) -> MotionModel:
 def fit_sequence(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, *, phases: tuple[float, float] | None = None,
     roots: FloatArray | None = None, coarse: FitData | None = None, max_iterations: int = 40,
+    missed: FloatArray | None = None,
 ) -> Fit:  # fmt: skip
     """Fit a motion model to frames, whatever their residuals are made of.
 
     roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
     coarse: data to start with, where others are faster to compute or see further. phases: those of the first and the
     last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
+    missed: as for `fit_from`.
     """
     clock, far, times_s = perf_counter(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
@@ -109,19 +115,26 @@ def fit_sequence(
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    fit = fit_from(decoder, data, frames_per_style, states, max_iterations)
+    fit = fit_from(decoder, data, frames_per_style, states, max_iterations, missed=missed)
     return replace(fit, timing_s={"start": started - clock, **fit.timing_s})
 
 
 def fit_from(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, states: FloatArray, max_iterations: int,
-    share: float = 1.0,
+    *, share: float = 1.0, missed: FloatArray | None = None,
 ) -> Fit:  # fmt: skip
-    """Fit all frames at once from states (T, D) near enough; share: what part of the residuals counts."""
+    """Fit all frames at once from states (T, D) near enough. share: what part of the residuals counts.
+
+    missed: (P, k), times k standard normal numbers what the motion model misses of a person in every frame. Poses are
+    then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
+    that the model does not have.
+    """
     started = perf_counter()
     problem = fit_problem(decoder, data.weighing(share), frames_per_style)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
+    if missed is not None:
+        fit = fit.missing(missed - fit.pose_jacobian @ absorbed(problem, search, missed))
     return replace(fit, timing_s={"least_squares": perf_counter() - started})
 
 

@@ -64,7 +64,8 @@ class Fit:
     to the other. inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in
     its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
     at the start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
-    missed: (P, k), times k standard normal numbers what the motion model misses of a pose, which `covariance` has too.
+    missed: (T, P, k), times k standard normal numbers by how much poses are off for what the motion model misses, which
+    `covariance` has too.
     """
 
     space: StateSpace
@@ -81,7 +82,7 @@ class Fit:
 
     def missing(self, missed: FloatArray) -> "Fit":
         """Return the fit with what the motion model misses, see `missed`, added to the covariance of the poses."""
-        return replace(self, covariance=self.covariance + missed @ missed.T, missed=missed)
+        return replace(self, covariance=self.covariance + missed @ missed.transpose(0, 2, 1), missed=missed)
 
 
 class Problem(Protocol):
