@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.discrepancy import Discrepancy
 from workbench.core.prior import MotionModel
 from workbench.errors import InputError
 from workbench.learning.activity_cycles import ActivityCycles
@@ -34,7 +35,8 @@ class ActivityModel:
     Θ_i, orthonormal over (T·C). scales: (d,), σ_i, the standard deviations of the coefficients over the examples.
     explained: (min(n, T·C),), the part of the variance in the first 1, 2, … components (eq. 7), of all there are.
     scores: (n, d), the coefficients α of every example, in units of the scales. activities, sources: n labels such as
-    "walk", and the clips they come from. cycle_rate_hz: (n,), cycles per second of every example.
+    "walk", and the clips they come from. cycle_rate_hz: (n,), cycles per second of every example. discrepancy: what it
+    misses of people it was not learned from, where that is known.
     """
 
     angles: tuple[str, ...]
@@ -46,6 +48,7 @@ class ActivityModel:
     activities: tuple[str, ...]
     sources: tuple[str, ...]
     cycle_rate_hz: FloatArray
+    discrepancy: Discrepancy | None = None
 
     SHAPES: ClassVar[Mapping[str, str]] = {
         "angles": "C", "mean": "TC", "components": "dTC", "scales": "d", "scores": "nd", "activities": "n",

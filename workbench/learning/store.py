@@ -3,9 +3,9 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Protocol, TypeGuard, TypeVar, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -14,11 +14,11 @@ from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import whole_file
 
-FORMAT = "workbench model 2"
+FORMAT = "workbench model 3"
 
 
 class Model(Protocol):
-    """A dataclass of arrays, numbers and tuples of numbers or strings.
+    """A dataclass of arrays, numbers, tuples of numbers or strings, and another such model or None.
 
     SHAPES: {field: a letter per axis}, of arrays and tuples; equal letters stand for equal sizes.
     """
@@ -60,9 +60,7 @@ def save(path: Path, model: Model, provenance: Provenance) -> None:
     """
     with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
         file.attrs.update(format=_format(type(model)), workbench=__version__, provenance=json.dumps(asdict(provenance)))
-        for field in fields(model):
-            value = getattr(model, field.name)
-            file[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
+        _write(file, model)
 
 
 def load(kind: type[Stored], path: Path) -> Stored:
@@ -73,12 +71,25 @@ def load(kind: type[Stored], path: Path) -> Stored:
         with h5py.File(path, "r") as file:
             if (found := file.attrs.get("format")) != _format(kind):
                 raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
-            model = kind(**{name: _value(file[name], hint) for name, hint in _hints(kind).items()})
+            model = _read(kind, file)
     except (OSError, KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
         raise InputError(f"{path}: expected a {kind.__name__} in HDF5: {error}") from None
     if flaw := _misfit(model) or model.flaw():
         raise InputError(f"{path}: expected {flaw}")
     return model
+
+
+def _write(group: h5py.Group, model: Model) -> None:
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if _is_model(value):
+            _write(group.create_group(field.name), value)
+        else:
+            group[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
+
+
+def _read(kind: type[Stored], group: h5py.Group) -> Stored:
+    return kind(**{name: _value(group[name], hint) for name, hint in _hints(kind).items()})
 
 
 def _format(kind: type[Model]) -> str:
@@ -90,11 +101,14 @@ def _hints(kind: type[Model]) -> dict[str, Any]:
     return {field.name: every[field.name] for field in fields(kind)}
 
 
-def _value(stored: h5py.Dataset, hint: Any) -> Any:
+def _value(stored: h5py.Dataset | h5py.Group, hint: Any) -> Any:
+    if isinstance(stored, h5py.Group):
+        kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
+        return _read(kinds[0], stored)
     if get_origin(hint) is np.ndarray:
         return stored[()]
     value = json.loads(stored.asstr()[()])
-    return (get_origin(hint) or hint)(value)
+    return None if value is None else (get_origin(hint) or hint)(value)
 
 
 def _misfit(model: Model) -> str:
@@ -110,4 +124,9 @@ def _misfit(model: Model) -> str:
             return f"{name} of shape ({shape}), found {array.shape} {array.dtype}"
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             return f"{name} to be finite"
-    return ""
+    parts = (getattr(model, name) for name in hints)
+    return next((flaw for part in parts if _is_model(part) and (flaw := _misfit(part) or part.flaw())), "")
+
+
+def _is_model(value: Any) -> TypeGuard[Model]:
+    return is_dataclass(value)

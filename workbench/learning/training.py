@@ -3,19 +3,21 @@
 import hashlib
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import activities as activity_models
-from workbench.learning import activity_cycles, cyclic, gaps, walking, windows
+from workbench.learning import activity_cycles, cyclic, discrepancy, gaps, walking, windows
 from workbench.learning.activities import ActivityModel, learn_activities
 from workbench.learning.activity_cycles import Followed, followed_person
 from workbench.learning.cyclic import learn_cyclic
+from workbench.learning.discrepancy import learn_discrepancy
 from workbench.learning.gaps import with_gaps
 from workbench.learning.store import Provenance, Stored, load, save
-from workbench.learning.walking import WalkingModel, learn_walking
+from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
 from workbench.learning.windows import Windows, learn_windows
 from workbench.mocap import full_skeleton, sources
 from workbench.mocap.generated.gait import builtin_motions
@@ -57,8 +59,18 @@ def gait_model(
 
 
 def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
-    code, learn = code_digest(walking), lambda: learn_walking(training, **options)
-    return _learned(WalkingModel, "walking", cache, training, code, learn, **options)
+    def learn() -> WalkingModel:
+        return _with_what_it_misses(learn_walking(training, **options), training)
+
+    return _learned(WalkingModel, "walking", cache, training, code_digest(walking, discrepancy), learn, **options)
+
+
+def _with_what_it_misses(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
+    """Add what a model of its number of components misses of walkers that are left out."""
+    cycles, subjects = walking_cycles(training), {motion.name: motion.subject for motion in training}
+    people, curves = [subjects[source] for source in cycles.sources], cycles.curves[:, :, ANGLES]
+    missed = learn_discrepancy(CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
+    return replace(model, discrepancy=missed)
 
 
 def cyclic_model(
@@ -73,9 +85,10 @@ def cyclic_model(
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
-        return learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
+        model = learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
+        return _with_what_it_misses(model, training)
 
-    code, options = code_digest(cyclic, gaps), {"q": q, "missing": missing, "gap_seed": GAP_SEED}
+    code, options = code_digest(cyclic, gaps, discrepancy), {"q": q, "missing": missing, "gap_seed": GAP_SEED}
     return _learned(WalkingModel, "cyclic", cache, training, code, learn, **options)
 
 
@@ -115,10 +128,14 @@ def activity_model(
     def learn() -> ActivityModel:
         whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
         modelled = angles if skeleton == "person" else whole.angles
-        return learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
+        model = learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
+        cycles, subjects = whole.of_angles(modelled), {motion.name: motion.subject for motion in chosen}
+        people = [subjects[source] for source in cycles.sources]
+        missed = learn_discrepancy(model.angles, cycles.curves, cycles.durations_s, people, len(model.scales))
+        return replace(model, discrepancy=missed)
 
     return _learned(
-        ActivityModel, "activities", cache, chosen, code_digest(activity_models, full_skeleton), learn,
+        ActivityModel, "activities", cache, chosen, code_digest(activity_models, full_skeleton, discrepancy), learn,
         angles=",".join(angles), variance=variance, n_components=n_components, most_per_clip=most_per_clip,
         skeleton=skeleton,
     )  # fmt: skip

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
+from workbench.core.discrepancy import Discrepancy
 from workbench.errors import InputError
 from workbench.mocap.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.mocap.motion import Motion
@@ -101,7 +102,7 @@ class WalkingModel:
     mean: (T, C). components: (d, T, C). scales: (d,), λ, the standard deviations of the coefficients over the
     training cycles. Channels are CHANNEL_NAMES, and ROOT_CHANNELS if learned, in m/s, rad and m. cycle_rate_hz: mean
     and standard deviation of the cycles per second. explained: fraction of the (scaled) variance the d components
-    explain. n_cycles: how many cycles it was learned from.
+    explain. n_cycles: how many cycles it was learned from. discrepancy: what it misses of others, where that is known.
     """
 
     mean: FloatArray
@@ -110,6 +111,7 @@ class WalkingModel:
     cycle_rate_hz: tuple[float, float]
     explained: float
     n_cycles: int
+    discrepancy: Discrepancy | None = None
 
     SHAPES: ClassVar[Mapping[str, str]] = {"mean": "TC", "components": "dTC", "scales": "d", "cycle_rate_hz": "2"}
 

@@ -69,7 +69,7 @@ class Activity(AllFree):
     @property
     def powers(self) -> Powers:
         """Its density, the motion model and the penalty of a fit."""
-        return Powers(density=self, motion=self.model, smoothness=self._smoothness)
+        return Powers(self, self.model, self._smoothness, discrepancy=self.model.discrepancy)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the one whose pose comes nearest to a starting pose (P,)."""

@@ -20,8 +20,8 @@ class Appended:
         self.space = base.space.appended(group, columns, (unit,) * len(columns))
         self.own = self.space.slices[group]
 
-    def transition(self, dt_s: float) -> tuple[float, float, float]:
-        """Return a, b and σ of the own columns after `dt_s` seconds."""
+    def transition(self, dt_s: float) -> tuple[FloatArray | float, float, FloatArray | float]:
+        """Return a, b and σ of the own columns, one for all or (k,), after `dt_s` seconds."""
         raise NotImplementedError
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
@@ -45,7 +45,7 @@ class Appended:
     def _appended(self, moved: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         a, b, sigma = self.transition(dt_s)
         own = a * state[:, self.own] + b
-        if sigma > 0.0:
+        if np.any(sigma):
             own = own + sigma * rng.standard_normal(own.shape)
         return np.concatenate([moved, own], axis=1)
 

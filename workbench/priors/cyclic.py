@@ -99,7 +99,7 @@ class Cyclic(AllFree):
     @property
     def powers(self) -> Powers:
         """Its density, the learned cycle as a motion model and the penalty of a fit."""
-        return Powers(density=self, motion=self._motion, smoothness=self._smoothness)
+        return Powers(self, self._motion, self._smoothness, discrepancy=self.model.discrepancy)
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around the state whose pose comes nearest to a starting pose (P,)."""
@@ -206,7 +206,7 @@ def motion_model(model: WalkingModel) -> ActivityModel:
         angles=CHANNEL_NAMES[ANGLES], mean=model.mean[:, ANGLES], components=model.components[:, :, ANGLES],
         scales=model.scales, explained=np.array([model.explained]), scores=np.zeros((3, len(model.scales))),
         activities=("cycle",) * 3, sources=("",) * 3,
-        cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]),
+        cycle_rate_hz=mean_hz + deviation_hz * np.array([-2.0, 0.0, 2.0]), discrepancy=model.discrepancy,
     )  # fmt: skip
 
 

@@ -4,15 +4,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from least_squares_scenes import WALKER, decoder, joint_residuals, walk
+from least_squares_scenes import EVERY_JOINT, WALKER, decoder, joint_residuals, walk
 
 from workbench.body.kinematics import joints
+from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
-from workbench.core.residual import Loss
+from workbench.core.residual import SQUARED, Loss
 from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.fit.least_squares import steps
-from workbench.inference.fit.motion_fit import fit_sequence
+from workbench.inference.fit.motion_fit import fit_from, fit_sequence
+from workbench.inference.fit.residuals import joint_residual
 
 ROBUST = Loss("geman_mcclure", 3.0)
 
@@ -72,6 +74,40 @@ def test_particles_are_drawn_from_the_posterior():
         np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
         phase = step.particles[:, step.space.slices["phase"]]
         assert 0.0 <= np.median(phase) % 1.0 == pytest.approx(fit.states[t, 2] % 1.0, abs=0.01)
+
+
+def test_what_the_model_misses_is_in_the_poses_and_not_in_the_states():
+    fit, _, times = sequence()
+    missed = Discrepancy(WALKER.dof_names[6:8], np.array([[0.1], [0.05]]), np.array([0.1, 0.2]), np.zeros(2), 3)
+    wider = fit.missing(np.repeat(missed.root(WALKER.dof_names)[None], len(times), axis=0))
+    added = wider.covariance[4] - fit.covariance[4]
+    np.testing.assert_allclose(added[6:8, 6:8], missed.covariance, atol=1e-15)
+    assert np.count_nonzero(added) == 4
+    n = 20_000
+    step, plain = (next(steps(one, frames(times), n, np.random.default_rng(0))) for one in (wider, fit))
+    np.testing.assert_array_equal(step.particles, plain.particles)
+    np.testing.assert_array_equal(step.expected_pose, plain.expected_pose)
+    deviations = np.sqrt(np.diagonal(wider.covariance[0])) + 1e-12
+    apart = (np.cov(step.poses.T) - wider.covariance[0]) / np.outer(deviations, deviations)
+    np.testing.assert_allclose(apart, 0.0, atol=5.0 * np.sqrt(2.0 / n))
+
+
+@pytest.mark.parametrize("frames_per_style", [1, 10])
+def test_what_a_fit_makes_of_a_person_unlike_the_model_is_foreseen(frames_per_style):
+    """A little of it: a knee that is always more bent, and what then becomes of root and style."""
+    times, states = walk(10)
+    unlike = np.zeros((10, 1))
+    unlike[WALKER.dof_names.index("left_knee_flexion")] = 1e-4
+    poses = decoder().poses(states)
+
+    def fitted(poses, missed=None):
+        seen = [joint_residual(WALKER, EVERY_JOINT, points, 1e-5) for points in joints(WALKER, poses)]
+        return fit_from(decoder(), FitData(seen, times, SQUARED), frames_per_style, states, 40, missed=missed)
+
+    model, person = fitted(poses, unlike), fitted(poses + unlike[:, 0])
+    off = person.poses - (poses + unlike[:, 0]) - (model.poses - poses)
+    np.testing.assert_allclose(off, -model.missed[:, :, 0], atol=2e-6)  # first order: 2 % of it
+    assert np.abs(off[:, :6]).max() > 1e-5
 
 
 def test_the_band_covers_the_truth_as_often_as_it_says():

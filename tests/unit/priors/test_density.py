@@ -1,9 +1,13 @@
 """The density of a transition against draws from it: reweighted, the children of one state stand for another's."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, truncnorm
 
+from workbench.core.discrepancy import Discrepancy
 from workbench.errors import InputError
 from workbench.learning.training import activity_model
 from workbench.learning.windows import learn_windows
@@ -14,7 +18,7 @@ from workbench.priors.density import apart
 from workbench.priors.flipping import Flipping
 from workbench.priors.following import Following, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.jitter import Jitter
+from workbench.priors.jitter import SIGMA, Jitter
 from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
@@ -22,6 +26,7 @@ from workbench.priors.smooth import Smooth
 DT = 1 / 25
 N = 20_000
 ARM = ["left_arm"]
+KEPT = np.array([0.5, 0.95])
 TRAJECTORY = Trajectory(np.array([0.0, 1.0]), np.stack([np.full(25, 0.1), np.full(25, 0.2)]))
 NAMED = ["walking", "activity", "smooth", "jitter", "jitter smooth", "partwise", "following", "mixture"]
 
@@ -34,7 +39,7 @@ def priors(tmp_path_factory):
         "walking": walking,
         "activity": Activity(activity_model(cache=folder, n_components=2)),
         "smooth": Smooth(parameters=ARM),
-        "jitter": Jitter(walking, parameters=["left_arm"]),
+        "jitter": Jitter(walking, sigma=0.02, parameters=["left_arm"]),
         "jitter smooth": Jitter(Smooth(parameters=["right_arm"]), parameters=["left_elbow_flexion"]),
         "partwise": Partwise({"arm": Smooth(parameters=ARM), "root": Smooth(parameters=["root"])}),
         "following": Following(Smooth(parameters=ARM), lambda: TRAJECTORY),
@@ -206,6 +211,26 @@ def test_who_has_no_density(windows):
         Mixture({"a": Implicit(windows), "b": drawn}, {"a": 0.5, "b": 0.5}),
     ):
         assert prior.powers.density is None
+
+
+def test_offsets_are_as_large_as_what_the_model_misses():
+    """Angle by angle, in the long run; those it knows nothing of, and bases that know nothing, have one number."""
+    base = Smooth()
+    missed = Discrepancy(("neck_nod", "left_elbow_flexion"), np.array([[0.3], [0.0]]), np.array([0.4, 0.1]), KEPT, 3)
+    base_that_knows = SimpleNamespace(
+        powers=replace(base.powers, discrepancy=missed), space=base.space, parameters=base.parameters, start=base.start
+    )
+    for keep, kept in ((0.9, [0.9, 0.9]), (None, KEPT)):
+        prior = Jitter(base_that_knows, keep=keep)
+        which = [prior.space.names[prior.own].index(f"{name}_jitter") for name in missed.angles]
+        np.testing.assert_allclose(prior.keep[which], kept)
+        np.testing.assert_allclose((prior.sigma / np.sqrt(1.0 - prior.keep**2))[which], [0.5, 0.1])
+        others = np.delete(np.arange(len(prior.sigma)), which)
+        assert set(prior.sigma[others]) == {SIGMA}
+        drawn = prior.start(np.zeros(25), 20_000, np.random.default_rng(1))[:, prior.own]
+        np.testing.assert_allclose(drawn[:, which].std(axis=0), [0.5, 0.1], rtol=5 * np.sqrt(0.5 / 20_000))
+    assert set(Jitter(base_that_knows, sigma=0.05).sigma) == {0.05}
+    assert set(Jitter(base).sigma) == {SIGMA}
 
 
 @pytest.mark.parametrize("options", [{"sigma": 0.0}, {"keep": 1.0}, {"parameters": ["root_x"]}])

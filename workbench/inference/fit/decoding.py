@@ -9,7 +9,7 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
-from workbench.core.residual import Loss, ResidualFunction
+from workbench.core.residual import Loss, ResidualFunction, scaled
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
 
@@ -26,6 +26,12 @@ class FitData:
     def some(self, frames: IntArray) -> "FitData":
         """Take the frames of these indices."""
         return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames])
+
+    def weighing(self, share: float) -> "FitData":
+        """Let every residual count for this share, beside what is known of how poses change."""
+        factor = float(np.sqrt(share))
+        residuals = [scaled(residual, factor) for residual in self.residuals]
+        return replace(self, residuals=residuals, loss=self.loss.wider(factor))
 
     def spaced(self, shown: Iterable[bool]) -> "FitData":
         """Take of the frames that are `shown` (T,) those no closer than 1 / PACE_HZ to one before."""

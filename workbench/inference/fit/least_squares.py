@@ -67,6 +67,7 @@ class LeastSquares:
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
         self.motion, self.smoothness = powers.motion, powers.smoothness or Smoothness()
+        self.discrepancy = powers.discrepancy
         self.problem: Problem = problem or (SmoothFit() if powers.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
@@ -109,7 +110,7 @@ class LeastSquares:
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
         task = Task(
             self.skeleton, self.surface, self.likelihood, seen, np.array([frame.time_s for frame in frames]),
-            self.motion, self.smoothness, self.phase_ends, self.max_iterations,
+            self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy,
         )  # fmt: skip
         return self.problem.fit(task, start), seen, warnings
 
@@ -152,21 +153,24 @@ class LeastSquares:
 def steps(fit: Fit, frames: Sequence[Frame], n_particles: int, rng: np.random.Generator) -> Iterator[Step]:
     """Yield one step per frame: particles drawn from the Gaussian posterior of its state, with even weights.
 
-    Poses are drawn by the same numbers through the derivative at the fit, so that theirs is the Gaussian of
-    `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of each other, so that an ancestor
-    means nothing. Phases are shown from the cycle they are in.
+    Poses are drawn by the same numbers through the derivative at the fit, and what the motion model misses by others,
+    so that theirs is the Gaussian of `Fit.covariance`. The expected pose is the fit. Frames are drawn independently of
+    each other, so that an ancestor means nothing. Phases are shown from the cycle they are in.
     """
     even, ancestors = np.full(n_particles, -np.log(n_particles)), np.arange(n_particles)
     phase = fit.space.slices.get("phase", slice(0))
     for t, frame in enumerate(frames):
         values, vectors = np.linalg.eigh(fit.state_covariance[t])  # not Cholesky: it may be singular to rounding
         draws = rng.standard_normal((n_particles, len(fit.space))) @ (vectors * np.sqrt(values.clip(min=0.0))).T
+        poses = fit.poses[t] + draws @ fit.pose_jacobian[t].T
+        if fit.missed is not None:
+            poses += rng.standard_normal((n_particles, fit.missed.shape[2])) @ fit.missed[t].T
         state = fit.states[t].copy()
         state[phase] %= 1.0
         diagnostics = {"inliers": float(np.nan_to_num(fit.inliers[t])), "iterations": fit.iterations}
         yield Step(
             frame=frame, space=fit.space, particles=state + draws,
-            poses=fit.poses[t] + draws @ fit.pose_jacobian[t].T, log_weights=even, ancestors=ancestors,
+            poses=poses, log_weights=even, ancestors=ancestors,
             expected_pose=fit.poses[t], map_pose=fit.poses[t], ess=float(n_particles), log_evidence=np.nan,
             diagnostics=diagnostics, evaluations=fit.iterations,
             timing_s={stage: s / len(frames) for stage, s in fit.timing_s.items()},

@@ -137,6 +137,23 @@ def fit_motion(
     return search.x[problem.columns], covariances, search
 
 
+def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatArray:
+    """Tell how far the states of a fit go, (T, D, k), with k errors of the model `missed` (P, k) that all frames share.
+
+    Of a person whose poses are the model's plus one of these, least squares finds, to first order, states that are off
+    by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t (∂r_t/∂pose) missed, H being the Gauss–Newton matrix.
+    """
+    states = search.x[problem.columns]
+    poses, decoding = problem.decoder.poses(states), problem.decoder.jacobian(states)
+    right = np.zeros((len(search.x), missed.shape[1]))
+    for t, residual in enumerate(problem.residuals):
+        misses, slopes = residual(poses[t])
+        weighed = problem.loss(misses)[1][:, None] * slopes
+        right[problem.columns[t]] += decoding[t].T @ (slopes.T @ (weighed @ missed))
+    factor = search.quadratic.normal.factor()
+    return np.stack([factor.solve(column) for column in right.T], axis=1)[problem.columns]
+
+
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:
     """Return the unknowns (T, D) of each frame, and how many form the border. A single style is the border; several
     stand before the frames they belong to, so that the band stays narrow."""

@@ -11,14 +11,16 @@ from scipy.interpolate import make_interp_spline
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.given import PHASE_ENDS
+from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
+from workbench.inference.fit.correlation import effective_share, error_correlation
 from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame import follow, global_motion
 from workbench.inference.fit.hypotheses import coarse_data, first_roots
-from workbench.inference.fit.motion import fit_motion, fit_problem
+from workbench.inference.fit.motion import absorbed, fit_motion, fit_problem
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
 from workbench.inference.fit.task import Fit, Task, fit_of
@@ -29,9 +31,11 @@ class MotionFit:
     """Fit the prior's motion model, with a style α for every `frames_per_style` frames, or one for all where None.
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
-    first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them.
-    plain: minimise F alone, as D does, without regularisation.
-    Raises InputError when frames_per_style is not positive.
+    first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
+    alone, as D does, without regularisation. discrepancy: add what the model misses of people it was not learned from to
+    the poses' covariance, where that is known. rho: the correlation of keypoints' errors from frame to frame, by which
+    fewer frames count (`correlation.effective_share`); None estimates it at a first fit.
+    Raises InputError when frames_per_style is not positive, and for rho out of range.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
     `plain` does without. The global motion is found by distances, whatever the fit minimises: our field says nothing
@@ -48,10 +52,14 @@ class MotionFit:
     frames_per_style: int | None = 1
     phases: tuple[float, float] | None = None
     plain: bool = False
+    discrepancy: bool = True
+    rho: float | None = None
 
     def __post_init__(self) -> None:
         if self.frames_per_style is not None and self.frames_per_style < 1:
             raise InputError(f"inference: frames_per_style must be above zero, found {self.frames_per_style}")
+        if self.rho is not None and not 0.0 <= self.rho < 1.0:
+            raise InputError(f"inference: rho must lie between 0 and below 1, found {self.rho}")
 
     def space(self, skeleton: Skeleton, motion: MotionModel | None) -> StateSpace:
         """Name {α, μ, root}; raises InputError without a motion model."""
@@ -61,12 +69,29 @@ class MotionFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         rest = np.zeros(len(task.skeleton.dof_names)) if start is None else start
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
-        return fit_sequence(
-            decoder, task.data(UPRIGHT_SIGMA_RAD), self.frames_per_style or len(task.seen), coarse=coarse_data(task),
+        frames_per_style = self.frames_per_style or len(task.seen)
+        known = task.discrepancy if self.discrepancy else None
+        missed = None if known is None else known.root(task.skeleton.dof_names)
+        fit = fit_sequence(
+            decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
-            plain=self.plain,
+            plain=self.plain, missed=missed,
         )  # fmt: skip
+        rho = self._correlation(task, fit)
+        if rho > 0.0:
+            again = fit_from(
+                decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, fit.states, task.max_iterations,
+                share=effective_share(rho), missed=missed, plain=self.plain,
+            )  # fmt: skip
+            spent = {stage: s + again.timing_s.get(stage, 0.0) for stage, s in fit.timing_s.items()}
+            fit = replace(again, timing_s=spent)
+        return fit
+
+    def _correlation(self, task: Task, fit: Fit) -> float:
+        if self.rho is not None or kinds_seen(task.seen) != ("keypoints",):
+            return self.rho or 0.0
+        return error_correlation(task.skeleton, task.seen, task.times_s, fit.poses, task.sigma_px)
 
 
 def needed(motion: MotionModel | None) -> MotionModel:
@@ -82,14 +107,14 @@ def needed(motion: MotionModel | None) -> MotionModel:
 def fit_sequence(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, *, phases: tuple[float, float] | None = None,
     roots: FloatArray | None = None, coarse: FitData | None = None, max_iterations: int = 40,
-    plain: bool = False,
+    plain: bool = False, missed: FloatArray | None = None,
 ) -> Fit:  # fmt: skip
     """Fit a motion model to frames, whatever their residuals are made of.
 
     roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
     coarse: data to start with, where others are faster to compute or see further. phases: those of the first and the
     last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
-    plain: see `fit_problem`.
+    plain: see `fit_problem`. missed: as for `fit_from`.
     """
     clock, far, times_s = perf_counter(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
@@ -100,10 +125,28 @@ def fit_sequence(
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    problem = fit_problem(decoder, data, frames_per_style, plain)
+    fit = fit_from(decoder, data, frames_per_style, states, max_iterations, missed=missed, plain=plain)
+    return replace(fit, timing_s={"start": started - clock, **fit.timing_s})
+
+
+def fit_from(
+    decoder: MotionDecoder, data: FitData, frames_per_style: int, states: FloatArray, max_iterations: int,
+    *, share: float = 1.0, missed: FloatArray | None = None, plain: bool = False,
+) -> Fit:  # fmt: skip
+    """Fit all frames at once from states (T, D) near enough. share: what part of the residuals counts. plain: see
+    `fit_problem`.
+
+    missed: (P, k), times k standard normal numbers what the motion model misses of a person in every frame. Poses are
+    then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
+    that the model does not have.
+    """
+    started = perf_counter()
+    problem = fit_problem(decoder, data.weighing(share), frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
-    return replace(fit, timing_s={"start": started - clock, "least_squares": perf_counter() - started})
+    if missed is not None:
+        fit = fit.missing(missed - fit.pose_jacobian @ absorbed(problem, search, missed))
+    return replace(fit, timing_s={"least_squares": perf_counter() - started})
 
 
 def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> FloatArray:

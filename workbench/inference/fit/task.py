@@ -1,7 +1,7 @@
 """What a least-squares problem is given, and what it gives back."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
+from workbench.core.discrepancy import Discrepancy
 from workbench.core.observations import Observed, kinds_seen
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
@@ -23,6 +24,7 @@ class Task:
 
     seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
     phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
+    discrepancy: what the motion misses of people it was not learned from.
     """
 
     skeleton: Skeleton
@@ -34,6 +36,7 @@ class Task:
     smoothness: Smoothness = field(default_factory=Smoothness)
     phase_ends: tuple[float, float] | None = None
     max_iterations: int = 40
+    discrepancy: Discrepancy | None = None
 
     @property
     def sigma_px(self) -> float:
@@ -61,6 +64,8 @@ class Fit:
     to the other. inliers: (T,) part of the residuals within the loss's scale, NaN in a frame that shows nothing (0 in
     its step). iterations: evaluations of all frames together, or per frame without a motion model. costs: of the batch,
     at the start and after every accepted step; without a motion model every frame's last. timing_s: seconds per stage.
+    missed: (T, P, k), times k standard normal numbers by how much poses are off for what the motion model misses, which
+    `covariance` has too.
     """
 
     space: StateSpace
@@ -73,6 +78,11 @@ class Fit:
     iterations: float
     costs: tuple[float, ...]
     timing_s: Mapping[str, float] = field(default_factory=dict)
+    missed: FloatArray | None = None
+
+    def missing(self, missed: FloatArray) -> "Fit":
+        """Return the fit with what the motion model misses, see `missed`, added to the covariance of the poses."""
+        return replace(self, covariance=self.covariance + missed @ missed.transpose(0, 2, 1), missed=missed)
 
 
 class Problem(Protocol):

@@ -1,0 +1,55 @@
+"""What a learned motion misses of a person it was not learned from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+
+LEARNED_HZ = 30.0
+"""The frames a second for which `Discrepancy.keep` is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """Residuals δ of C joint angles between a person and the nearest pose of a model, as a Gaussian autoregression:
+
+        δ_t ~ N(0, W Wᵀ + diag(s²)),  corr(δ_t,c, δ_t+Δt,c) = keep_c^(Δt · 30 Hz)
+
+    angles: the C names of degrees of freedom. loadings: (C, r), W, rad. rest: (C,), s, rad. keep: (C,), from 0 to below
+    1. n_people: how many were left out in turn to learn it.
+    """
+
+    angles: tuple[str, ...]
+    loadings: FloatArray
+    rest: FloatArray
+    keep: FloatArray
+    n_people: int
+
+    SHAPES: ClassVar[Mapping[str, str]] = {"angles": "C", "loadings": "Cr", "rest": "C", "keep": "C"}
+
+    def flaw(self) -> str:
+        """Say what was expected of deviations and of what is kept."""
+        sound = (self.rest >= 0.0).all() and (self.keep >= 0.0).all() and (self.keep < 1.0).all()
+        return "" if sound else "rest of at least 0 and keep from 0 to below 1"
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(C, C), rad²."""
+        return self.loadings @ self.loadings.T + np.diag(self.rest**2)
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(C,), rad, the roots of the covariance's diagonal."""
+        return np.sqrt(self.rest**2 + (self.loadings**2).sum(axis=1))
+
+    def root(self, names: Sequence[str]) -> FloatArray:
+        """Give A (P, r + C) for a pose with P numbers of these names, A Aᵀ being the covariance of what is missed; rows
+        of zeros for those that the model does not speak of."""
+        root = np.zeros((len(names), self.loadings.shape[1] + len(self.angles)))
+        rows = [k for k, angle in enumerate(self.angles) if angle in names]
+        places = [names.index(self.angles[k]) for k in rows]
+        root[places] = np.hstack([self.loadings, np.diag(self.rest)])[rows]
+        return root
