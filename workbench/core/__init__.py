@@ -9,6 +9,7 @@ bootstrap       the filter, or its move, that proposes from the prior and weight
 clip            the frames of one run, decoded once
 coefficients    coordinates of a learned motion model, in standard deviations
 density         p(state_t | state_t-1) where it can be evaluated, not just drawn from
+discrepancy     what a learned motion misses of a person it was not learned from, and how that goes on in time
 evidence        log p(frames so far), the filter's normalising constant
 frame           one time step's observations: images or points, with its time in seconds
 inference       turns frames, prior and likelihood into steps

@@ -50,7 +50,7 @@ def test_independent_errors_few_of_them_and_frames_far_apart_count_as_independen
 
 def test_the_share_is_that_of_a_mean():
     """Var of the mean of n numbers of an autoregression is Σ_st ρ^|s − t| / n², of m independent ones 1 / m."""
-    n, rho = 4000, 0.7
+    n, rho = 1000, 0.7
     lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     assert effective_share(rho) == pytest.approx(n / (rho**lags).sum(), rel=1e-2)
     assert effective_share(0.0) == 1.0
