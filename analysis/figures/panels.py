@@ -183,10 +183,15 @@ def _surface(axes: Axes, vertices: FloatArray, triangles: IntArray, azimuth_deg:
     axes.add_collection(skin)
 
 
+def _body(scene: Scene) -> FloatArray:
+    """Lines of the skeleton where the person is: the true one, since an estimate may be lost, where it is known."""
+    return scene.truth if len(scene.truth) else scene.estimate
+
+
 def _azimuth_deg(shown: Sequence[Scene]) -> float:
     """From where the points were seen: they lie on that side of the body."""
     offsets = [
-        np.median(scene.points[:, :2], axis=0) - scene.estimate.reshape(-1, 3)[:, :2].mean(axis=0)
+        np.median(scene.points[:, :2], axis=0) - _body(scene).reshape(-1, 3)[:, :2].mean(axis=0)
         for scene in shown
         if len(scene.points)
     ]

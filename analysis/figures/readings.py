@@ -29,7 +29,8 @@ DEVIATIONS = {
     "noise, of which C gives no numbers. Its β = 1 is that of fig. 4, C names none for tracking.",
     "D": "Not D's in either row: simulated points, true measurements; how wide the fields are, of which D gives no "
     "number, and that a point belongs to the part of the smallest |log f/C|, not |f − C|; the global motion by "
-    "distances, each frame's from where the two before lead. The literal database is CMU's, none of whom is tracked.",
+    "distances, each frame's from where the two before lead. The literal database lacks the performer's whole data "
+    "set, ours the clip alone.",
 }
 """What is left in the literal rows that a paper does not write, or writes otherwise."""
 

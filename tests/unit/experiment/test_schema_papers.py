@@ -92,5 +92,6 @@ def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_write
 
 
 def test_a_paper_may_say_who_is_learned_from():
-    assert composed("experiment=points_run_steady", "paper=literal")["prior"]["motions"] == "cmu"
-    assert composed("experiment=points_run_steady")["prior"]["motions"] == "recorded"
+    steady = composed("experiment=points_run_steady", "paper=literal")
+    assert steady["prior"]["leave_out"] == [steady["dataset"]["motion"], "bandai-1"]
+    assert "bandai-1" not in composed("experiment=points_run_steady")["prior"]["leave_out"]
