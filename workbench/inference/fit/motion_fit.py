@@ -33,8 +33,8 @@ class MotionFit:
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
     alone, as D does, without regularisation. discrepancy: add what the model misses of people it was not learned from
-    to the poses' covariance, where that is known. rho: the correlation of keypoints' errors from frame to frame, by which
-    fewer frames count (`correlation.effective_share`); None estimates it at a first fit.
+    to the poses' covariance, where that is known. rho: the correlation of keypoints' errors from frame to frame, by
+    which fewer frames count (`correlation.effective_share`); None estimates it at a first fit.
     Raises InputError when frames_per_style is not positive, and for rho out of range.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
