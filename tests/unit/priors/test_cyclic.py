@@ -106,6 +106,19 @@ def test_one_step_has_the_stated_mean_and_deviation(dt_s):
     assert moved.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
 
 
+def test_the_root_goes_at_the_torso_s_speed_of_the_phase_it_leaves():
+    """A eq. 16: τ_t is where v_t−1 leads from τ_t−1; a quarter of a cycle later the speed is another."""
+    learned, c = model(), np.array([0.5, -1.0, 0.3])
+    prior = Cyclic(learned)
+    slices, state = prior.space.slices, np.zeros((1, len(prior.space)))
+    state[0, slices["coefficients"]], state[0, slices["phase"]], state[0, slices["phase_speed"]] = c, 5 / T, 2.0
+    speeds = learned.mean[:, 0] + np.einsum("d,dt->t", c * learned.scales, learned.components[:, :, 0])
+    moved = prior.mean(state, 0.125)
+    assert abs(speeds[5 + T // 4] - speeds[5]) > 0.05
+    assert moved[0, slices["phase"]] == pytest.approx(5 / T + 0.25)
+    assert moved[0, slices["root_position"]] == pytest.approx([0.125 * speeds[5], 0.0, 0.0], abs=1e-9)
+
+
 def test_wrong_number_of_sigmas_is_refused():
     with pytest.raises(InputError, match="sigma_rotation"):
         Cyclic(model(), sigma_rotation=(0.1, 0.1))
