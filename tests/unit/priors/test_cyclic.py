@@ -106,6 +106,16 @@ def test_one_step_has_the_stated_mean_and_deviation(dt_s):
     assert moved.mean(axis=0) == pytest.approx(mean, abs=5 * deviations.max() / np.sqrt(40000))
 
 
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 10])
+def test_coefficients_stay_standard_normal(dt_s):
+    prior, rng = Cyclic(model(), sigma_coefficients=0.5), np.random.default_rng(0)
+    state, own = np.zeros((40_000, len(prior.space))), prior.space.slices["coefficients"]
+    state[:, own] = rng.standard_normal((40_000, D))
+    moved = prior.step(state, dt_s, rng)[:, own]
+    assert moved.std(axis=0) == pytest.approx(1.0, rel=5 / np.sqrt(2 * 40_000))
+    assert prior.mean(state, dt_s)[:, own] == pytest.approx(np.sqrt(1.0 - 30.0 * dt_s * 0.25) * state[:, own])
+
+
 def test_the_root_goes_at_the_torso_s_speed_of_the_phase_it_leaves():
     """A eq. 16: τ_t is where v_t−1 leads from τ_t−1; a quarter of a cycle later the speed is another."""
     learned, c = model(), np.array([0.5, -1.0, 0.3])
