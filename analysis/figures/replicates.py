@@ -109,7 +109,7 @@ def _run(config: DictConfig, experiment: str) -> dict[str, float]:
         meter = Meter(parts)
         for step, errors in track(parts, int(config.seed), meter):
             summary.add(step, errors)
-    summary.offsets = meter.offsets
+    summary.over_run = meter.over_run
     off_mm = np.mean(summary.per_frame.get("error_abs_mm", [np.nan])[-LAST_FRAMES:])
     return {"held": float(off_mm < HELD_MM), **summary.metrics}
 

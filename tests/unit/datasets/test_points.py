@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from workbench.datasets.points import Points
+from workbench.body.camera import plain_camera
+from workbench.datasets.points import Points, with_depth_noise
 from workbench.datasets.scenes.surroundings import BOX_M, WALL_M
 from workbench.datasets.scenes.visible import first_depth
 from workbench.errors import InputError
@@ -59,6 +60,17 @@ def test_errors_and_outliers_are_as_large_and_as_many_as_asked_for():
     depth = dataset.view_camera.to_camera(points[near])[:, 2] / 4.0
     sigma = off_surface(dataset, 0, points[near]) / depth**2
     assert np.quantile(sigma, 0.84) - np.quantile(sigma, 0.16) == pytest.approx(2 * 0.02, rel=0.1)
+
+
+@pytest.mark.parametrize("depth_m", [2.0, 4.0, 8.0])
+def test_depth_errs_by_its_square_along_the_line_of_sight(depth_m):
+    """As a stereo pair's: z = f b / d, so that a disparity's constant error moves z by z² / (f b)."""
+    camera, n = plain_camera(640, 480, 500.0, (1.0, -2.0, 1.5), (1.5, 3.0, 1.0)), 20_000
+    seen = np.tile([0.2 * depth_m, -0.1 * depth_m, depth_m], (n, 1))
+    points = (seen - camera.translation) @ camera.rotation
+    found = camera.to_camera(with_depth_noise(points, camera, 0.02, np.random.default_rng(0)))
+    assert (found[:, 2] - depth_m).std() == pytest.approx(0.02 * (depth_m / 4.0) ** 2, rel=5 / np.sqrt(2 * n))
+    np.testing.assert_allclose(found[:, :2] / found[:, 2:], seen[:, :2] / seen[:, 2:], rtol=1e-9)
 
 
 def test_the_order_of_points_tells_nothing():

@@ -37,15 +37,6 @@ def test_every_option_composes_and_names_its_class_on_line_1(group, choice):
     OmegaConf.to_container(config, resolve=True)
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
-@pytest.mark.parametrize("data", ["null", "somewhere"])
-def test_every_experiment_composes(experiment, data):
-    config = compose("config", overrides=[f"experiment={experiment}", f"paths.data={data}"])
-    plain = OmegaConf.to_container(config, resolve=True)
-    assert any(plain[group] for group in GROUPS)
-    assert options("experiment")[experiment].about
-
-
 @pytest.mark.parametrize(("group", "choice"), [*CHOICES, *(("experiment", name) for name in EXPERIMENTS)])
 def test_no_default_stands_twice(group, choice):
     """What a YAML says is not what its class says anyway; and it has no words on keys that are none."""

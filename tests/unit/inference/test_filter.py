@@ -6,14 +6,31 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from linear_gaussian import MEAN0, STD0, A, LinearPrior, Memoryless, Position, Q, R, frames, simulate, streams
+from linear_gaussian import (
+    MEAN0,
+    STD0,
+    A,
+    LinearPrior,
+    Memoryless,
+    Position,
+    Q,
+    R,
+    assert_agree,
+    exact,
+    frames,
+    last_moments,
+    simulate,
+    streams,
+)
 
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
+from workbench.inference.particles.auxiliary import Auxiliary
 from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, n_ancestors
 from workbench.inference.particles.weights import RESAMPLING, effective_sample_size
+from workbench.priors.density import log_normal
 
 
 class Constant(Memoryless):
@@ -146,6 +163,27 @@ def test_converges_to_the_kalman_filter(resampling, ess_threshold):
         assert (np.abs(rows.mean(axis=0)) < 5 * error + bias).all()
     # 1/4 is expected; each spread is itself known to 1/√(2·40) = 11 %, a ratio of two to 16 %, so five sigmas below 1/2
     assert (spread[3200] < 0.5 * spread[200]).all()
+
+
+class Leaning(LinearPrior):
+    """The linear model, drawn from elsewhere: to one side, and wider."""
+
+    def propose(self, state, dt_s, rng):
+        mean, sigma = self.mean(state, dt_s) + 0.6 * Q, 1.4 * Q
+        moved = mean + sigma * rng.standard_normal(state.shape)
+        return moved, self.log_transition(state, moved, dt_s) - log_normal(moved - mean, sigma)
+
+
+@pytest.mark.parametrize("move", [Bootstrap(), Auxiliary(), Auxiliary(flatten=1.0)], ids=["bootstrap", "half", "whole"])
+@pytest.mark.parametrize("prior", [LinearPrior(), Leaning()], ids=["prior", "proposal"])
+def test_proposals_and_looks_ahead_leave_the_exact_posterior(prior, move):
+    measured = simulate(6, seed=4)
+    mean, variance, evidence = exact(measured)
+    found = last_moments(
+        lambda _, likelihood: ParticleFilter(prior, likelihood, move=move, n_particles=2000),
+        Position(measured), len(measured), range(20),
+    )  # fmt: skip
+    assert_agree(found, [*mean[-1], *variance[-1], evidence])
 
 
 @pytest.mark.parametrize("name", sorted(RESAMPLING))

@@ -175,50 +175,58 @@ class LinearModel(SineModel):
         return np.stack([0.0 * ones, ones], axis=-1)[..., None], np.stack([ones, 0.0 * ones], axis=-1)
 
 
-def smoothed(measured, deviation, transition, noise, mean, covariance):
+def smoothed(measured, deviation, transitions, noises, mean, covariance):
     """Rauch–Tung–Striebel: means and variances of the first number of the state, `measured` from the second frame on
     with the state of the first, given as mean and covariance, already knowing its own measurement."""
     filtered, predicted = [(mean, covariance)], []
-    for value in measured:
+    for value, transition, noise in zip(measured, transitions, noises, strict=True):
         mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
         predicted.append((mean, covariance))
         gain = covariance[:, 0] / (covariance[0, 0] + deviation**2)
         mean, covariance = mean + gain * (value - mean[0]), covariance - np.outer(gain, covariance[0])
         filtered.append((mean, covariance))
     rows = [filtered[-1]]
-    for (mean, covariance), (ahead, spread) in zip(filtered[-2::-1], predicted[::-1], strict=True):
+    back = zip(filtered[-2::-1], predicted[::-1], transitions[::-1], strict=True)
+    for (mean, covariance), (ahead, spread), transition in back:
         gain = covariance @ transition.T @ np.linalg.inv(spread)
         later, width = rows[-1]
         rows.append((mean + gain @ (later - ahead), covariance + gain @ (width - spread) @ gain.T))
     return np.array([row[0][0] for row in rows[::-1]]), np.array([row[1][0, 0] for row in rows[::-1]])
 
 
-def test_a_linear_problem_is_solved_as_the_kalman_smoother_does():
+@pytest.mark.parametrize("jitter", [0.0, 0.9], ids=["even times", "uneven times"])
+def test_a_linear_problem_is_solved_as_the_kalman_smoother_does(jitter):
     rng, deviation, smoothness = np.random.default_rng(3), 0.05, Smoothness(style=0.4, phase=0.03, position=0.05)
     measured = 0.2 * np.cumsum(rng.standard_normal((T, 8)), axis=0)  # the root, then phase and coefficient
+    gaps = 1.0 + jitter * np.array([0.0, 1.5, -0.6, 2.0, -0.8, 0.3, 1.0])  # between frames, in those at 14 Hz
+    times = np.concatenate([[0.0], np.cumsum(gaps)]) / 14.0
     poses = MotionDecoder(WALKER, LinearModel(), np.zeros(10))
     rows = np.eye(10)[:8]
     residuals = [
         lambda pose, seen=seen: ((pose[:8] - seen) / deviation, rows / deviation) for seen in measured
     ]  # fmt: skip
-    fitted = fit_problem(poses, FitData(residuals, np.arange(T) / 14.0, SQUARED, smoothness), 1)
+    fitted = fit_problem(poses, FitData(residuals, times, SQUARED, smoothness), 1)
     found, covariances, search = fit_motion(fitted, np.zeros((T, 8)), tolerance=1e-14)
     assert search.iterations < 12
     variances = np.diagonal(covariances, axis1=1, axis2=2)
-    kept = np.sqrt(1.0 - smoothness.style**2)
+    # n frames at 14 Hz keep (1 − style²)^(n/2) of a coefficient, whose variance stays 1
+    kept = np.sqrt(1.0 - smoothness.style**2) ** gaps
     gain = 1.0 / (1.0 + deviation**2)
     mean, variance = smoothed(
-        measured[1:, 7], deviation, np.array([[kept]]), np.array([[smoothness.style**2]]),
+        measured[1:, 7], deviation, kept[:, None, None], (1.0 - kept**2)[:, None, None],
         np.array([gain * measured[0, 7]]), np.array([[1.0 - gain]]),
     )  # fmt: skip
     np.testing.assert_allclose(found[:, 0], mean, atol=1e-7)
     np.testing.assert_allclose(variances[:, 0], variance, rtol=1e-9)
-    # second differences: two frames are known by their measurements alone, the state is {x_t, x_t−1}
+    # two frames are known by their measurements alone, the state is {x_t, x_t−1}; x goes on at its last speed, which is
+    # a random walk from the middle of one gap to that of the next
+    before, after = gaps[:-1], gaps[1:]
+    transitions = np.array([[[1.0 + r, -r], [1.0, 0.0]] for r in after / before])
     for column, shown, spread in [(1, 6, smoothness.phase), (2, 0, smoothness.position), (5, 3, smoothness.rotation)]:
         seen = measured[:, shown]
-        transition, noise = np.array([[2.0, -1.0], [1.0, 0.0]]), np.diag([spread**2, 0.0])
+        noises = [np.diag([square, 0.0]) for square in (spread * after) ** 2 * 0.5 * (before + after)]
         first = seen[1::-1], deviation**2 * np.eye(2)
-        mean, variance = smoothed(seen[2:], deviation, transition, noise, *first)
+        mean, variance = smoothed(seen[2:], deviation, transitions, noises, *first)
         np.testing.assert_allclose(found[1:, column], mean, atol=1e-7)
         np.testing.assert_allclose(variances[1:, column], variance, rtol=1e-9)
 

@@ -48,6 +48,23 @@ def test_points_are_whitened_by_their_deviation(scene):
     assert isinstance(likelihood, ResidualLikelihood)
 
 
+def test_a_keypoint_of_four_times_the_weight_is_four_equal_marks(scene):
+    """In the cost and its Gauss–Newton model: a weight is over the variance."""
+    seen, pose = scene
+    view = seen.keypoints[0]
+    joints, marks = view.joints[:1], view.marks[:1].copy()
+
+    def model(joints, marks):
+        misses, slopes = keypoint_residual(SKELETON, view.camera, joints, marks, 3.0)(pose)
+        return misses @ misses, slopes.T @ misses, slopes.T @ slopes
+
+    marks[0, 2] = 0.2
+    four = model(np.repeat(joints, 4), np.repeat(marks, 4, axis=0))
+    marks[0, 2] = 0.8
+    for one, other in zip(model(joints, marks), four, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
 def test_keypoints_of_the_cameras_that_count_are_whitened(scene):
     seen, pose = scene
     likelihood = KeypointLikelihood(BODY, sigma_px=3.0, which=["side"], scale=2.0)

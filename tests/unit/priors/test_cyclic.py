@@ -160,6 +160,29 @@ def test_an_unknown_transition_is_refused():
         Cyclic(model(), transition="C")
 
 
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 10])
+def test_coefficients_stay_standard_normal(dt_s):
+    prior, rng = Cyclic(model(), sigma_coefficients=0.5), np.random.default_rng(0)
+    state, own = np.zeros((40_000, len(prior.space))), prior.space.slices["coefficients"]
+    state[:, own] = rng.standard_normal((40_000, D))
+    moved = prior.step(state, dt_s, rng)[:, own]
+    assert moved.std(axis=0) == pytest.approx(1.0, rel=5 / np.sqrt(2 * 40_000))
+    assert prior.mean(state, dt_s)[:, own] == pytest.approx(np.sqrt(1.0 - 30.0 * dt_s * 0.25) * state[:, own])
+
+
+def test_the_root_goes_at_the_torso_s_speed_of_the_phase_it_leaves():
+    """A eq. 16: τ_t is where v_t−1 leads from τ_t−1; a quarter of a cycle later the speed is another."""
+    learned, c = model(), np.array([0.5, -1.0, 0.3])
+    prior = Cyclic(learned)
+    slices, state = prior.space.slices, np.zeros((1, len(prior.space)))
+    state[0, slices["coefficients"]], state[0, slices["phase"]], state[0, slices["phase_speed"]] = c, 5 / T, 2.0
+    speeds = learned.mean[:, 0] + np.einsum("d,dt->t", c * learned.scales, learned.components[:, :, 0])
+    moved = prior.mean(state, 0.125)
+    assert abs(speeds[5 + T // 4] - speeds[5]) > 0.05
+    assert moved[0, slices["phase"]] == pytest.approx(5 / T + 0.25)
+    assert moved[0, slices["root_position"]] == pytest.approx([0.125 * speeds[5], 0.0, 0.0], abs=1e-9)
+
+
 def test_wrong_number_of_sigmas_is_refused():
     with pytest.raises(InputError, match="sigma_rotation"):
         Cyclic(model(), sigma_rotation=(0.1, 0.1))

@@ -136,6 +136,15 @@ def test_offsets_forget_the_start_at_the_rate_that_was_asked_for(priors):
         assert children.var(axis=0) == pytest.approx(variance, rel=5 * np.sqrt(2 / N))
 
 
+def test_offsets_start_as_they_are_in_the_long_run():
+    """Of an autoregression that keeps k of itself, with noise σ: N(0, σ² / (1 − k²)), which a step leaves as it is."""
+    prior, rng = Jitter(Smooth(parameters=ARM), sigma=0.03, keep=0.8), np.random.default_rng(0)
+    state = prior.start(np.full(25, 0.1), N, rng)
+    for states in (state, prior.step(state, 1 / 30, rng)):
+        found = states[:, prior.space.slices["jitter"]].std(axis=0)
+        assert found == pytest.approx(0.03 / 0.6, rel=5 / np.sqrt(2 * N))
+
+
 def test_offsets_move_the_pose_and_nothing_else(priors):
     prior = priors["jitter"]
     parent, _, _ = family(prior)

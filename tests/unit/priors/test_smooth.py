@@ -165,6 +165,17 @@ def test_a_parameter_without_noise_keeps_its_value():
     assert (prior.pose(state)[:, 3:6] == POSE[3:6]).all()
 
 
+def test_the_mean_goes_on_at_its_velocity_as_far_as_the_limits():
+    prior, dt_s = Smooth(parameters=ARM, damping=2.0), 0.1
+    low, high = SKELETON.limits[[POSE_NAMES.index(name) for name in ARM]].T
+    velocities = np.zeros(25)
+    velocities[[POSE_NAMES.index(name) for name in ARM]] = [1.0, -1.0, 100.0, -100.0]
+    mean = prior.mean(prior.enter(POSE[None], velocities[None]), dt_s)[0]
+    start = POSE[[POSE_NAMES.index(name) for name in ARM]]
+    assert mean[:4] == pytest.approx([start[0] + 0.1, start[1] - 0.1, high[2], low[3]])
+    assert mean[4:8] == pytest.approx(np.exp(-0.2) * np.array([1.0, -1.0, 100.0, -100.0]))
+
+
 def test_a_start_outside_the_limits_is_told_and_begins_inside(caplog):
     prior, pose = Smooth(parameters=ARM), POSE.copy()
     pose[POSE_NAMES.index("right_elbow_flexion")] = 3.0
