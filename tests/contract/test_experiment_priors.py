@@ -50,7 +50,7 @@ WHEN = [
     for experiment, option in sorted(options("experiment").items())
     for settings in [OmegaConf.create(option.text).get("when") or {}]
     for place, keys in [*settings.items(), *settings.get("paper.literal", {}).items()]
-    if place not in ("paper.literal", "learn")  # what a paper writes, and of what is learned from
+    if place != "paper.literal"
 ]
 
 

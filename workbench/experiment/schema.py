@@ -196,7 +196,7 @@ class PartsConfigSource(ConfigSource):
           prior.jitter: {sigma: 0.01}
 
     in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
-    Under `when: {paper.literal: …}` it says likewise, and of `learn`, how its paper departs from that.
+    Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
     """
 
     @staticmethod
@@ -270,9 +270,7 @@ class PartsConfigSource(ConfigSource):
         settings = own.get(WHEN, {})
         for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
             group, _, option = str(place).partition(".")
-            if literal and place == "learn":
-                found.merge_with({place: keys})
-            elif place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+            if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
                 raise ConfigCompositionException(f"experiment={experiment}: {WHEN}: there is no part {place}")
             elif place != LITERAL and place in chosen:
                 found.merge_with({group: keys})

@@ -97,15 +97,15 @@ def test_without_departures_the_subject_is_the_body_itself():
 def test_clothes_move_smoothly_and_as_far_as_asked():
     body = person(from_height(1.7))
     subject = subject_of(body, {**NONE, "clothes_m": 0.005}, 1)
-    times = np.arange(3000) / 30.0
-    radii = np.stack([subject.at(t).limbs.radii.mean(axis=2) for t in times])
+    slow, times = np.random.default_rng(0).uniform(0.0, 2000.0, 3000), np.arange(300) / 30.0  # waves beat slowly
+    radii, following = (np.stack([subject.at(t).limbs.radii.mean(axis=2) for t in each]) for each in (slow, times))
     clothed = np.array(["head" not in name and "hand" not in name for name in body.limbs.names])
     assert np.array_equal(radii[:, ~clothed], np.broadcast_to(radii[0, ~clothed], radii[:, ~clothed].shape))
-    assert radii[:, clothed].std(axis=0) == pytest.approx(0.005, rel=0.25)  # waves of like frequency beat slowly
-    steps = np.abs(np.diff(radii, axis=0)).max()
+    assert radii[:, clothed].std(axis=0) == pytest.approx(0.005, rel=0.1)
+    steps = np.abs(np.diff(following, axis=0)).max()
     assert 0.0005 < steps < 0.005  # of at most 2.5 Hz and three waves: 5 mm · 2.4 · 2π · 2.5 / 30
-    slid = np.stack([subject.clothes.slid(t) for t in times])
-    assert slid[:, clothed].std(axis=0) == pytest.approx(0.005, rel=0.25)
+    slid = np.stack([subject.clothes.slid(t) for t in slow])
+    assert slid[:, clothed].std(axis=0) == pytest.approx(0.005, rel=0.1)
 
 
 def test_the_pictures_are_drawn_from_limbs_that_go_on_in_each_other():

@@ -89,9 +89,3 @@ def test_a_paper_is_said_last_and_an_experiment_says_it_after_the_one_it_begins_
 def test_a_part_that_an_experiment_has_on_the_command_line_is_as_its_paper_writes_it():
     prior = composed("experiment=arm_smooth_300", "prior=implicit", "paper=literal")["prior"]
     assert (prior["search"], prior["prediction"], prior["beta"]) == ("sign_tree", "copy", 1.0)
-
-
-def test_a_paper_may_say_who_is_learned_from():
-    steady = composed("experiment=points_run_steady", "paper=literal")
-    assert steady["prior"]["leave_out"] == [steady["dataset"]["motion"], "bandai-1"]
-    assert "bandai-1" not in composed("experiment=points_run_steady")["prior"]["leave_out"]

@@ -188,7 +188,8 @@ def shadow(distance):
 
 
 def test_arm_before_the_torso_hides_what_it_covers():
-    body, samples = arm_before_torso(0.3), patch_samples(200, np.random.default_rng(0))
+    body = arm_before_torso(0.3)
+    samples = ImageMotion(body, n_samples=200).samples
     expected = np.abs(0.2 * samples[:, 1]) * shadow(0.3) < 0.04
     assert 10 < expected.sum() < 60
     hidden = hidden_samples(body.limbs, patches(body, scenes.root()), samples, "sample")[0]
