@@ -96,7 +96,7 @@ def test_without_departures_the_subject_is_the_body_itself():
 
 def test_clothes_move_smoothly_and_as_far_as_asked():
     body = person(from_height(1.7))
-    subject = subject_of(body, {**NONE, "clothes_m": 0.005}, 1)
+    subject = subject_of(body, {**NONE, "clothes_m": 0.005}, 2)
     slow, times = np.random.default_rng(0).uniform(0.0, 2000.0, 3000), np.arange(300) / 30.0  # waves beat slowly
     radii, following = (np.stack([subject.at(t).limbs.radii.mean(axis=2) for t in each]) for each in (slow, times))
     clothed = np.array(["head" not in name and "hand" not in name for name in body.limbs.names])
