@@ -28,7 +28,7 @@ from workbench.experiment.stored import (
 )
 from workbench.files import whole_file
 from workbench.recording.compare.compare import Finding, compare, compare_seeds, exactly_comparable
-from workbench.recording.compare.condense import condense
+from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import Run, find_recordings, read
@@ -160,14 +160,15 @@ def _by_seeds(runs: Sequence[Run], overrides: Sequence[str], own: DictConfig, n:
 def _renew(checks: Sequence[Check]) -> int:
     """Put what the runs came to in place of the recordings; the exit code. What was refused or crashed stays.
 
-    So does, byte for byte, what came out the same: a recording kept with the code costs room in every version of it.
+    So does, byte for byte, what came out the same and has no pictures: a recording kept with the code costs room in
+    every version of it.
     """
     for check in checks:
         if check.refused is not None:
             print(f"{check.name}: stays as it is: {check.refused}", file=sys.stderr)
         elif check.was is None or check.now is None:
             print(f"{check.name}: stays as it is: {check.findings[0].detail}", file=sys.stderr)
-        elif not (check.unmoved and exactly_comparable(check.was, check.now)):
+        elif not (check.unmoved and exactly_comparable(check.was, check.now) and is_condensed(check.was)):
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
     if any(check.refused is not None for check in checks):

@@ -23,6 +23,11 @@ def condense(run: Run, path: Path) -> None:
     store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
 
 
+def is_condensed(run: Run) -> bool:
+    """Tell whether the run's recording holds nothing that `condense` leaves out."""
+    return all(_is_kept(chunk) for chunk in RrdReader(run.path).store().stream().to_chunks())
+
+
 def _is_kept(chunk: Chunk) -> bool:
     if chunk.entity_path.startswith("/figures/"):
         return "kind" in chunk.to_record_batch().schema.names  # of a figure's numbers; its drawing has no kind
