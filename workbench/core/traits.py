@@ -20,6 +20,8 @@ IMAGES = "images"
 POINTS = "points of the person's surface"
 KEYPOINTS = "2-D joints"
 ONE_CAMERA = "a single camera"
+ALL_JOINTS = "every joint of a motion file's skeleton"
+FOLLOWERS = "recorded windows to look ahead in, as it is set to"
 EVIDENCE = "a density of the data"
 START = "a pose, marks, 2-D joints or points to start from"
 
@@ -29,8 +31,8 @@ class Traits:
     """offers: what the part has to give. needs: what it asks of the dataset, the prior and the likelihood, by group; a
     group with nothing to ask for must be there all the same. Under `given` and `known` it says in the words of `given`
     what it takes beforehand: in any case, and where the dataset knows it. Under `apart` stands what the likelihood must
-    not look at, as the part takes it for something else. lacks: a sentence about what its own nested parts lack,
-    empty where they have it."""
+    not look at, as the part takes it for something else, under `without` what the dataset must not be like. lacks: a
+    sentence about what its own nested parts lack, empty where they have it."""
 
     offers: frozenset[str] = frozenset()
     needs: Mapping[str, frozenset[str]] = field(default_factory=dict)

@@ -13,7 +13,7 @@ from workbench.body.limbs import Body
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
+from workbench.core.traits import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.datasets.scenes import render
 from workbench.datasets.scenes.camera import take_camera, told_camera
 from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
@@ -47,9 +47,11 @@ class Points(Scene):
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare points, which tell the start, too, and images where they are rendered."""
+        """Declare points, which tell the start, too, and images where they are rendered. Every joint of a file's
+        skeleton needs a prior that knows them."""
         images = (IMAGES, ONE_CAMERA) if keys.get("images") else ()
-        return offering(POINTS, START, *offered_start(keys), *images)
+        shown = (POINTS, START, *offered_start(keys), *images)
+        return offering(*shown, ALL_JOINTS, prior=ALL_JOINTS) if keys.get("skeleton") == "full" else offering(*shown)
 
     focal_px: float = 400.0
     n_points: int = 400

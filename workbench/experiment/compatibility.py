@@ -26,10 +26,16 @@ def incompatibility(config: DictConfig, names: Mapping[str, str]) -> str | None:
         for other, words in part.needs.items():
             if other not in GROUPS:
                 continue
+            if other not in traits and group == "dataset":
+                continue  # which asks what the others are like, not that they are there
             if other not in traits:
                 return f"config: {called[group]} needs a {other}, and there is none"
             for word in sorted(words - traits[other].offers):
                 return f"config: {called[group]} needs {word} of the {other}, which {called[other]} does not have"
+    shown = traits["dataset"].offers if "dataset" in traits else frozenset()
+    for group, part in traits.items():
+        for word in sorted(part.needs.get("without", frozenset()) & shown):
+            return f"config: {called[group]} is not for {word}, which {called['dataset']} shows"
     return _used_twice(traits, called)
 
 

@@ -1,7 +1,7 @@
 """Motion from a prior alone, step by step, without jumps and with feet on the ground (paper C, sections 5 and 7)."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,7 +16,7 @@ from workbench.core.frame import Frame
 from workbench.core.given import LEAD_IN
 from workbench.core.prior import Prior
 from workbench.core.step import Step
-from workbench.core.traits import START, Traits, offering
+from workbench.core.traits import ALL_JOINTS, FOLLOWERS, START, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.windows import Windows
 
@@ -79,7 +79,12 @@ class Synthesis:
     Raises InputError for numbers out of range and a look-ahead with a prior that has none.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=START, prior=(), known=LEAD_IN)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
+        ahead = (FOLLOWERS,) if keys.get("look_ahead") else ()
+        return offering(dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
+
     finds_start: ClassVar[bool] = False
 
     def __init__(
@@ -95,7 +100,8 @@ class Synthesis:
     def run(
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
-        """Yield one step of one particle per frame, the first one at the pose `start` (P,).
+        """Yield one step of one particle per frame, the first one at the pose `start` (P,), or the first of
+        several (n, P).
 
         rng_streams: generators named "start" and "prior". A step's particle is the prior's own state, its pose the one
         after smoothing and foot contact. Diagnostics, from the second frame on: jump_deg, the largest change of a
@@ -104,6 +110,7 @@ class Synthesis:
         """
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
+        start = np.atleast_2d(start)[0]  # the likeliest of several
         smoother = Smoother(self.smoothing_s, np.radians(self.limit_deg))
         before = start[None] if self.known.lead_in is None else self.known.lead_in
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))

@@ -1,7 +1,7 @@
 """A prior over walking, running and what lies between them: coefficients of one learned motion model, and its phase."""
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import ACTIVITY, DENSITY, MOTION, SEPARABLE, Traits, offering
+from workbench.core.traits import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.learning.activities import ActivityModel
 from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
@@ -35,7 +35,11 @@ class Activity(AllFree):
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """
 
-    traits: ClassVar[Traits] = offering(DENSITY, MOTION, ACTIVITY, SEPARABLE)
+    @staticmethod
+    def traits(keys: Mapping[str, Any]) -> Traits:
+        """Declare a motion model of activities, of the person or of every joint, which the dataset must then show."""
+        own = (DENSITY, MOTION, ACTIVITY, SEPARABLE)
+        return offering(*own, ALL_JOINTS, dataset=ALL_JOINTS) if keys.get("skeleton") == "full" else offering(*own)
 
     def __init__(
         self, model: ActivityModel, *,

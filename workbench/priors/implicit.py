@@ -12,7 +12,7 @@ from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.given import REST
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import DENSITY, Traits, offering
+from workbench.core.traits import DENSITY, FOLLOWERS, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.windows import Windows, pose_rows
 from workbench.priors.density import REFERENCE_RATE_HZ
@@ -63,7 +63,7 @@ class Implicit:
         """Declare a density where the search is exact, and that what the database does not move stays."""
         density = (DENSITY,) if keys.get("search", "exact") == "exact" else ()
         moves_all = list(keys.get("angles") or ["body"]) == ["body"] and keys.get("root", True)
-        return offering(*density, given=() if moves_all else (REST,))
+        return offering(*density, FOLLOWERS, given=() if moves_all else (REST,))
 
     def __init__(
         self, windows: Windows, *,

@@ -3,7 +3,7 @@
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.experiment.compatibility import no_evidence
+from workbench.experiment.compatibility import incompatibility, no_evidence
 from workbench.experiment.schema import prepare_hydra
 
 
@@ -25,3 +25,22 @@ def test_evidence_is_told_only_of_a_density_of_the_data(words, reason):
         config = compose("config", overrides=[*words, "paths.data=null"])
     found = no_evidence(config)
     assert found is None if reason is None else found.startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["experiment=synthesize_run", "prior=smooth"], "inference=Synthesis needs recorded windows to look ahead in"),
+        (["experiment=points_full", "prior=smooth"], "dataset=Points needs every joint of a motion file's skeleton"),
+        (["experiment=points_walk_steady", "prior.skeleton=full"], "prior=activity needs every joint"),
+        (["experiment=points_full", "inference=synthesis"], "inference=Synthesis is not for every joint"),
+        (["experiment=synthesize_run", "prior=smooth", "inference.look_ahead=0"], None),
+    ],
+    ids=str,
+)
+def test_what_cannot_work_is_said_in_a_sentence(words, sentence):
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        config = compose("config", overrides=[*words, "paths.data=somewhere"])
+    found = incompatibility(config, {})
+    assert found is None if sentence is None else found.startswith(f"config: {sentence}")
