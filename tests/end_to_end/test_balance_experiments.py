@@ -113,6 +113,7 @@ def test_the_arm_of_the_balancing_man_is_tracked(run, data):
     code, told, folder = run("out", "experiment=balance_arm", f"paths.data={data}", *small)
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
-    assert metrics["held"] == 1.0
+    assert metrics["error_px"] < metrics["forearm_px"]
+    assert metrics["lost_share"] < 0.25  # by one camera an arm may be lost for a moment
     assert {"offset_right_elbow_mm", "offset_right_wrist_mm", "error_offset_free_mm"} <= metrics.keys()
     assert "offset_left_wrist_mm" not in metrics

@@ -78,7 +78,7 @@ def test_a_recorded_clip_by_override(summary_of, cache, data):
 def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data):
     clips = [str(data / "cmu" / "35" / f"35_{take}.amc") for take in ("01", "02", "07", "08", "09")]
     assert import_motions([*clips, "-o", str(tmp_path / "mine.h5")]) == 0
-    prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02")
+    prior = ("prior.motions=mine.h5", "prior.n_components=3", "dataset.motion=mine.h5:35_02", "learn.leave_out=[35_02]")
     metrics = summary_of(tmp_path, *prior, "body=file", f"body.file={clips[1]}", *SMALL)["metrics"]
     assert metrics["error_abs_mm"] < 200  # three frames after the true start, and the file's body is the right one
 

@@ -11,7 +11,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-import yaml
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
@@ -144,7 +143,7 @@ def wait_for(what, going_on, seconds=600.0):
     return found
 
 
-MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(3)", *LONGER)
+MANY = ("experiment=walk_straight", "prior=walking,smooth", "inference.n_particles=2000,3000", "seed=range(2)", *LONGER)
 JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2")
 
@@ -157,7 +156,7 @@ SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_bat
         ("hydra_plugins.hydra_submitit_launcher", SUBMITIT, "job"),
     ],
 )
-def test_ten_of_twelve_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher, victim):
+def test_six_of_eight_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher, victim):
     pytest.importorskip(needed)
     sweep, told = tmp_path / "sweep", tmp_path / "told.txt"
     environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
@@ -171,7 +170,7 @@ def test_ten_of_twelve_jobs_complete_and_resume_runs_the_other_two(tmp_path, nee
             os.kill(parent_of(pid) if (victim, job) == ("worker", 5) else pid, victims.pop(job))
     assert process.returncode == 1, told.read_text()
     status = Counter(summary["status"] for summary in summaries(sweep).values())
-    assert status["complete"] == 10
+    assert status["complete"] == 6
     assert f"{sweep / '3'}: killed by SIGSEGV" in told.read_text()
     assert f"{sweep / '5'}: {'interrupted' if victim == 'worker' else 'killed by SIGKILL'}" in told.read_text()
 
@@ -192,20 +191,3 @@ def first_running(sweep, jobs):
 def parent_of(pid):
     with open(f"/proc/{pid}/stat") as file:
         return int(file.read().rpartition(")")[2].split()[1])
-
-
-@pytest.mark.slow
-def test_the_tuner_finds_a_better_process_noise_than_a_bad_one(tmp_path, run):
-    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    common = ("experiment=walk_straight", *LONGER, "inference.n_particles=300", "sweep.metric=error_abs_mm")
-    bad = 0.1  # cycles a frame, where the prior's own is 0.009
-    code, _, folder = run("bad", *common, f"prior.sigma_phase={bad}")
-    assert code == 0
-    tuner = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=20", "hydra.sweeper.sampler.seed=0")
-    interval = f"prior.sigma_phase=tag(log,interval(0.0001,{bad}))"
-    code, told, _ = run("alone", "-m", *tuner, *common, interval, f"hydra.sweep.dir={tmp_path / 'sweep'}")
-    assert code == 0, told
-    best = yaml.safe_load((tmp_path / "sweep" / "optimization_results.yaml").read_text())
-    assert len(summaries(tmp_path / "sweep")) == 20
-    found = [summary["metrics"]["error_abs_mm"] for summary in summaries(tmp_path / "sweep").values()]
-    assert best["best_value"] == min(found) < read_summary(folder)["metrics"]["error_abs_mm"]
