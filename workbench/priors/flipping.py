@@ -27,7 +27,7 @@ from workbench.core.traits import (
 from workbench.errors import InputError
 from workbench.mocap.retarget import wrapped
 from workbench.priors.density import REFERENCE_RATE_HZ
-from workbench.priors.mixture import deal
+from workbench.priors.mixture import stratified_choice
 
 LIMBS = (
     *((side, "shoulder", "elbow", 1.0) for side in ("left", "right")),
@@ -107,7 +107,7 @@ class Flipping:
     def _flipped(self, state: FloatArray, share: float, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
         """The states (N, D), a share of them flipped, and which limb (N,) of each was: 0 for none."""
         chances = np.array([1.0 - share, *[share / len(self.limbs)] * len(self.limbs)])
-        limb = deal(chances, len(state), rng)
+        limb = stratified_choice(chances, len(state), rng)
         state = state.copy()
         for k, which in enumerate(self.limbs, start=1):
             if (own := limb == k).any():

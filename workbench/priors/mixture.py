@@ -26,7 +26,7 @@ class Mixture:
 
     A state is the common one and, in a last column "component", the index k of the prior that drew it; the next draw
     does not depend on it. `step` chooses k by π for every particle and then draws s_t from p_k: an exact draw from
-    the mixture, which needs no correction. The k are dealt out (see `deal`), so that each prior moves as many
+    the mixture, which needs no correction. The k are dealt out (see `stratified_choice`), so that each prior moves as many
     particles as its weight says, to within one.
 
     `propose` chooses k by other probabilities, the shares κ, for instance to let many particles try an improbable
@@ -71,7 +71,7 @@ class Mixture:
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
-        component = deal(self.weights, n, rng)
+        component = stratified_choice(self.weights, n, rng)
         state = np.empty((n, len(self.space)))
         state[:, -1] = component
         for _, _, prior, own in _groups(self.priors, component):
@@ -80,14 +80,14 @@ class Mixture:
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from the mixture for each of (N, D) states, `dt_s` seconds later."""
-        return self._move(state, deal(self.weights, len(state), rng), dt_s, rng)[0]
+        return self._move(state, stratified_choice(self.weights, len(state), rng), dt_s, rng)[0]
 
     def propose(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (N, D) by priors chosen by their shares, and the log weights (N,) that correct for it.
 
         A prior that draws from a proposal of its own does so, and its correction is in the weights.
         """
-        moved, own_correction = self._move(state, deal(self.shares, len(state), rng), dt_s, rng)
+        moved, own_correction = self._move(state, stratified_choice(self.shares, len(state), rng), dt_s, rng)
         return moved, self.log_correction(moved) + own_correction
 
     def log_correction(self, state: FloatArray) -> FloatArray:
@@ -214,7 +214,7 @@ class Switching:
 
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) around a starting pose (P,), each prior's part of them by its own start."""
-        component = deal(self.weights, n, rng)
+        component = stratified_choice(self.weights, n, rng)
         state = np.zeros((n, len(self.space)))
         state[:, -1] = component
         for _, name, prior, own in _groups(self.priors, component):
@@ -230,7 +230,7 @@ class Switching:
         velocity = self.space.slices["velocity"]
         before, poses = state[:, -1].astype(np.int64), self.pose(state)
         stays = rng.random(len(state)) < (1.0 - self.switching) ** (dt_s * REFERENCE_RATE_HZ)
-        component = np.where(stays, before, deal(self.weights, len(state), rng))
+        component = np.where(stays, before, stratified_choice(self.weights, len(state), rng))
         moved, log_weights = np.zeros_like(state), np.zeros(len(state))
         moved[:, -1] = component
         for k, name, prior, own in _groups(self.priors, component):
@@ -250,7 +250,7 @@ class Switching:
         return poses
 
 
-def deal(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+def stratified_choice(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
     """Components (n,) for n particles, each with the given probabilities (K,), in numbers within one of n times those.
 
     n equidistant positions with one random offset, shuffled: every single particle's position is uniform on [0, 1),

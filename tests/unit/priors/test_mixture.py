@@ -13,7 +13,7 @@ from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.errors import InputError
 from workbench.inference.particles.filter import ParticleFilter
-from workbench.priors.mixture import Mixture, Switching, deal
+from workbench.priors.mixture import Mixture, Switching, stratified_choice
 from workbench.priors.smooth import Smooth
 
 DT = 1 / 30
@@ -106,7 +106,9 @@ def test_every_component_draws_from_its_own_prior():
 @pytest.mark.parametrize("n", [1, 7, 10, 1000])
 def test_the_priors_get_their_parts_of_the_particles_to_within_one(n):
     for seed in range(20):
-        counts = np.bincount(deal(np.array([0.5, 0.0, 0.3, 0.2]), n, np.random.default_rng(seed)), minlength=4)
+        counts = np.bincount(
+            stratified_choice(np.array([0.5, 0.0, 0.3, 0.2]), n, np.random.default_rng(seed)), minlength=4
+        )
         assert np.abs(counts - n * np.array([0.5, 0.0, 0.3, 0.2])).max() < 1.0 + 1e-9
         assert counts[1] == 0
 
@@ -114,7 +116,7 @@ def test_the_priors_get_their_parts_of_the_particles_to_within_one(n):
 def test_every_single_particle_gets_a_component_by_its_probability():
     """Else particles of the same parent, which lie side by side after resampling, would all go to one prior."""
     rng = np.random.default_rng(0)
-    first = np.array([deal(np.array([0.7, 0.3]), 5, rng) for _ in range(20000)]).mean(axis=0)
+    first = np.array([stratified_choice(np.array([0.7, 0.3]), 5, rng) for _ in range(20000)]).mean(axis=0)
     assert np.abs(first - 0.3).max() <= 5 * np.sqrt(0.3 * 0.7 / 20000)
 
 

@@ -88,7 +88,7 @@ def limit_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
     return residual
 
 
-def usual_poses(skeleton: Skeleton) -> Gaussian:
+def posture_prior(skeleton: Skeleton) -> Gaussian:
     """Return independent normal joint angles, pitch and roll; the root may be anywhere and face anywhere."""
     sides = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.dof_names]
     mean, deviation = np.array([USUAL_RAD.get(name, UNKNOWN_RAD) for name in sides]).T
@@ -98,7 +98,7 @@ def usual_poses(skeleton: Skeleton) -> Gaussian:
 
 def usual_residual(skeleton: Skeleton) -> ResidualFunction:
     """Measure how far joint angles, pitch and roll are off the usual ones."""
-    usual = usual_poses(skeleton)
+    usual = posture_prior(skeleton)
     own = usual.whitening[UPRIGHT.start :]
     return lambda pose: (own @ (pose - usual.mean), own)
 

@@ -28,7 +28,7 @@ from workbench.inference.fit.residuals import (
     ground_residual,
     joint_residual,
     limit_residual,
-    usual_poses,
+    posture_prior,
     usual_residual,
     views_residual,
 )
@@ -148,7 +148,7 @@ def first_poses(skeleton: Skeleton, seen: Sequence[Keypoints], sigma_px: float) 
     """Return poses (n ≤ N_HYPOTHESES, P) within limits that one frame of keypoints allows."""
     residual = views_residual(skeleton, seen, sigma_px, LEANING_SIGMA_RAD)
     within = stacked([residual, limit_residual(skeleton, LIMIT_SIGMA_RAD)])
-    return likely_poses(skeleton, seen, within, usual_poses(skeleton), N_HYPOTHESES)
+    return likely_poses(skeleton, seen, within, posture_prior(skeleton), N_HYPOTHESES)
 
 
 def smooth_problem(decoder: PoseDecoder, data: FitData) -> FitProblem:

@@ -23,7 +23,7 @@ from workbench.errors import InputError
 from workbench.inference.fit.decoding import PoseDecoder
 from workbench.inference.fit.frame import fit_frame
 from workbench.inference.fit.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
-from workbench.inference.fit.residuals import usual_poses, views_residual
+from workbench.inference.fit.residuals import posture_prior, views_residual
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +96,7 @@ def measure(
     spread = np.full(len(start), PROPORTION_SIGMA)
     spread[0] = HEIGHT_SIGMA if height_m is None else GIVEN_SIGMA
     poses = _first_poses(person_skeleton(shape_of(start)), seen, sigma_px)
-    usual = usual_poses(person_skeleton(shape_of(start)))
+    usual = posture_prior(person_skeleton(shape_of(start)))
     mean = np.concatenate([start, np.tile(usual.mean, len(poses))])
     whitening = np.concatenate([1.0 / spread, np.tile(np.diag(usual.whitening), len(poses))])
     tied = whitening > 0.0
@@ -166,7 +166,7 @@ def _project(
 
 def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
     """Return poses (T, P) of the average person: the first from nothing, the others each from the one before."""
-    prior = usual_poses(skeleton)
+    prior = posture_prior(skeleton)
     residuals = [views_residual(skeleton, views, sigma_px, np.inf) for views in seen]
     poses = [likely_poses(skeleton, seen[0], residuals[0], prior, 1)[0]]
     for residual in residuals[1:]:
