@@ -26,7 +26,7 @@ class Mixture:
 
     A state is the common one and, in a last column "component", the index k of the prior that drew it; the next draw
     does not depend on it. `step` chooses k by π for every particle and then draws s_t from p_k: an exact draw from
-    the mixture, which needs no correction. The k are dealt out (see `stratified_choice`), so that each prior moves as many
+    the mixture, which needs no correction. The k are stratified (`stratified_choice`), so that each prior moves as many
     particles as its weight says, to within one.
 
     `propose` chooses k by other probabilities, the shares κ, for instance to let many particles try an improbable
