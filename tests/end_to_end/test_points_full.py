@@ -72,8 +72,8 @@ def test_other_experiments_on_points_take_every_joint_too(recordings, run, exper
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (("prior.skeleton=person",), "prior: it moves neck_turn, which the tracked body does not have"),
-        (("dataset.skeleton=person",), "which the tracked body does not have; dataset.skeleton and prior.skeleton"),
+        (("prior.skeleton=person",), "dataset=points needs every joint of a motion file's skeleton of the prior"),
+        (("dataset.skeleton=person",), "prior=activity needs every joint of a motion file's skeleton of the dataset"),
         (("body=height", "body.height_m=1.7"), "choose body=dataset"),
         (("prior.motions=builtin",), "prior: skeleton=full needs recordings"),
         (("prior.angles=[lower_body]",), "prior: skeleton=full models every joint angle"),

@@ -50,8 +50,10 @@ class Points(Scene):
         """Declare points, which tell the start, too, and images where they are rendered. Every joint of a file's
         skeleton needs a prior that knows them."""
         images = (IMAGES, ONE_CAMERA) if keys.get("images") else ()
-        shown = (POINTS, START, *offered_start(keys), *images)
-        return offering(*shown, ALL_JOINTS, prior=ALL_JOINTS) if keys.get("skeleton") == "full" else offering(*shown)
+        skeleton = keys.get("skeleton", "person")
+        joints = () if skeleton == "person" else (ALL_JOINTS,)
+        needs = {"prior": ALL_JOINTS} if skeleton == "full" else {}
+        return offering(POINTS, START, *offered_start(keys), *images, *joints, **needs)
 
     focal_px: float = 400.0
     n_points: int = 400

@@ -38,8 +38,9 @@ class Activity(AllFree):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare a motion model of activities, of the person or of every joint, which the dataset must then show."""
-        own = (DENSITY, MOTION, ACTIVITY, SEPARABLE)
-        return offering(*own, ALL_JOINTS, dataset=ALL_JOINTS) if keys.get("skeleton") == "full" else offering(*own)
+        own, skeleton = (DENSITY, MOTION, ACTIVITY, SEPARABLE), keys.get("skeleton", "person")
+        joints = () if skeleton == "person" else (ALL_JOINTS,)
+        return offering(*own, *joints, **({"dataset": ALL_JOINTS} if skeleton == "full" else {}))
 
     def __init__(
         self, model: ActivityModel, *,

@@ -10,7 +10,7 @@ from view_scenes import CAMERAS, errors_mm, frames, swinging
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.errors import InputError
-from workbench.evaluation.errors import forearm_px, held
+from workbench.evaluation.errors import forearm_px
 from workbench.inference.particles.filter import ParticleFilter
 from workbench.inference.start.keypoints import trajectory_of_keypoints
 from workbench.likelihoods.keypoints import KeypointLikelihood
@@ -74,4 +74,4 @@ def test_one_camera_holds_the_arm_while_the_body_leans():
     wrist, true = SKELETON.joint("right_wrist"), joints(SKELETON, poses)
     apart = CAMERAS[0].project(joints(SKELETON, found)[:, wrist]) - CAMERAS[0].project(true[:, wrist])
     widths = [forearm_px(CAMERAS[0], BODY, places, [wrist]) for places in true]
-    assert held(np.linalg.norm(apart, axis=1), widths, last=len(times))
+    assert np.linalg.norm(apart, axis=1).mean() < np.mean(widths)
