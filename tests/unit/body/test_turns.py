@@ -1,7 +1,7 @@
 """Whole turns change no pose; angles come to lie within half a turn of a reference."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from single_steps import SKELETON
@@ -12,6 +12,7 @@ from workbench.body.turns import nearest_turn
 POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
 
 
+@settings(deadline=None)  # the first call loads compiled kernels
 @given(POSES, arrays(float, 25, elements=st.floats(-20.0, 20.0)))
 def test_the_pose_stays_and_its_angles_come_near(poses, reference):
     moved = nearest_turn(poses, reference)
