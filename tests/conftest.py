@@ -4,7 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
+
+settings.register_profile("untimed", deadline=None)  # time is measured in benchmarks, not in tests
+settings.load_profile("untimed")
 
 
 def pytest_addoption(parser):
