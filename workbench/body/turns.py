@@ -17,3 +17,8 @@ def nearest_turn(poses: FloatArray, reference: FloatArray) -> FloatArray:
     moved = poses.copy()
     moved[..., N_POSITION:] -= 2.0 * np.pi * turns
     return moved
+
+
+def wrapped(angles: FloatArray) -> FloatArray:
+    """Take whole turns off angles, rad, of any shape: they come to lie in [−π, π)."""
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi

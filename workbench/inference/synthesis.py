@@ -10,6 +10,7 @@ from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
+from workbench.body.turns import wrapped
 from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
@@ -176,7 +177,7 @@ class Smoother:
         if self._last is None or self.smoothing_s == 0.0:
             self._last = self._shown = angles
             return pose
-        change = _turn(angles - self._last)
+        change = wrapped(angles - self._last)
         jump = change - change.clip(-self.limit, self.limit)
         let_go = (1.0 - np.exp(-dt_s / self.smoothing_s)) * self.offset
         self.offset = self.offset - let_go - jump
@@ -233,7 +234,7 @@ def ankle_positions(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
 
 def jump_deg(before: FloatArray, after: FloatArray) -> float:
     """Return the largest change of a joint angle from one pose (P,) to the next, degrees; whole turns are no change."""
-    return float(np.degrees(np.abs(_turn(after[N_ROOT:] - before[N_ROOT:])).max()))
+    return float(np.degrees(np.abs(wrapped(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
 def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
@@ -276,8 +277,3 @@ def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
     times = np.arange(len(poses)) / rate_hz
     wanted = np.arange(int(np.floor(times[-1] * wanted_hz + 1e-9)) + 1) / wanted_hz
     return np.asarray(CubicSpline(times, poses)(wanted))
-
-
-def _turn(angles: FloatArray) -> FloatArray:
-    """Return angles without whole turns, in [−π, π)."""
-    return (angles + np.pi) % (2.0 * np.pi) - np.pi

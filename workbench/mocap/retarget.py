@@ -17,6 +17,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
+from workbench.body.turns import wrapped
 from workbench.errors import InputError
 from workbench.mocap.clip import Clip
 from workbench.mocap.motion import Motion
@@ -271,11 +272,6 @@ def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
         beyond = np.maximum(0.0, np.maximum(limits[:, 0] - course, course - limits[:, 1])).sum()
         courses.append((beyond, np.abs(course).sum(), course))
     return min(courses, key=lambda entry: entry[:2])[2]
-
-
-def wrapped(angles: FloatArray) -> FloatArray:
-    """Take whole turns off angles, rad: they come to lie in [−π, π)."""
-    return (angles + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def refine(skeleton: Skeleton, poses: FloatArray, targets: FloatArray) -> FloatArray:

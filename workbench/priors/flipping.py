@@ -12,6 +12,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.body.turns import wrapped
 from workbench.core.prior import Powers, Prior, propose
 from workbench.core.traits import (
     ACTIVITY,
@@ -25,7 +26,6 @@ from workbench.core.traits import (
     offering,
 )
 from workbench.errors import InputError
-from workbench.mocap.retarget import wrapped
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.mixture import stratified_choice
 

@@ -4,33 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_clips import OWN, own_clip
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from workbench.body.kinematics import forward, forward_reference, joints
+from workbench.body.kinematics import forward_reference, joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.errors import InputError
 from workbench.mocap.clip import Clip
-from workbench.mocap.retarget import CMU, Landmarks, continuous_turns, refine, retarget
-
-OWN = Landmarks(
-    source="our own skeleton",
-    joints={name: name for name in JOINT_NAMES if name not in ("pelvis", "head_centre")},
-    head=("neck", "head_centre", 1.0),
-    head_up=(0.0, 0.0, 1.0),
-    lefts=dict.fromkeys(("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip"), (0.0, 1.0, 0.0)),
-)
-
-
-def own_clip(skeleton, poses):
-    """A clip of our own skeleton in the given poses."""
-    frames = forward(skeleton, poses)
-    parents = np.maximum(skeleton.parents, 0)
-    rotations = frames.rotations[:, parents].swapaxes(-1, -2) @ frames.rotations
-    rotations[:, 0] = frames.rotations[:, 0]
-    return Clip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
-                frames.positions[:, 0], frames.positions)  # fmt: skip
+from workbench.mocap.retarget import CMU, continuous_turns, refine, retarget
 
 
 def moving_poses(rng, n=60, turns=0.0):

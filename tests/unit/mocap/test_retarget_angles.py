@@ -5,32 +5,16 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from own_clips import OWN, own_clip
 from scipy.spatial.transform import Rotation
 
-from workbench.body.kinematics import axis_rotations, forward
+from workbench.body.kinematics import axis_rotations
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.mocap.clip import Clip
-from workbench.mocap.retarget import Landmarks, continuous_turns, retarget
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.mocap.retarget import continuous_turns, retarget
 
 QUICK = settings(max_examples=25, deadline=None)
 SEEDS = st.integers(0, 2**32 - 1)
-OWN = Landmarks(
-    source="our own skeleton",
-    joints={name: name for name in JOINT_NAMES if name not in ("pelvis", "head_centre")},
-    head=("neck", "head_centre", 1.0),
-    head_up=(0.0, 0.0, 1.0),
-    lefts=dict.fromkeys(("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip"), (0.0, 1.0, 0.0)),
-)
-
-
-def own_clip(skeleton, poses):
-    frames = forward(skeleton, poses)
-    parents = np.maximum(skeleton.parents, 0)
-    rotations = frames.rotations[:, parents].swapaxes(-1, -2) @ frames.rotations
-    rotations[:, 0] = frames.rotations[:, 0]
-    return Clip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
-                frames.positions[:, 0], frames.positions)  # fmt: skip
 
 
 def poses_inside_the_limits(rng, skeleton, n=12):

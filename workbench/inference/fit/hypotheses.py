@@ -7,6 +7,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.body.turns import wrapped
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
 from workbench.errors import InputError
@@ -56,7 +57,7 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
     kept: list[FloatArray] = []
     for fit in sorted(fits, key=lambda fit: fit.costs[-1]):
         root = fit.x[:N_ROOT]
-        apart = [abs((root[3] - other[3] + np.pi) % (2.0 * np.pi) - np.pi) for other in kept]
+        apart = [abs(wrapped(root[3] - other[3])) for other in kept]
         if len(kept) < N_KEPT and all(angle > _APART_RAD for angle in apart):
             kept.append(root)
     return np.array(kept)
