@@ -92,11 +92,13 @@ def _job(config: DictConfig) -> float | None:
     if settings.mode == RunMode.MULTIRUN:
         return run_job(config, sweep, experiment, settings)
     from workbench.experiment.execute import execute  # here, so that help and a sweep's own process do without
+    from workbench.experiment.provenance import Command
     from workbench.inference.particles.filter import DegenerateWeights
 
     try:
-        names = {str(group): str(option) for group, option in settings.runtime.choices.items()}
-        summary = execute(config, experiment, Path(settings.runtime.output_dir), names=names)
+        choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
+        command = Command(list(settings.overrides.task), choices)
+        summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command)
         metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
     except (*MENDABLE, DegenerateWeights) as error:
         sys.exit(_tell(error))

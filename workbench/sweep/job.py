@@ -82,6 +82,7 @@ def main(arguments: Sequence[str]) -> None:
     configuration says of these does not count.
     """
     from workbench.experiment.execute import execute  # here, as who starts jobs does without
+    from workbench.experiment.provenance import command_of
 
     experiment, folder = arguments[0], Path(arguments[1])
     name_parts(arguments[2:])
@@ -91,7 +92,7 @@ def main(arguments: Sequence[str]) -> None:
     threading.Thread(target=_interrupt_when_orphaned, daemon=True).start()
     config = OmegaConf.load(folder / _CONFIG)
     assert isinstance(config, DictConfig)
-    execute(config, experiment, folder, quiet=True)
+    execute(config, experiment, folder, quiet=True, command=command_of(folder))
 
 
 def _interrupt_when_orphaned() -> None:
