@@ -14,6 +14,8 @@ from workbench.report.variation import leaves
 
 SUMMARY = "summary.json"
 RECORDINGS = ("run.rrd", "run.rrd.part")
+_NO_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
+"""What reading something else than a summary ends with."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def entry_of_folder(folder: Path) -> Entry:
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         return Entry(**known, **_of_summary(summary))
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, *_NO_SUMMARY) as error:
         reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
         return Entry(**known, status="unreadable", error=reason[:300])
 
@@ -74,12 +76,12 @@ def entry_of_recording(path: Path) -> Entry:
             "provenance": origin, "settings": run.settings, "metrics": numbers,
         }  # fmt: skip
         return Entry(**known, **_of_summary(summary))
-    except (InputError, ValueError, TypeError, AttributeError) as error:
+    except (InputError, *_NO_SUMMARY) as error:
         return Entry(**known, status="unreadable", error=" ".join(str(error).split())[:300])
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields that summary.json tells of; raises TypeError, ValueError or AttributeError for what is no summary."""
+    """The fields that summary.json tells of; raises one of _NO_SUMMARY for what is none."""
     origin = dict(summary.get("provenance") or {})
     choices = origin.pop("choices", None) or []
     words = [choices] if isinstance(choices, str) else choices  # of one word a recording makes no list
