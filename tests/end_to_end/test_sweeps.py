@@ -64,6 +64,35 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
 
 
+def test_a_grown_sweep_runs_only_what_is_new(tmp_path, sweep):
+    """Of two keys, so that the jobs' numbers change: (1, 2) × (0, 1) becomes (1, 2) × (0, 1, 2)."""
+    folder, other = tmp_path / "sweep", tmp_path / "other"
+    few, more = (("inference.n_particles=20,30", f"seed={seeds}", *TINY[:1], *TINY[2:]) for seeds in ("0,1", "0,1,2"))
+    assert sweep(*few, f"hydra.sweep.dir={folder}")[0] == 0
+    before = {summary["identity"]: summary["started"] for summary in summaries(folder).values()}
+    assert sweep(*more, f"sweep.resume={folder}")[0] == 0
+    after = summaries(folder)
+    grown = {summary["identity"]: summary["started"] for summary in after.values()}
+    assert len(grown) == len(after) == 6
+    assert {identity: grown[identity] for identity in before} == before  # what was there was not run again
+    assert [(after[job]["settings"]["inference"]["n_particles"], after[job]["seed"]) for job in range(6)] == [
+        (n, seed) for n in (20, 30) for seed in (0, 1, 2)
+    ]
+    assert not (folder / ".aside").exists() or not list((folder / ".aside").iterdir())
+    for job in range(6):
+        assert read(folder / str(job) / "run.rrd").provenance["identity"] == after[job]["identity"]
+
+    code, told, _ = sweep(*few, f"hydra.sweep.dir={other}", f"sweep.reuse={folder}")
+    assert code == 0
+    assert told.count("  kept  ") == 4
+    assert os.stat(other / "3" / "run.rrd").st_ino == os.stat(folder / "4" / "run.rrd").st_ino
+
+    code, told, _ = sweep("inference.n_particles=30", "seed=2", *TINY[:1], *TINY[2:], f"sweep.resume={folder}")
+    assert code == 0
+    assert read_summary(folder / "0")["taken_from"] == str(folder / "5")
+    assert "1 complete runs that were here are none of these jobs" in told
+
+
 @pytest.mark.slow
 def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
     code, _, _ = sweep("seed=3", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")

@@ -83,9 +83,10 @@ class ToleranceSchema:
 
 @dataclass
 class SweepSchema:
-    """resume: folder of an earlier sweep. jobs: numbers of those to run, None: all. metric: what a tuner minimises."""
+    """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises."""
 
     resume: str | None = None
+    reuse: str | None = None
     jobs: list[int] | None = None
     metric: str | None = None
 

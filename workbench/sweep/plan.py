@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from workbench.errors import InputError
 from workbench.experiment.identity import identity
 from workbench.sweep.job import alone, read_summary, run_apart, write_failure
+from workbench.sweep.reuse import RECORDING, set_aside, take_over
 
 SUBDIR = "${hydra.job.num}"
 ERRORS = ("error_abs_mm", "error_px")
@@ -56,8 +57,9 @@ def plan_of(config: DictConfig) -> Plan:
         raise InputError(f"hydra.sweep.subdir must be {SUBDIR}, so that no job writes over another")
     if resume is None and any(each.name.isdecimal() for each in folder.glob("*")):
         raise InputError(f"{folder}: holds a sweep already; sweep.resume={folder} goes on with it")
-    if resume is not None and not folder.is_dir():
-        raise InputError(f"sweep.resume: expected the folder of an earlier sweep, found no {folder}")
+    for key in ("resume", "reuse"):
+        if (place := config.sweep[key]) is not None and not Path(place).is_dir():
+            raise InputError(f"sweep.{key}: expected the folder of an earlier sweep, found no {place}")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
     varied = None
     if sweeper._target_.endswith(".BasicSweeper"):
@@ -83,7 +85,7 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
     folder = Path(settings.runtime.output_dir)
     if sweep.jobs is None or settings.job.num in sweep.jobs:
         with alone(folder) as lock:
-            if sweep.resume is None or not _keep(config, folder):
+            if not _kept(config, sweep, folder):
                 try:
                     run_apart(config, experiment, folder, folder / f"{settings.job.name}.log", lock)
                 except OmegaConfBaseException as error:  # a configuration that cannot be resolved
@@ -105,18 +107,24 @@ def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | 
     return metrics[name]
 
 
-def _keep(config: DictConfig, folder: Path) -> bool:
-    """Whether the folder's run is complete and would come out the same; its summary is then marked as looked at."""
-    summary = read_summary(folder) or {}
-    if summary.get("status") != "complete" or not (folder / "run.rrd").is_file():
+def _kept(config: DictConfig, sweep: DictConfig, folder: Path) -> bool:
+    """Whether a complete run that would come out the same is there, in this job's folder or taken over from another.
+
+    Looked for where sweep.resume and sweep.reuse say. Its summary is then marked as looked at.
+    """
+    places = [Path(place) for place in (sweep.resume, sweep.reuse) if place is not None]
+    if not places:
         return False
     try:
-        same = bool(summary.get("identity") == identity(config))
+        wanted = identity(config)
     except (InputError, OmegaConfBaseException):  # the run itself will say so
         return False
-    if same:
+    summary = read_summary(folder) or {}
+    if summary.get("status") == "complete" and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
         os.utime(folder / "summary.json")
-    return same
+        return True
+    set_aside(folder)
+    return take_over(wanted, folder, places)
 
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
