@@ -22,10 +22,14 @@ CUT = "\n# cut off here: the difference is longer than what is kept\n"
 
 @dataclass(frozen=True)
 class Command:
-    """What was said on the command line. overrides: as they stand there. choices: the option chosen, by group."""
+    """What was said on the command line. overrides: as they stand there. choices: the option chosen, by group.
+
+    parent: the recording that the run branched off, by its run's id; empty where it did not.
+    """
 
     overrides: Sequence[str] = ()
     choices: Mapping[str, str] = field(default_factory=dict)
+    parent: str = ""
 
     @property
     def line(self) -> str:
@@ -47,18 +51,18 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
     """Say what a run comes from, as flat values that are never empty.
 
     commit, changed, difference: see `code_state`. lock: SHA-256 of requirements.lock. inputs: "name sha256" of every
-    file, folder or database that the configuration names. command: see `Command`. choices: "group=option". What is not
-    known is left out. Raises InputError for an input that cannot be read.
+    file, folder or database that the configuration names. command, parent: see `Command`. choices: "group=option". What
+    is not known is left out. Raises InputError for an input that cannot be read.
     """
     root = Path(__file__).parents[2]
     found: dict[str, Any] = dict(code_state(root))
     if (lock := root / "requirements.lock").is_file():
         found["lock"] = hashlib.sha256(lock.read_bytes()).hexdigest()
     inputs = [f"{name} {digest}" for name, digest in sorted(input_files(config).items())]
-    parts = {"inputs": inputs, "command": command.line if command.overrides or command.choices else ""}
+    parts: dict[str, Any] = {"inputs": inputs, "command": command.line if command.overrides or command.choices else ""}
     groups = [group for group in command.choices if group != "when" and not group.startswith("hydra")]
-    choices = [f"{group}={command.choices[group]}" for group in groups]
-    return found | {name: value for name, value in {**parts, "choices": choices}.items() if value}
+    parts |= {"choices": [f"{group}={command.choices[group]}" for group in groups], "parent": command.parent}
+    return found | {name: value for name, value in parts.items() if value}
 
 
 @cache
