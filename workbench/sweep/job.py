@@ -23,6 +23,9 @@ from workbench.files import whole_file
 ENDED = ("complete", "failed", "interrupted")
 """What `status` in summary.json comes to; before that it is "running"."""
 
+KILLED = "killed by"
+"""How the error of a job begins that a signal ended."""
+
 _CONFIG = Path(".hydra", "resolved.yaml")
 
 
@@ -56,7 +59,7 @@ def run_apart(config: DictConfig, experiment: str, folder: Path, output: Path, l
             raise
     summary = read_summary(folder) or {"experiment": experiment, "metrics": {}}
     if summary.get("status") not in ENDED:
-        cause = f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output.name}"
+        cause = f"{KILLED} {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output.name}"
         write_failure(folder, cause, {**summary, "wall_s": round(perf_counter() - began, 3)})
 
 

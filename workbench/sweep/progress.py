@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.sweep.job import ENDED, read_summary
-from workbench.sweep.plan import Plan, metric_of, plan_of
+from workbench.sweep.plan import FAILED, Plan, metric_of, plan_of
 from workbench.sweep.reuse import ASIDE, left_aside
 
 PERIOD_S = 0.5
@@ -99,6 +99,8 @@ class Watch(Callback):
         except (InputError, HydraException, OmegaConfBaseException) as error:
             print(f"workbench: {error}", file=sys.stderr)
             sys.exit(2)  # Hydra makes a warning of any other exception
+        if Watch.progress is None:
+            (plan.folder / FAILED).unlink(missing_ok=True)
         Watch.progress = Progress(plan, after=Watch.progress)
 
 
