@@ -184,6 +184,19 @@ def test_seeds_compare_distributions(walk, capsys):
     assert "means of 1 and 4 seeds lie too far apart" in told
 
 
+def test_pairs_of_seeds_find_a_small_change(walk, capsys, tmp_path):
+    kept = tmp_path / "kept"
+    assert check(capsys, walk, "seed=1", "--keep", kept)[0] == 1
+    both = walk, kept / "000" / "run.rrd"
+    code, told = check(capsys, *both, "--paired")
+    assert code == 0, told
+    code, told = check(capsys, walk, "--paired")
+    assert (code, "expected recordings of two seeds or more" in told) == (2, True)
+    code, told = check(capsys, *both, "--paired", "prior.start_position=0.5", "-v")
+    assert code == 1
+    assert "would have been found" in told
+
+
 def test_new_runs_may_be_kept(walk, capsys, tmp_path):
     assert check(capsys, walk, "--keep", tmp_path / "kept")[0] == 0
     assert json.loads((tmp_path / "kept" / "000" / "summary.json").read_text())["status"] == "complete"
@@ -314,6 +327,7 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["seed=3"], "expected recordings (.rrd), found none"),
         (["WALK", "--seeds", "1"], "--seeds: expected 2 or more, found 1"),
         (["WALK", "--seeds", "3", "--update"], "--seeds compares many runs"),
+        (["WALK", "--seeds", "3", "--paired"], "say one of them"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "+prior.x=1"], "expected key=value with one value"),
         (["WALK", "seed=1,2"], "expected key=value with one value"),

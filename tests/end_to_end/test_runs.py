@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from workbench.cli.import_motions import main as import_motions
+from workbench.cli.runs import main as runs
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
@@ -42,6 +43,21 @@ def test_every_experiment_runs_and_leaves_a_recording(run, experiment):
     assert f"given: {recorded.provenance['given']}\n" in told
     assert "the experiment as it stands lists" not in told
     assert not list(folder.glob("*.part"))
+
+
+def test_a_run_says_what_brings_it_back(run, tmp_path, capfd):
+    _, _, folder = run("out", "seed=3", *SMALL)
+    kept = json.loads((folder / "summary.json").read_text())
+    recorded = read(folder / "run.rrd").provenance
+    for key in ("command", "lock", "choices", *kept["provenance"]):
+        assert recorded[key] == kept["provenance"][key]
+    assert recorded["identity"] == kept["identity"]
+    assert kept["settings"]["seed"] == 3
+    assert runs(["--restore", str(folder)]) == 0
+    last = capfd.readouterr().out.splitlines()[-1]
+    assert last.endswith(f"workbench seed=3 {' '.join(SMALL)}")
+    assert runs([str(tmp_path), "seed=3", "prior=walking", "experiment=walk_straight", "n_particles=60", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)[0]["recording"] == str(folder / "run.rrd")
 
 
 def test_a_run_is_given_what_its_own_parts_take(run):

@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment.schema import prepare_hydra
 from workbench.recording.read.reader import read
+from workbench.sweep import plan
 from workbench.sweep.job import alone, read_summary, run_apart
 
 TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")
@@ -62,6 +63,61 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     assert [job for job in after if after[job]["started"] == before[job]["started"]] == [1]
     assert "1  kept" in told
     assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
+
+
+def test_no_job_begins_after_one_has_failed_where_that_is_asked_for(tmp_path, sweep):
+    same = ("seed=0,-1,1", *TINY, "sweep.fail_fast=true")
+    code, told, status = sweep(*same, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert (code, status) == (1, {0: "complete", 1: "failed", 2: "failed"})
+    assert "not begun, as job 1 failed" in told
+    assert not (tmp_path / "sweep" / "2" / "run.rrd").exists()
+
+
+def test_a_killed_job_is_tried_again_as_often_as_is_said(tmp_path, monkeypatch):
+    ends = iter(["killed by SIGKILL", "killed by SIGTERM", None])
+    tried = []
+
+    def run_once(config, experiment, folder, output, lock):
+        tried.append(error := next(ends))
+        status = "complete" if error is None else "failed"
+        (folder / "summary.json").write_text(json.dumps({"status": status, "error": error, "metrics": {}}))
+
+    monkeypatch.setattr(plan, "run_apart", run_once)
+    job = OmegaConf.create({"runtime": {"output_dir": str(tmp_path)}, "job": {"num": 0, "name": "job"}, "sweeper": {}})
+    keys = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "retries": 1}
+    plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
+    assert tried == ["killed by SIGKILL", "killed by SIGTERM"]
+    plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
+    assert tried[2:] == [None]
+
+
+def test_a_grown_sweep_runs_only_what_is_new(tmp_path, sweep):
+    """Of two keys, so that the jobs' numbers change: (1, 2) × (0, 1) becomes (1, 2) × (0, 1, 2)."""
+    folder, other = tmp_path / "sweep", tmp_path / "other"
+    few, more = (("inference.n_particles=20,30", f"seed={seeds}", *TINY[:1], *TINY[2:]) for seeds in ("0,1", "0,1,2"))
+    assert sweep(*few, f"hydra.sweep.dir={folder}")[0] == 0
+    before = {summary["identity"]: summary["started"] for summary in summaries(folder).values()}
+    assert sweep(*more, f"sweep.resume={folder}")[0] == 0
+    after = summaries(folder)
+    grown = {summary["identity"]: summary["started"] for summary in after.values()}
+    assert len(grown) == len(after) == 6
+    assert {identity: grown[identity] for identity in before} == before  # what was there was not run again
+    assert [(after[job]["settings"]["inference"]["n_particles"], after[job]["seed"]) for job in range(6)] == [
+        (n, seed) for n in (20, 30) for seed in (0, 1, 2)
+    ]
+    assert not (folder / ".aside").exists() or not list((folder / ".aside").iterdir())
+    for job in range(6):
+        assert read(folder / str(job) / "run.rrd").provenance["identity"] == after[job]["identity"]
+
+    code, told, _ = sweep(*few, f"hydra.sweep.dir={other}", f"sweep.reuse={folder}")
+    assert code == 0
+    assert told.count("  kept  ") == 4
+    assert os.stat(other / "3" / "run.rrd").st_ino == os.stat(folder / "4" / "run.rrd").st_ino
+
+    code, told, _ = sweep("inference.n_particles=30", "seed=2", *TINY[:1], *TINY[2:], f"sweep.resume={folder}")
+    assert code == 0
+    assert read_summary(folder / "0")["taken_from"] == str(folder / "5")
+    assert "1 complete runs that were here are none of these jobs" in told
 
 
 @pytest.mark.slow

@@ -29,6 +29,7 @@ from workbench.experiment.stored import (
 from workbench.files import whole_file
 from workbench.recording.compare.compare import Finding, compare, compare_seeds, exactly_comparable
 from workbench.recording.compare.condense import condense, is_condensed
+from workbench.recording.compare.paired import compare_paired
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import Run, find_recordings, read
@@ -68,8 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments.seeds is not None and arguments.seeds < 2:
             raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
-        if arguments.seeds is not None and (arguments.update or arguments.record is not None):
+        if (arguments.seeds is not None or arguments.paired) and (arguments.update or arguments.record is not None):
             raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
+        if arguments.seeds is not None and arguments.paired:
+            raise InputError("--paired takes the recorded seeds, --seeds others: say one of them")
         keep = arguments.keep
         with nullcontext(keep) if keep else TemporaryDirectory(prefix="workbench-check-") as folder:
             checks = _checks(arguments, Path(folder))
@@ -99,11 +102,13 @@ def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
     pair = len(places) == 2 and all(place.is_file() for place in places)
     prepare_hydra()
     own = own_defaults(overrides)
-    if pair and not arguments.run:
+    if pair and not (arguments.run or arguments.paired):
         if overrides or arguments.seeds or arguments.update:
             raise InputError("two recordings are compared without running; give --run to run each of them again")
         found = {run.path: run for run in runs}
         return refused or [_compared(f"{places[0]} → {places[1]}", found[places[0]], found[places[1]], own)]
+    if arguments.paired:
+        return refused + _paired(runs, overrides, own, folder)
     if arguments.seeds:
         return refused + _by_seeds(runs, overrides, own, arguments.seeds, folder)
     bar = tqdm(runs, unit="recording", disable=None)
@@ -155,6 +160,29 @@ def _by_seeds(runs: Sequence[Run], overrides: Sequence[str], own: DictConfig, n:
         new = with_other_seeds(group, config, n, folder / f"{k:03d}")
         checks.append(Check(name, [new] if isinstance(new, Finding) else compare_seeds(group, new, n_judged)))
     return checks
+
+
+def _paired(runs: Sequence[Run], overrides: Sequence[str], own: DictConfig, folder: Path) -> list[Check]:
+    """Groups of recordings that differ in their seeds, each seed run again, judged by the differences."""
+    groups = same_but_for_seeds([run for run in runs if run.status == "complete"])
+    n_judged = sum(len(group[0].result) for group in groups)
+    return [_pairs(group, overrides, own, folder / f"{k:03d}", n_judged) for k, group in enumerate(groups)]
+
+
+def _pairs(group: Sequence[Run], overrides: Sequence[str], own: DictConfig, folder: Path, n_judged: int) -> Check:
+    name = f"{group[0].path} and {len(group) - 1} more"
+    if len(group) < 2:
+        return Check(str(group[0].path), refused="--paired: expected recordings of two seeds or more, found one")
+    new: list[Run] = []
+    try:
+        for run in tqdm(group, unit="seed", disable=None):
+            now = again(run, runnable(run, overrides, own), folder / str(len(new)))
+            if isinstance(now, Finding):
+                return Check(name, [now])
+            new.append(now)
+    except InputError as error:
+        return Check(name, refused=str(error))
+    return Check(name, compare_paired(group, new, n_judged))
 
 
 def _renew(checks: Sequence[Check]) -> int:
@@ -260,6 +288,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--run", action="store_true", help="run again, also where exactly two recordings are given")
     parser.add_argument("--seeds", metavar="K", type=int, help="compare with K runs of other seeds, as distributions")
+    parser.add_argument(
+        "--paired", action="store_true", help="run the recorded seeds and judge the differences, run by run"
+    )
     parser.add_argument("--update", action="store_true", help="put the new runs in place of the recordings")
     parser.add_argument("--record", metavar="DIFF.rrd", type=Path, help="write both runs beside each other")
     parser.add_argument("--junit", metavar="OUT.xml", type=Path, help="write the outcome for a build server")

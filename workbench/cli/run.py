@@ -37,6 +37,7 @@ HELP = """usage: workbench [group=option | key=value]... [-m]
 
 An experiment chooses the parts and sets their keys; what stands on the command line replaces that:
   workbench experiment=walk_best prior=implicit seed=3
+  workbench from=RUN.rrd seed=4                       the configuration of a recording, with changes
 workbench-parts prior.jitter says what the keys of an option are. -m runs a sweep: seed=1,2,3 or 'seed=range(5)'.
 --cfg job prints the configuration and runs nothing, --hydra-help says what else there is."""
 
@@ -51,7 +52,10 @@ def main() -> int:
         if "--help" in arguments or "-h" in arguments:
             print(HELP.format(listing()))
             return 0
-        _whole_sweep(arguments)
+        if any(text.startswith("from=") for text in arguments):
+            _branch(arguments)
+        else:
+            _whole_sweep(arguments)
     except MENDABLE as error:
         code = _tell(error)
     finally:
@@ -59,6 +63,17 @@ def main() -> int:
             Watch.progress.stop()
             code = code if code == 2 else max(code, close(Watch.progress, arguments))
     return code
+
+
+def _branch(arguments: list[str]) -> None:
+    """Run a recorded configuration with changes, without Hydra's own way of composing one."""
+    from workbench.experiment.branch import branch  # here, as in `_job`
+
+    root = logging.getLogger()
+    root.addHandler(logging.StreamHandler(sys.stdout))
+    root.setLevel(logging.INFO)
+    logging.captureWarnings(True)
+    _report(branch(arguments))
 
 
 def _whole_sweep(arguments: list[str]) -> None:
@@ -92,11 +107,13 @@ def _job(config: DictConfig) -> float | None:
     if settings.mode == RunMode.MULTIRUN:
         return run_job(config, sweep, experiment, settings)
     from workbench.experiment.execute import execute  # here, so that help and a sweep's own process do without
+    from workbench.experiment.provenance import Command
     from workbench.inference.particles.filter import DegenerateWeights
 
     try:
-        names = {str(group): str(option) for group, option in settings.runtime.choices.items()}
-        summary = execute(config, experiment, Path(settings.runtime.output_dir), names=names)
+        choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
+        command = Command(list(settings.overrides.task), choices)
+        summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command)
         metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
     except (*MENDABLE, DegenerateWeights) as error:
         sys.exit(_tell(error))

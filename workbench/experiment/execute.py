@@ -23,6 +23,7 @@ from workbench.experiment.build import build, check_targets
 from workbench.experiment.compatibility import no_evidence
 from workbench.experiment.given import givens
 from workbench.experiment.identity import identity
+from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
 from workbench.recording.study.recorder import record_study
@@ -34,27 +35,31 @@ _SHOWN = {"error_abs_mm": "error {:.0f} mm", "error_px": "error {:.1f} px"}  # b
 
 
 def execute(
-    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, names: Mapping[str, str] | None = None
+    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None
 ) -> Summary:
     """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`.
 
-    quiet: no progress bar. names: the options chosen, by group, which sentences name. Raises InputError for what a
-    person can mend, DegenerateWeights where the configuration asks to end there; summary.json then says so, and the
-    recording up to there is kept as `run.rrd.part`.
+    quiet: no progress bar. command: what was said, which is recorded; sentences name its choices. Raises InputError for
+    what a person can mend, DegenerateWeights where the configuration asks to end there; summary.json then says so, and
+    the recording up to there is kept as `run.rrd.part`.
     """
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
+    command = command or Command()
+    names: Mapping[str, str] = command.choices
     summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
     try:
         check_targets(config)
-        summary.identity = identity(config)
+        summary.identity, summary.provenance = identity(config), provenance(config, command)
         _set_threads(config.threads)
         # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
         with threadpool_limits(limits=1, user_api="blas"):
+            if config.study is None:
+                config = _with_given(config, names)
+                summary.given = list(config.given)
+            summary.settings = _plain(config)
             if config.study is not None:
                 _study(config, summary)
             else:
-                config = _with_given(config, names)
-                summary.given = list(config.given)
                 parts = assemble(config, partial(_timed, summary), names)
                 if reason := no_evidence(config, names):
                     summary.left_out["log_evidence"] = reason
@@ -73,7 +78,12 @@ def execute(
     return summary
 
 
-def _with_given(config: DictConfig, names: Mapping[str, str] | None) -> DictConfig:
+def _plain(config: DictConfig) -> dict[str, Any]:
+    found: Any = OmegaConf.to_container(config, resolve=True)
+    return found
+
+
+def _with_given(config: DictConfig, names: Mapping[str, str]) -> DictConfig:
     """Put in what the run is given in place of what its experiment lists, and say both where they differ."""
     taken, listed = list(givens(config, names)), list(config.get("given") or [])
     log.info("given: %s", ", ".join(taken) or "nothing")
@@ -136,6 +146,8 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
             "experiment": summary.experiment,
             "seed": summary.seed,
             "given": ", ".join(summary.given),
+            "identity": summary.identity or "",
+            **summary.provenance,
             **versions(),
         },
     }

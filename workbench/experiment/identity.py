@@ -42,6 +42,30 @@ def identity(config: DictConfig) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+def input_files(config: DictConfig) -> dict[str, str]:
+    """Name every file, folder or database that the configuration names, with a SHA-256 of its files' names and content.
+
+    Raises InputError for a file that cannot be read.
+    """
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    places = plain.get("paths") or {}
+    data = None if places.get("data") is None else Path(places["data"]).expanduser()
+    chosen = {key: value for key, value in plain.items() if key not in NO_PART}
+    try:
+        found = {name: _contents(name, data) for name in _texts(chosen, set(places.values()))}
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
+    digests = {name: hashlib.sha256(json.dumps(files).encode()) for name, files in found.items() if files}
+    return {name: digest.hexdigest() for name, digest in digests.items()}
+
+
+def _texts(value: Any, places: Set[str | None]) -> set[str]:
+    """Collect the texts in a configuration but for the places."""
+    if isinstance(value, dict | list):
+        return set().union(*(_texts(item, places) for item in (value.values() if isinstance(value, dict) else value)))
+    return {value} if isinstance(value, str) and value not in places else set()
+
+
 def _by_content(value: Any, data: Path | None, places: Set[str | None]) -> Any:
     """The value with every name of a file or folder replaced by what is in it; the places themselves are left out."""
     if isinstance(value, dict):
@@ -52,9 +76,14 @@ def _by_content(value: Any, data: Path | None, places: Set[str | None]) -> Any:
         }
     if isinstance(value, list):
         return [_by_content(item, data, places) for item in value]
-    if isinstance(value, str) and (files := _files(value, data)):
-        return [Path(value).name, sorted((name, _sha256(file, *_version(file))) for name, file in files.items())]
+    if isinstance(value, str) and (contents := _contents(value, data)):
+        return [Path(value).name, contents]
     return value
+
+
+def _contents(name: str, data: Path | None) -> list[tuple[str, str]]:
+    """The files that a string names, each with its SHA-256; none for a string that names none."""
+    return sorted((each, _sha256(file, *_version(file))) for each, file in _files(name, data).items())
 
 
 def _files(name: str, data: Path | None) -> dict[str, Path]:

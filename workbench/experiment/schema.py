@@ -83,9 +83,15 @@ class ToleranceSchema:
 
 @dataclass
 class SweepSchema:
-    """resume: folder of an earlier sweep. jobs: numbers of those to run, None: all. metric: what a tuner minimises."""
+    """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
+
+    fail_fast: begin no job after one has failed. retries: of a job that a signal ended.
+    """
 
     resume: str | None = None
+    reuse: str | None = None
+    fail_fast: bool = False
+    retries: int = 0
     jobs: list[int] | None = None
     metric: str | None = None
 

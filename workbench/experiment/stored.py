@@ -31,8 +31,10 @@ def own_defaults(overrides: Sequence[str]) -> DictConfig:
         return compose("config", overrides=["experiment=custom", *paths])
 
 
-def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
+def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping[str, Any] | None = None) -> DictConfig:
     """Return the stored configuration with our paths in place of its own, and with `overrides`, key=value.
+
+    parts: what to put in place of its own by group, before the overrides.
 
     Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
     results do not depend on them, and no viewer is called. Raises InputError, naming the recording and the key, for
@@ -47,6 +49,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig) -> DictConfig:
     if isinstance(moved["recorder"], dict):
         moved["recorder"]["live"] = False
     moved.setdefault("check", OmegaConf.to_container(own.check))
+    moved |= parts or {}
     config = OmegaConf.create(moved)
     given = [_apply(run, config, text) for text in overrides]
     for place, value in _leaves(moved, ""):

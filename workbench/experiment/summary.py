@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -32,8 +33,9 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. over_run:
-    numbers of the run as a whole, see `Meter.over_run`. left_out: numbers that would mean nothing, with the reason.
+    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. settings:
+    the resolved configuration. provenance: see there. over_run: numbers of the run as a whole, see `Meter.over_run`.
+    left_out: numbers that would mean nothing, with the reason.
     """
 
     experiment: str
@@ -44,6 +46,8 @@ class Summary:
     status: str = "running"
     error: str | None = None
     identity: str | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     given: list[str] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
@@ -120,6 +124,8 @@ class Summary:
             "timing": {name: round(value, 4) for name, value in self.timing.items()},
             "versions": versions(),
             "identity": self.identity,
+            "provenance": self.provenance,
+            "settings": self.settings,
             "host": platform.node(),
             "pid": os.getpid(),
             "started": self.started,

@@ -26,8 +26,8 @@ class Variation:
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
     """Tell what may have influenced a run's numbers but the seed: {dotted key: value}."""
     kept = {key: value for key, value in settings.items() if key not in ("seed", *_WITHOUT_EFFECT)}
-    leaves = {key: value for key, value in _leaves(kept) if not key.endswith(_PLACES)}
-    return {EXPERIMENT: experiment, **leaves}
+    told = {key: value for key, value in leaves(kept) if not key.endswith(_PLACES)}
+    return {EXPERIMENT: experiment, **told}
 
 
 def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[str]:
@@ -38,10 +38,11 @@ def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[st
     }
 
 
-def _leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Go through a nested configuration as dotted keys with their values."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{above}{key}.")
+            yield from leaves(value, f"{above}{key}.")
         else:
             yield f"{above}{key}", value
 

@@ -23,6 +23,9 @@ from workbench.files import whole_file
 ENDED = ("complete", "failed", "interrupted")
 """What `status` in summary.json comes to; before that it is "running"."""
 
+KILLED = "killed by"
+"""How the error of a job begins that a signal ended."""
+
 _CONFIG = Path(".hydra", "resolved.yaml")
 
 
@@ -56,7 +59,7 @@ def run_apart(config: DictConfig, experiment: str, folder: Path, output: Path, l
             raise
     summary = read_summary(folder) or {"experiment": experiment, "metrics": {}}
     if summary.get("status") not in ENDED:
-        cause = f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output.name}"
+        cause = f"{KILLED} {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output.name}"
         write_failure(folder, cause, {**summary, "wall_s": round(perf_counter() - began, 3)})
 
 
@@ -82,6 +85,7 @@ def main(arguments: Sequence[str]) -> None:
     configuration says of these does not count.
     """
     from workbench.experiment.execute import execute  # here, as who starts jobs does without
+    from workbench.experiment.provenance import command_of
 
     experiment, folder = arguments[0], Path(arguments[1])
     name_parts(arguments[2:])
@@ -91,7 +95,7 @@ def main(arguments: Sequence[str]) -> None:
     threading.Thread(target=_interrupt_when_orphaned, daemon=True).start()
     config = OmegaConf.load(folder / _CONFIG)
     assert isinstance(config, DictConfig)
-    execute(config, experiment, folder, quiet=True)
+    execute(config, experiment, folder, quiet=True, command=command_of(folder))
 
 
 def _interrupt_when_orphaned() -> None:

@@ -15,9 +15,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment.identity import identity
-from workbench.sweep.job import alone, read_summary, run_apart, write_failure
+from workbench.sweep.job import KILLED, alone, read_summary, run_apart, write_failure
+from workbench.sweep.reuse import RECORDING, set_aside, take_over
 
 SUBDIR = "${hydra.job.num}"
+FAILED = ".failed"
+"""In a sweep's folder: the number of a job that has failed since the sweep began."""
 ERRORS = ("error_abs_mm", "error_px")
 """What a sweep minimises where its configuration names no metric: the first of these that a run has."""
 
@@ -56,8 +59,11 @@ def plan_of(config: DictConfig) -> Plan:
         raise InputError(f"hydra.sweep.subdir must be {SUBDIR}, so that no job writes over another")
     if resume is None and any(each.name.isdecimal() for each in folder.glob("*")):
         raise InputError(f"{folder}: holds a sweep already; sweep.resume={folder} goes on with it")
-    if resume is not None and not folder.is_dir():
-        raise InputError(f"sweep.resume: expected the folder of an earlier sweep, found no {folder}")
+    for key in ("resume", "reuse"):
+        if (place := config.sweep[key]) is not None and not Path(place).is_dir():
+            raise InputError(f"sweep.{key}: expected the folder of an earlier sweep, found no {place}")
+    if config.sweep.retries < 0:
+        raise InputError(f"sweep.retries: expected 0 or more, found {config.sweep.retries}")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
     varied = None
     if sweeper._target_.endswith(".BasicSweeper"):
@@ -78,22 +84,39 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
 
     sweep: the configuration's keys of that name, which `config` is without. settings: Hydra's for this job. The job
     works in a process of its own and whatever becomes of it is in its summary.json; one that did not complete, or came
-    to no finite number, returns the worst there is. Raises InputError when the run has no number called sweep.metric.
+    to no finite number, returns the worst there is. One that was killed is tried again sweep.retries times; with
+    sweep.fail_fast none begins after one has failed. Raises InputError when the run has no number called sweep.metric.
     """
     folder = Path(settings.runtime.output_dir)
     if sweep.jobs is None or settings.job.num in sweep.jobs:
         with alone(folder) as lock:
-            if sweep.resume is None or not _keep(config, folder):
-                try:
-                    run_apart(config, experiment, folder, folder / f"{settings.job.name}.log", lock)
-                except OmegaConfBaseException as error:  # a configuration that cannot be resolved
-                    write_failure(folder, f"{type(error).__name__}: {error}", {"experiment": experiment, "metrics": {}})
+            if not _kept(config, sweep, folder):
+                _attempt(config, sweep, experiment, folder, folder / f"{settings.job.name}.log", lock)
     summary = read_summary(folder) or {}
     complete = summary.get("status") == "complete"
     metric = metric_of(summary["metrics"], sweep.metric) if complete else None
     if metric is None and (sweep.metric is not None or not complete):
         return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
     return metric
+
+
+def _attempt(config: DictConfig, sweep: DictConfig, experiment: str, folder: Path, output: Path, lock: int) -> None:
+    """Run a job, as often as sweep.retries allows where it is killed, or not at all where sweep.fail_fast says so."""
+    failed, nothing = folder.parent / FAILED, {"experiment": experiment, "metrics": {}}
+    if sweep.fail_fast and failed.is_file():
+        write_failure(folder, f"not begun, as job {failed.read_text()} failed and sweep.fail_fast is true", nothing)
+        return
+    summary: dict[str, Any] = {}
+    for _ in range(1 + sweep.retries):
+        try:
+            run_apart(config, experiment, folder, output, lock)
+        except OmegaConfBaseException as error:  # a configuration that cannot be resolved
+            write_failure(folder, f"{type(error).__name__}: {error}", nothing)
+        summary = read_summary(folder) or {}
+        if not str(summary.get("error")).startswith(KILLED):
+            break
+    if summary.get("status") == "failed":
+        failed.write_text(folder.name)
 
 
 def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | None:
@@ -105,18 +128,24 @@ def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | 
     return metrics[name]
 
 
-def _keep(config: DictConfig, folder: Path) -> bool:
-    """Whether the folder's run is complete and would come out the same; its summary is then marked as looked at."""
-    summary = read_summary(folder) or {}
-    if summary.get("status") != "complete" or not (folder / "run.rrd").is_file():
+def _kept(config: DictConfig, sweep: DictConfig, folder: Path) -> bool:
+    """Whether a complete run that would come out the same is there, in this job's folder or taken over from another.
+
+    Looked for where sweep.resume and sweep.reuse say. Its summary is then marked as looked at.
+    """
+    places = [Path(place) for place in (sweep.resume, sweep.reuse) if place is not None]
+    if not places:
         return False
     try:
-        same = bool(summary.get("identity") == identity(config))
+        wanted = identity(config)
     except (InputError, OmegaConfBaseException):  # the run itself will say so
         return False
-    if same:
+    summary = read_summary(folder) or {}
+    if summary.get("status") == "complete" and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
         os.utime(folder / "summary.json")
-    return same
+        return True
+    set_aside(folder)
+    return take_over(wanted, folder, places)
 
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:

@@ -12,7 +12,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.sweep.job import ENDED, read_summary
-from workbench.sweep.plan import Plan, metric_of, plan_of
+from workbench.sweep.plan import FAILED, Plan, metric_of, plan_of
+from workbench.sweep.reuse import ASIDE, left_aside
 
 PERIOD_S = 0.5
 
@@ -62,7 +63,8 @@ class Progress:
         summary = (read_summary(self.plan.folder / str(job)) if written != was_written else None) or {}
         if summary.get("status") not in ENDED:
             return
-        self.ended[job] = "kept" if summary.get("started", "") == was_started else summary["status"]
+        same = "taken_from" in summary or summary.get("started", "") == was_started
+        self.ended[job] = "kept" if same else summary["status"]
         try:
             metric = metric_of(summary.get("metrics", {}), self.plan.metric)
         except InputError:
@@ -97,6 +99,8 @@ class Watch(Callback):
         except (InputError, HydraException, OmegaConfBaseException) as error:
             print(f"workbench: {error}", file=sys.stderr)
             sys.exit(2)  # Hydra makes a warning of any other exception
+        if Watch.progress is None:
+            (plan.folder / FAILED).unlink(missing_ok=True)
         Watch.progress = Progress(plan, after=Watch.progress)
 
 
@@ -109,9 +113,11 @@ def rest_of(progress: Progress) -> list[str]:
 
 def close(progress: Progress, arguments: list[str]) -> int:
     """Name every job that is not complete and say how to run it again; returns the sweep's exit code, 0 or 1."""
+    folder = progress.plan.folder
+    if left := left_aside(folder):
+        print(f"{left} complete runs that were here are none of these jobs: kept in {folder / ASIDE}")
     if not (missing := progress.not_complete()):
         return 0
-    folder = progress.plan.folder
     print(f"workbench: {len(missing)} of {len(progress.jobs)} jobs are not complete:", file=sys.stderr)
     for job, sentence in missing.items():
         print(f"  {folder / str(job)}: {' '.join(sentence.split())}", file=sys.stderr)

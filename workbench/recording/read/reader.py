@@ -227,19 +227,24 @@ def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
 
 
 def find_recordings(*places: str | Path) -> list[Path]:
-    """Find these files, and what ends in .rrd or .rrd.part below these folders; sorted.
+    """Find these files, and what ends in .rrd or .rrd.part below these folders but in no hidden one; sorted.
 
     Raises InputError for a place that does not exist.
     """
     found: set[Path] = set()
     for place in map(Path, places):
         if place.is_dir():
-            found |= {path for path in place.rglob("*.rrd*") if path.name.endswith(_SUFFIXES) and path.is_file()}
+            paths = (path for path in place.rglob("*.rrd*") if path.name.endswith(_SUFFIXES) and path.is_file())
+            found |= {path for path in paths if not _is_hidden(path.relative_to(place))}
         elif place.exists():
             found.add(place)
         else:
             raise InputError(f"{place}: expected a recording or a folder of recordings, found nothing there")
     return sorted(found)
+
+
+def _is_hidden(path: Path) -> bool:
+    return any(name.startswith(".") for name in path.parent.parts)
 
 
 class _PlainLoader(yaml.SafeLoader):

@@ -47,7 +47,7 @@ class RecordingFile:
     """
 
     def __init__(
-        self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, str | float | int],
+        self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, Any],
         live: bool = False,
     ) -> None:  # fmt: skip
         self.path = Path(path)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -51,7 +51,7 @@ class Recorder:
 
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
-        provenance: Mapping[str, str | float | int], live: bool = False, n_particles_shown: int = 50,
+        provenance: Mapping[str, Any], live: bool = False, n_particles_shown: int = 50,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         coefficient_scale: FloatArray | None = None,
     ) -> None:  # fmt: skip

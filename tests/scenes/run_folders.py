@@ -1,0 +1,33 @@
+"""Folders as runs leave them, made up: a summary.json, and a recording where one is asked for."""
+
+import json
+from itertools import product
+
+
+def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1, **other):
+    """What a run's summary.json says."""
+    return {
+        "status": status, "experiment": "walk_straight", "seed": seed, "given": ["start"],
+        "metrics": {"error_abs_mm": error, "coverage_90": 0.9, "log_evidence": None},
+        "provenance": {"commit": "c" * 40, "changed": "no", "choices": [f"prior={prior}", "body=dataset"]},
+        "settings": {
+            "seed": seed, "prior": {"_target_": f"workbench.priors.{prior}"}, "inference": {"n_particles": n},
+            "likelihood": {"weights": {"edges": 0.5}}, "recorder": {"live": False},
+        },
+        "identity": f"{prior}-{n}-{seed}", "started": f"202611{day:02d}T150000.123456Z", "host": "elsewhere", "pid": 1,
+        "error": None, **other,
+    }  # fmt: skip
+
+
+def leave(folder, **said):
+    """Leave a run's folder without a recording, and return it."""
+    folder.mkdir(parents=True)
+    (folder / "summary.json").write_text(json.dumps(summary(**said)))
+    return folder
+
+
+def leave_sweep(folder, priors=("smooth", "walking"), ns=(100, 400), seeds=(0, 1, 2)):
+    """Leave the jobs of a sweep; the k-th is off by 10 + k mm."""
+    for k, (prior, n, seed) in enumerate(product(priors, ns, seeds)):
+        leave(folder / str(k), prior=prior, n=n, seed=seed, error=10.0 + k, day=1 + k)
+    return folder

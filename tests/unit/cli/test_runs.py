@@ -1,0 +1,104 @@
+"""workbench-runs in the terminal: tables, queries, differences, and what must be said twice."""
+
+import csv
+import json
+from io import StringIO
+
+import pytest
+from run_folders import leave, leave_sweep
+
+from workbench.cli.runs import main
+
+
+@pytest.fixture
+def root(tmp_path):
+    leave_sweep(tmp_path / "sweep")
+    leave(tmp_path / "lost", prior="implicit", status="failed", error=400.0, day=28)
+    return tmp_path
+
+
+@pytest.fixture
+def told(root, capsys):
+    """Run the command on the folder: (exit code, lines printed, what was printed as errors)."""
+
+    def command(*words):
+        code = main([str(root), *words])
+        out, err = capsys.readouterr()
+        return code, out.splitlines(), err
+
+    return command
+
+
+def test_the_newest_come_first_with_what_varied(told, root):
+    code, lines, _ = told()
+    assert code == 0
+    assert lines[0].split() == [
+        "path",
+        "started",
+        "status",
+        "experiment",
+        "varied",
+        "seed",
+        "error_abs_mm",
+        "coverage_90",
+    ]
+    assert lines[1].split() == [str(root / "lost"), "2026-11-28T15:00:00", "failed", "walk_straight", "implicit,",
+                                "n_particles=500", "0", "400", "0.9"]  # fmt: skip
+    assert len(lines) == 14
+
+
+def test_a_query_is_sorted_and_shows_the_columns_asked_for(told):
+    code, lines, _ = told("prior=smooth", "error_abs_mm<14", "--sort=-error_abs_mm", "--columns", "n_particles,seed")
+    assert code == 0
+    assert [line.split() for line in lines] == [
+        ["n_particles", "seed"],
+        ["400", "0"],
+        ["100", "2"],
+        ["100", "1"],
+        ["100", "0"],
+    ]
+
+
+def test_json_and_csv_hold_the_numbers(told):
+    _, lines, _ = told("status=failed", "--json")
+    assert json.loads("\n".join(lines))[0]["metrics"] == {"error_abs_mm": 400.0, "coverage_90": 0.9}
+    _, lines, _ = told("status=failed", "--csv")
+    assert next(iter(csv.DictReader(StringIO("\n".join(lines)))))["error_abs_mm"] == "400.0"
+
+
+def test_sweeps_are_rows_of_their_own(told, root):
+    _, lines, _ = told("--sweeps")
+    assert lines[1].split()[0] == str(root / "sweep")
+    assert lines[1].split()[-4:] == ["12", "12", "error_abs_mm", "10"]
+
+
+def test_the_difference_is_of_configuration_and_result(root, capsys):
+    assert main(["--diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
+    assert ["choice", "prior", "smooth", "walking"] in rows
+    assert ["result", "error_abs_mm", "10.00", "16.00", "6.000"] in rows
+    assert not any("n_particles" in row[1] for row in rows)
+
+
+def test_nothing_is_removed_unless_it_is_said_twice(told, root):
+    code, lines, _ = told("prior=smooth", "--rm")
+    assert code == 0
+    assert "6 runs, 0.0 MB: would be removed; nothing was done, --yes does it" in lines
+    assert (root / "sweep" / "0").is_dir()
+    assert told("prior=smooth", "--rm", "--yes")[0] == 0
+    assert not (root / "sweep" / "0").exists()
+    assert len(list(root.rglob("summary.json"))) == 7
+
+
+def test_what_steers_a_terminal_is_not_printed(told, root):
+    leave(root / "hostile", prior="\x1b[31m<script>", day=29)
+    _, lines, _ = told("status=complete")
+    assert not any("\x1b" in line for line in lines)
+
+
+@pytest.mark.parametrize("words", [["nothing_like_it=3"], ["--sort", "nothing"], ["--columns", "nothing"], ["path~("]])
+def test_what_cannot_be_met_is_a_sentence(told, words):
+    code, _, err = told(*words)
+    assert code == 2
+    assert err.startswith("workbench-runs: ")
+    assert len(err.splitlines()) == 1

@@ -1,0 +1,90 @@
+"""Paired checks: unchanged code seldom fails, a change that is said to be found is found."""
+
+import numpy as np
+import pytest
+from recording_steps import BODY, SPACE, errors, steps
+
+from workbench.recording.compare.paired import LEVEL, compare_paired, flip_test, paired_interval
+from workbench.recording.read.reader import read
+from workbench.recording.write.recorder import Recorder
+
+
+def share(check, n=1000):
+    """In which share of n cases a check fails."""
+    rng = np.random.default_rng(0)
+    return np.mean([check(rng) for _ in range(n)])
+
+
+@pytest.mark.parametrize("n", [2, 8])
+def test_an_unchanged_mean_fails_as_often_as_its_level(n):
+    def fails(rng):
+        differences = rng.standard_normal(n)
+        return abs(differences.mean()) > paired_interval(differences, 0.05)[0]
+
+    assert share(fails, 4000) == pytest.approx(0.05, abs=3.0 * np.sqrt(0.05 * 0.95 / 4000))
+
+
+@pytest.mark.parametrize("n", [6, 16])
+def test_the_smallest_change_is_found_as_often_as_is_said(n):
+    """Of the true spread, which an interval knows in the mean only."""
+    spread = np.sqrt(n / (n - 1))
+    _, smallest = paired_interval(np.tile([-1.0, 1.0], n // 2), 0.01)
+
+    def found(rng):
+        differences = smallest + spread * rng.standard_normal(n)
+        return abs(differences.mean()) > paired_interval(differences, 0.01)[0]
+
+    assert 0.90 < share(found, 4000) < 0.99
+
+
+def test_a_null_of_frames_that_hang_together_fails_as_often_as_its_level():
+    def fails(rng):
+        runs = [
+            rng.normal(2.0 * rng.standard_normal(), 1.0, (2, 12)) + 0.5 * rng.standard_normal((2, 1)) for _ in range(5)
+        ]
+        return flip_test([run[0] for run in runs], [run[1] for run in runs], rng)[1] <= 2.0 / 2**5
+
+    assert share(fails, 400) == pytest.approx(2.0 / 2**5, abs=3.0 * np.sqrt(0.0625 * 0.9375 / 400))
+
+
+def test_frames_that_spread_more_are_found_though_their_mean_is_the_same():
+    rng = np.random.default_rng(1)
+    before = [rng.normal(30.0, 1.0, 60) for _ in range(8)]
+    after = [rng.normal(30.0, 3.0, 60) for _ in range(8)]
+    assert flip_test(before, after, rng)[1] == 2.0 / 2**8
+    many = [rng.normal(30.0, scale, 20) for scale in (1.0, 3.0) for _ in range(12)]
+    assert flip_test(many[:12], many[12:], rng)[1] < 0.01
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder, run = tmp_path_factory.mktemp("paired"), list(steps(6, n_particles=20))
+
+    def make(name, error):
+        with Recorder(folder / f"{name}.rrd", BODY, SPACE, run_id=name, config_yaml="", provenance={}) as recording:
+            for step in run:
+                recording.log(step, {**errors(step), "error_abs_mm": error})
+            recording.set_result({"error_abs_mm": error, "frames": 6.0})
+        return read(folder / f"{name}.rrd")
+
+    return make
+
+
+def test_equal_runs_pass_and_moved_ones_fail_with_what_would_have_been_found(made):
+    was = [made(f"was{k}", 40.0 + 10.0 * k) for k in range(4)]
+    same = compare_paired(was, was, 2)
+    assert {finding.quantity for finding in same} == {"error_abs_mm", "frames", "error_abs_mm in frames"}
+    assert all(finding.passed for finding in same)
+    now = [made(f"now{k}", 40.0 + 10.0 * k + 1.0 + 0.01 * k) for k in range(4)]
+    found = {finding.quantity: finding for finding in compare_paired(was, now, 2)}
+    assert not found["error_abs_mm"].passed  # by 1 mm, a tenth of what seeds differ by
+    assert "by +1.02 ±" in found["error_abs_mm"].detail
+    assert found["frames"].passed
+    assert "4 pairs cannot tell" in found["error_abs_mm in frames"].detail
+
+
+def test_a_number_that_is_gone_or_not_finite_fails(made):
+    was, now = [made(f"a{k}", 40.0 + k) for k in range(2)], [made("b0", float("nan")), made("b1", 41.0)]
+    found = {finding.quantity: finding for finding in compare_paired(was, now, 2)}
+    assert found["error_abs_mm"].detail == "not a finite number in every run"
+    assert LEVEL == 0.05

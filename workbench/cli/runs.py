@@ -1,0 +1,212 @@
+"""workbench-runs: find runs by what they were told and what they came to; look at them, compare them, make room."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from workbench.errors import InputError
+from workbench.report.tables import text
+from workbench.runs.entry import Entry
+from workbench.runs.index import entries
+from workbench.runs.listing import as_csv, as_json, best_first, sort, sweeps, table
+from workbench.runs.query import Condition, chosen, condition
+
+HOME = ("recordings/runs", "recordings/sweeps")
+FEW = 40
+"""Rows in the terminal unless --all is said."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Returns 0, 2 after an error, which is printed, or what the viewer or the report returns."""
+    arguments = _parser().parse_intermixed_args(argv)
+    try:
+        return _act(arguments)
+    except InputError as error:
+        print(f"workbench-runs: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _act(arguments: argparse.Namespace) -> int:
+    if arguments.diff is not None:
+        return _diff(*arguments.diff)
+    if arguments.restore is not None:
+        return _restore(arguments.restore)
+    if arguments.changes is not None:
+        return _changes(arguments.changes)
+    places, conditions = _read(arguments.query)
+    found = sort(chosen(entries(*places), conditions), arguments.sort)
+    columns = arguments.columns.split(",") if arguments.columns else None
+    if arguments.view is not None:
+        return _view(found if arguments.sort else best_first(found), arguments.view)
+    if arguments.report:
+        from workbench.cli import report  # here, as a query does without
+
+        return report.main(_recordings(found))
+    if arguments.slim or arguments.rm or arguments.archive is not None:
+        return _tidy(found, places, arguments)
+    if arguments.json or arguments.csv:
+        print(as_json(found) if arguments.json else as_csv(found, columns), end="\n" if arguments.json else "")
+    elif arguments.sweeps:
+        print(text(sweeps(found)))
+    else:
+        _list(found, columns, arguments.all)
+    sys.stdout.flush()
+    return 0
+
+
+def _read(words: Sequence[str]) -> tuple[list[Path], list[Condition]]:
+    """Tell conditions from places; without a place, where runs and sweeps go."""
+    places, conditions = [], []
+    for word in words:
+        found = None if Path(word).exists() else condition(word)
+        if found is None:
+            places.append(Path(word))
+        else:
+            conditions.append(found)
+    usual = [place for place in map(Path, HOME) if place.is_dir()]
+    if not places and not usual:
+        raise InputError(f"expected {' or '.join(HOME)} here, or folders on the command line, found neither")
+    return places or usual, conditions
+
+
+def _list(found: Sequence[Entry], columns: Sequence[str] | None, every: bool) -> None:
+    few = found if every else found[:FEW]
+    if not few:
+        print("no run fits")
+        return
+    print(text(table(few, columns)))
+    if len(few) < len(found):
+        print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
+    for entry in few:
+        if entry.status == "unreadable":
+            print(f"workbench-runs: {entry.error}", file=sys.stderr)
+
+
+def _recordings(found: Sequence[Entry]) -> list[str]:
+    recordings = [entry.recording for entry in found if entry.recording is not None]
+    if not recordings:
+        raise InputError("no run fits that has a recording")
+    return recordings
+
+
+def _view(found: Sequence[Entry], n: str) -> int:
+    from workbench.cli import view  # here, as a query does without
+
+    if n != "all" and not (n.isdecimal() and int(n)):
+        raise InputError(f"--view: expected a number of runs or all, found {n!r}")
+    return view.main(_recordings(found)[: None if n == "all" else int(n)])
+
+
+def _diff(first: str, second: str) -> int:
+    from workbench.runs.difference import difference
+
+    a, b = _one(first), _one(second)
+    found = difference(a, b)
+    print(f"A: {a.path}\nB: {b.path}\n{text(found) if found.rows else 'nothing differs but where and when'}")
+    return 0
+
+
+def _one(place: str) -> Entry:
+    """The run at a place; raises InputError where there is none, or several."""
+    found = entries(Path(place))
+    if len(found) != 1:
+        raise InputError(f"{place}: expected one run, found {len(found)}")
+    if found[0].status == "unreadable":
+        raise InputError(found[0].error)
+    return found[0]
+
+
+def _restore(place: str) -> int:
+    from workbench.recording.read.reader import read
+    from workbench.runs.restore import restore
+
+    commands, gone = restore(read(_recordings([_one(place)])[0]), Path(__file__).parents[2])
+    print("\n".join(commands))
+    for sentence in gone:
+        print(f"workbench-runs: {sentence}", file=sys.stderr)
+    return 0
+
+
+def _changes(place: str) -> int:
+    from workbench.recording.read.reader import read
+
+    print(read(_recordings([_one(place)])[0]).provenance.get("difference", ""), end="")
+    return 0
+
+
+def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Namespace) -> int:
+    """Say what would be done and how large it is, and do it where that was said twice."""
+    from workbench.runs import tidy
+
+    if not found:
+        raise InputError("no run fits")
+    tidy.check_movable(found, places)
+    if arguments.archive is not None:
+        tidy.archive(found, arguments.archive)
+        print(f"{len(found)} runs in {arguments.archive}, {_size(arguments.archive.stat().st_size)}")
+        return 0
+    what, act = ("slimmed", tidy.slim) if arguments.slim else ("removed", _removed)
+    if not arguments.yes:
+        sizes = [tidy.bytes_of(entry) for entry in found]
+        for entry, size in zip(found, sizes, strict=True):
+            print(f"{_size(size):>9}  {entry.status:<11}  {entry.path}")
+        print(f"{len(found)} runs, {_size(sum(sizes))}: would be {what}; nothing was done, --yes does it")
+        return 0
+    print(f"{len(found)} runs {what}, {_size(_sum(act, found))} won")
+    return 0
+
+
+def _removed(entry: Entry) -> int:
+    from workbench.runs import tidy
+
+    size = tidy.bytes_of(entry)
+    tidy.remove(entry)
+    return size
+
+
+def _sum(act: Callable[[Entry], int], found: Sequence[Entry]) -> int:
+    from tqdm import tqdm
+
+    return sum(act(entry) for entry in tqdm(found, unit="run", disable=None))
+
+
+def _size(n_bytes: int) -> str:
+    return f"{n_bytes / 1e6:.1f} MB"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="workbench-runs", description=__doc__,
+        epilog="example: workbench-runs prior=smooth 'error_abs_mm<40' 'started>2026-11-01' --sort error_abs_mm --view",
+    )  # fmt: skip
+    parser.add_argument(
+        "query", metavar="FOLDER|key=value", nargs="*",
+        help="where to look (recordings/runs and recordings/sweeps), and conditions: = != with values, commas between, "
+        "< <= > >=, and ~ for a regular expression; keys are numbers, choices (prior), status, experiment, seed, "
+        "started, commit, or a key of the configuration or how it ends",
+    )  # fmt: skip
+    parser.add_argument("--sort", metavar="KEY", help="smallest first; -KEY (as --sort=-KEY): largest first")
+    parser.add_argument("--columns", metavar="KEY,…", help="what to show; varied: what tells the runs apart")
+    parser.add_argument("--all", action="store_true", help=f"all rows, not the first {FEW}")
+    parser.add_argument("--sweeps", action="store_true", help="a row for each sweep")
+    parser.add_argument("--json", action="store_true", help="everything that is known of the runs")
+    parser.add_argument("--csv", action="store_true", help="the columns, or all numbers")
+    parser.add_argument("--view", metavar="N", nargs="?", const="1", help="open the best N (1), or all, in the viewer")
+    parser.add_argument("--report", action="store_true", help="hand them to workbench-report")
+    parser.add_argument("--diff", metavar=("A", "B"), nargs=2, help="what differs between two runs")
+    parser.add_argument("--restore", metavar="RUN", help="the commands that bring a run's code and configuration back")
+    parser.add_argument("--changes", metavar="RUN", help="how its code differed from its commit, for git apply")
+    parser.add_argument("--archive", metavar="FILE.tar.gz", type=Path, help="pack them into a file; they stay")
+    parser.add_argument("--slim", action="store_true", help="leave out images, keep numbers; tells what, --yes does it")
+    parser.add_argument("--rm", action="store_true", help="delete them; tells what, --yes does it")
+    parser.add_argument("--yes", action="store_true", help="do it")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

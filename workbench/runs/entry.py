@@ -1,0 +1,123 @@
+"""What is known of one run without opening it in a viewer: how it ended, its configuration, its numbers."""
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from workbench.errors import InputError
+from workbench.report.variation import leaves
+
+SUMMARY = "summary.json"
+RECORDINGS = ("run.rrd", "run.rrd.part")
+_NO_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
+"""What reading something else than a summary ends with."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A run. path: its folder, or its recording where that lies by itself. recording: None where there is none.
+
+    status: complete, failed, interrupted, running, killed; or unreadable, and `error` says why. started: ISO 8601, UTC,
+    to the second. choices: the option chosen, by group. settings: the resolved configuration by dotted key. metrics:
+    its numbers, with what it cost. origin: its provenance but for the choices, the difference of code left out. sweep:
+    the folder of the sweep that it is a job of. size: bytes of its recording.
+    """
+
+    path: str
+    status: str
+    recording: str | None = None
+    experiment: str = ""
+    seed: int | None = None
+    started: str = ""
+    choices: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    sweep: str = ""
+    size: int = 0
+    error: str = ""
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return asdict(self)
+
+
+def entry_of_folder(folder: Path) -> Entry:
+    """A run's folder, by its summary.json; without one that can be read the entry is `unreadable`."""
+    recording = next((folder / name for name in RECORDINGS if (folder / name).is_file()), None)
+    known: dict[str, Any] = {"path": str(folder), "sweep": str(folder.parent) if folder.name.isdecimal() else ""}
+    if recording is not None:
+        known |= {"recording": str(recording), "size": recording.stat().st_size}
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        return Entry(**known, **_of_summary(summary))
+    except (OSError, *_NO_SUMMARY) as error:
+        reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
+        return Entry(**known, status="unreadable", error=reason[:300])
+
+
+def entry_of_recording(path: Path) -> Entry:
+    """A recording that lies by itself, such as a baseline."""
+    from workbench.recording.read.reader import read  # here, as an index seldom needs it and it takes long to import
+
+    known: dict[str, Any] = {"path": str(path), "recording": str(path), "size": path.stat().st_size}
+    try:
+        run = read(path)
+        origin = dict(run.provenance)
+        numbers = {**run.result, **run.properties.get("cost", {})}
+        summary = {
+            "status": run.status, "experiment": origin.get("experiment", ""), "seed": origin.get("seed"),
+            "provenance": origin, "settings": run.settings, "metrics": numbers,
+        }  # fmt: skip
+        return Entry(**known, **_of_summary(summary))
+    except (InputError, *_NO_SUMMARY) as error:
+        return Entry(**known, status="unreadable", error=" ".join(str(error).split())[:300])
+
+
+def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields that summary.json tells of; raises one of _NO_SUMMARY for what is none."""
+    origin = dict(summary.get("provenance") or {})
+    choices = origin.pop("choices", None) or []
+    words = [choices] if isinstance(choices, str) else choices  # of one word a recording makes no list
+    origin.pop("difference", None)
+    metrics = {str(name): float(value) for name, value in summary["metrics"].items() if value is not None}
+    seed = summary.get("seed")
+    return {
+        "status": _status(summary),
+        "experiment": str(summary.get("experiment", "")),
+        "seed": None if seed is None else int(seed),
+        "started": _iso(str(summary.get("started", ""))),
+        "choices": dict(str(word).partition("=")[::2] for word in words),
+        "settings": dict(leaves(summary.get("settings") or {})),
+        "metrics": metrics,
+        "origin": origin | {"identity": summary.get("identity") or origin.get("identity", "")},
+        "error": " ".join(str(summary.get("error") or "").split())[:300],
+    }
+
+
+def _status(summary: Mapping[str, Any]) -> str:
+    """What became of it; one that is still `running` by its summary but not on this machine was killed."""
+    status = str(summary["status"])
+    if status != "running" or summary.get("host") != platform.node():
+        return status
+    try:
+        os.kill(int(summary["pid"]), 0)
+    except ProcessLookupError:
+        return "killed"
+    except PermissionError:  # somebody else's process
+        return status
+    return status
+
+
+def _iso(started: str) -> str:
+    """20261122T150000.123456Z as 2026-11-22T15:00:00; anything else as it is."""
+    try:
+        return datetime.strptime(started, "%Y%m%dT%H%M%S.%fZ").isoformat(timespec="seconds")
+    except ValueError:
+        return started

@@ -1,0 +1,95 @@
+"""Make room: runs without their images, packed into one file, or gone. Nothing outside the folders that were named."""
+
+import shutil
+import tarfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from workbench.errors import InputError
+from workbench.files import whole_file
+from workbench.recording.compare.condense import condense, is_condensed
+from workbench.recording.read.reader import read
+from workbench.runs.entry import Entry
+from workbench.runs.index import runs_in
+
+BASELINES = "baselines"
+
+
+def check_movable(entries: Iterable[Entry], places: Sequence[Path]) -> None:
+    """Raise InputError for a run that must not be touched: a baseline, one at work, one that lies elsewhere.
+
+    places: the folders that were named. A run that is reached by a link, or that other runs lie in, is refused, too.
+    """
+    for entry in entries:
+        path = Path(entry.path)
+        if entry.status == "running":
+            raise InputError(f"{path}: expected a run that has ended, found one at work")
+        if BASELINES in path.resolve().parts:
+            raise InputError(f"{path}: is a baseline, which is never changed here")
+        if path.is_symlink() or not any(_within(path, place) for place in places):
+            raise InputError(f"{path}: leads out of the folders that were named")
+        if path.is_dir() and (inner := _runs_inside(path)):
+            raise InputError(f"{path}: another run lies in it: {inner[0]}")
+
+
+def bytes_of(entry: Entry) -> int:
+    """All that a run takes on the disk."""
+    path = Path(entry.path)
+    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+
+
+def slim(entry: Entry) -> int:
+    """Leave out what a complete run's recording shows, and keep its numbers; returns the bytes won, 0 for one that is.
+
+    Raises InputError for a recording that cannot be read or written.
+    """
+    if entry.status != "complete" or entry.recording is None:
+        return 0
+    path = Path(entry.recording)
+    run, before = read(path), path.stat().st_size
+    if is_condensed(run):
+        return 0
+    with whole_file(path) as part:
+        condense(run, part)
+    return before - path.stat().st_size
+
+
+def archive(entries: Sequence[Entry], file: Path) -> None:
+    """Pack runs into a .tar.gz, by their names below the folder they share; they stay where they are.
+
+    Raises InputError where the file is there already or cannot be written.
+    """
+    if file.exists():
+        raise InputError(f"{file}: is there already")
+    folders = [Path(entry.path).resolve() for entry in entries]
+    shared = _shared(folders)
+    with whole_file(file) as part, tarfile.open(part, "w:gz") as tar:
+        for folder in folders:
+            tar.add(folder, arcname=str(folder.relative_to(shared)))
+
+
+def remove(entry: Entry) -> None:
+    """Delete a run's folder, or its recording where that lies by itself; see `check_movable`, to be asked first."""
+    path = Path(entry.path)
+    try:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    except OSError as error:
+        raise InputError(f"{error.filename or path}: cannot be removed: {error.strerror}") from None
+
+
+def _within(path: Path, place: Path) -> bool:
+    real, root = path.resolve(), place.resolve()
+    return real != root and real.is_relative_to(root) if root.is_dir() else real == root
+
+
+def _runs_inside(folder: Path) -> list[Path]:
+    """Find the runs below a run's own folder, which should be none."""
+    return [run for inner in sorted(folder.iterdir()) if inner.is_dir() for run in runs_in(inner)]
+
+
+def _shared(folders: Sequence[Path]) -> Path:
+    parents = [set(folder.parents) for folder in folders]
+    return max(set.intersection(*parents), key=lambda parent: len(parent.parts))
