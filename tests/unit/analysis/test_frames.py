@@ -162,7 +162,8 @@ STUDIES = {
     ),
     "particles_by_dimension": (
         {"alpha_exact": 0.594, "alpha_paper": 0.253} | {
-            f"alpha_{name}{end}": 0.61 + off for name in ("independent", "error", "body", "body_arms", "body_legs")
+            f"alpha_{name}{end}": 0.61 + off
+            for name in ("independent", "one_frame", "error", "body", "body_arms", "body_legs")
             for end, off in (("", 0.0), ("_low", -0.02), ("_high", 0.03))
         },
         [

@@ -9,6 +9,7 @@ from workbench.studies.dimension import (
     ANGLES,
     INDEPENDENT,
     NEEDED,
+    ONE_FRAME,
     Independent,
     Limbs,
     ParticlesByDimension,
@@ -85,7 +86,7 @@ def test_alpha_of_a_law_and_of_the_papers_numbers():
 
 def test_more_angles_need_more_particles(result):
     (figure,) = result.figures
-    for name in (INDEPENDENT, NEEDED):
+    for name in (INDEPENDENT, ONE_FRAME, NEEDED):
         assert (np.diff(figure.curves[name]) > 0.0).all()
     seeds = np.array([row for name, row in figure.faint.items() if name.startswith(INDEPENDENT)])
     assert seeds.shape == (3, 2)
