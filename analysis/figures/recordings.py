@@ -71,7 +71,7 @@ GENERATED: Mapping[str, Sequence[str]] = {
     "synthesize_run": (*_WALKER, "prior.leave_out=[]"),
     **dict.fromkeys(
         _SYNTHESES,
-        (*_WALKER, "prior.leave_out=[]", "prior.activities=null", "dataset.first_frame=15"),
+        (*_WALKER, "prior.leave_out=[]", "prior.activities=[]", "dataset.first_frame=15"),
     ),
     "temperature": ("prior.motions=builtin",),
     "temperature_arm": ("prior.motions=builtin", "study.clip=null", "study.frame=null"),
