@@ -29,8 +29,9 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         f"mean window shares its leaf with {result['leaf_size'] - 1.0:.0f}; {result['bits']:.1f} bits tell its leaf. "
         f"Dashed: independent Gaussian coefficients, {result['empty_pct_gaussian']:.0f} % empty, largest "
         f"{result['largest_leaf_gaussian']:.0f}, {result['bits_gaussian']:.1f} bits. Shuffling every component gives "
-        f"{result['bits_shuffled']:.1f} bits: balanced signs, but dependent ones. The paper: about 50 000 windows, 16 "
-        "levels, approximately balanced; zero to several hundred samples in a leaf; no distribution, no other tree.",
+        f"{result['bits_shuffled']:.1f} bits: balanced signs, but dependent ones (below right it "
+        "lies behind recorded). The paper: about 50 000 windows, 16 levels, approximately balanced; zero to several "
+        "hundred samples in a leaf; no distribution, no other tree.",
     )
     upper, lower = rows(figure, (1.0, 1.15), ("", ""))
     bars = [drawn for drawn in run.figures if isinstance(drawn, Bars)]
