@@ -14,7 +14,7 @@ from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.images import OVERLAYS
 from workbench.recording.write.point_fit_views import ACTIVITY, FLEXION
-from workbench.recording.write.scene import ESTIMATE, POINTS, TRUTH
+from workbench.recording.write.scene import ESTIMATE, PARTICLES, POINTS, TRUTH
 
 _SKELETONS = OVERLAYS[:3]  # the others are points
 
@@ -82,6 +82,12 @@ def scenes(run: Run, frames: Sequence[int]) -> list[Scene]:
         )
         for frame in frames
     ]
+
+
+def particles(run: Run, frame: int) -> FloatArray:
+    """Return the skeletons of the particles shown in a frame as lines (n, k, 3), m; n may be 0."""
+    found = cells(run.path, [f"/{PARTICLES}"], [frame]).get(PARTICLES, {})
+    return _lines(found.get("LineStrips3D:strips", {}).get(frame), 3)
 
 
 def flexions(run: Run) -> dict[str, dict[str, Curve]]:

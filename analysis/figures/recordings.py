@@ -15,6 +15,10 @@ from workbench.recording.read.reader import Run, read
 
 _FEW = ("dataset.n_frames=21", "inference.n_particles=400")
 _FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")
+_SYNTHESES = (
+    "synthesize_walk", "synthesize_wave", "synthesize_dance", "synthesize_punch", "synthesize_walk_or_run",
+    "synthesize_run_to_walk", "synthesize_walk_to_run",
+)  # fmt: skip
 QUICK: Mapping[str, Sequence[str]] = {
     "walk_straight": _FEW,
     "walk_circle": _FEW,
@@ -26,8 +30,13 @@ QUICK: Mapping[str, Sequence[str]] = {
     "arm_smooth_3000": ("dataset.n_frames=16", "inference.n_particles=1000"),
     "body_implicit": ("dataset.n_frames=16", "inference.n_particles=100"),
     "body_smooth": ("dataset.n_frames=16", "inference.n_particles=100"),
-    "synthesize_run": ("dataset.n_frames=31",),
+    **dict.fromkeys(("synthesize_run", *_SYNTHESES), ("dataset.n_frames=31",)),
     "temperature": ("study.n_probes=3",),
+    "temperature_arm": ("study.n_probes=3",),
+    "arm_implicit_waving": ("dataset.n_frames=16", "inference.n_particles=100"),
+    "particles_by_dimension": (
+        "study.n_most=4096", "study.n_seeds=3", "study.n_frames=4", "study.dims=[1,2,3]", "study.dims_body=[1,2,3]",
+    ),
     "coefficient_histograms": ("study.n_draws=300",),
     "impute_gaps": ("study.fractions=[0.1,0.2]",),
     "points_no_model": ("dataset.n_frames=16", "dataset.n_points=150", "inference.n_particles=100"),
@@ -60,7 +69,14 @@ GENERATED: Mapping[str, Sequence[str]] = {
     "body_implicit": (*_WALKER, "prior.leave_out=[]"),
     "body_smooth": ("dataset.motion=builtin",),
     "synthesize_run": (*_WALKER, "prior.leave_out=[]"),
+    **dict.fromkeys(
+        _SYNTHESES,
+        (*_WALKER, "prior.leave_out=[]", "prior.activities=[]", "dataset.first_frame=15"),
+    ),
     "temperature": ("prior.motions=builtin",),
+    "temperature_arm": ("prior.motions=builtin", "study.clip=null", "study.frame=null"),
+    "arm_implicit_waving": (*_WALKER, "prior.leave_out=[]"),
+    "tree_balance": ("prior.motions=builtin",),
     "coefficient_histograms": ("prior.motions=builtin",),
 }
 """What lets an experiment that needs recorded motion do with generated people. For trying out, not for the paper."""
@@ -68,7 +84,31 @@ GENERATED: Mapping[str, Sequence[str]] = {
 VARIANTS: Mapping[str, tuple[str, ...]] = {
     "arm_implicit": ("arm_smooth_300", "prior=implicit"),
     "arm_smooth_3000": ("arm_smooth_300", "inference.n_particles=3000"),
-}
+    "arm_implicit_waving": ("arm_smooth_300", "prior=implicit", "learn.leave_out=[dataset-1_byebye_giant_001]"),
+    "temperature_arm": (
+        "temperature", "prior.angles=[right_arm]", "prior.root=false", "study.clip=dataset-1_byebye_giant_001",
+        "study.frame=17", "study.betas=[0.05]",
+    ),
+    "synthesize_walk": ("synthesize_run", "dataset.motion=dataset-2_walk_normal_001", "dataset.first_frame=60"),
+    "synthesize_wave": ("synthesize_run", "dataset.motion=dataset-1_bye_giant_001"),
+    "synthesize_dance": (
+        "synthesize_run", "dataset.motion=dataset-1_dance-short_normal_001", "dataset.first_frame=600",
+        "learn.leave_out=[]",
+    ),
+    "synthesize_punch": ("synthesize_run", "dataset.motion=dataset-1_punch_normal_001", "dataset.first_frame=30"),
+    "synthesize_walk_or_run": (
+        "synthesize_run", "dataset.motion=dataset-2_walk_active_001", "dataset.first_frame=60",
+        "prior.activities=[walk,run]", "prior.beta=1",
+    ),
+    "synthesize_run_to_walk": (
+        "synthesize_run", "dataset.motion=dataset-2_run_normal_002", "dataset.first_frame=10", "dataset.n_frames=91",
+        "prior.activities=[walk,run]", "prior.beta=1",
+    ),
+    "synthesize_walk_to_run": (
+        "synthesize_run", "dataset.motion=dataset-2_walk_active_001", "dataset.first_frame=60",
+        "prior.activities=[run]",
+    ),
+}  # fmt: skip
 """Names of what is an experiment with a choice on the command line: the experiment, and the choice."""
 
 _NO_MATTER = ("paths", "threads", "seed", "check", "recorder", "sweep", "given", "clips", "paper")

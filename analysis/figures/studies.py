@@ -11,7 +11,7 @@ from workbench.errors import InputError
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES, TRUTH
 
-_AZIMUTH_DEG, _ELEVATION_DEG = -60.0, 8.0  # from where stick figures are seen
+AZIMUTH_DEG, ELEVATION_DEG = -60.0, 8.0  # from where stick figures are seen
 
 
 def figure_named(run: Run, name: str) -> Figure:
@@ -32,14 +32,14 @@ def curves_named(run: Run, name: str) -> Curves:
 
 def sticks(axes: Axes, figure: Sticks) -> None:
     """Stick figures and their trails, from the side; those of shade 1 are what the others compare with."""
-    flat = seen(figure.positions, _AZIMUTH_DEG, _ELEVATION_DEG)
+    flat = seen(figure.positions, AZIMUTH_DEG, ELEVATION_DEG)
     bones = np.flatnonzero(figure.parents >= 0)
     for pose, shade in zip(flat, figure.shades, strict=True):
         lines = np.stack([pose[bones], pose[figure.parents[bones]]], axis=1)
         colour, width = (TRUTH, 1.4) if shade == 1.0 else ((0.2 + 0.6 * float(shade),) * 3, 0.7)
         axes.add_collection(LineCollection(list(lines), colors=[colour], linewidths=width))
     for k, trail in enumerate(figure.trails.values()):
-        axes.plot(*seen(trail, _AZIMUTH_DEG, _ELEVATION_DEG).T, color=SERIES[k % len(SERIES)], linewidth=1.1)
+        axes.plot(*seen(trail, AZIMUTH_DEG, ELEVATION_DEG).T, color=SERIES[k % len(SERIES)], linewidth=1.1)
     axes.autoscale_view()
     bare(axes)
 

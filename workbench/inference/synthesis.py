@@ -107,7 +107,8 @@ class Synthesis:
         rng_streams: generators named "start" and "prior". A step's particle is the prior's own state, its pose the one
         after smoothing and foot contact. Diagnostics, from the second frame on: jump_deg, the largest change of a
         joint angle, degrees; of an implicit prior with a lead-in of a known activity same_activity, 1 where the entries
-        drawn come from clips of it and 0 where not. Raises InputError without a start.
+        drawn come from clips of it and 0 where not. Such a prior's steps tell the activity of the last entry's clip.
+        Raises InputError without a start.
         """
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
@@ -115,13 +116,14 @@ class Synthesis:
         smoother = Smoother(self.smoothing_s, np.radians(self.limit_deg))
         before = start[None] if self.known.lead_in is None else self.known.lead_in
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
+        activity = self.known.lead_in_activity if isinstance(self.prior, Recorded) else None
         time_s, shown, state = 0.0, start, np.empty((0, 0))
         for count, frame in enumerate(frames):
             warnings, diagnostics, dt_s = tuple[str, ...](), dict[str, float](), frame.time_s - time_s
             if count == 0:
                 state, warnings = self._start(start, rng_streams["start"])
             else:
-                state, diagnostics = self._advance(state, dt_s, rng_streams["prior"])
+                state, diagnostics, activity = self._advance(state, dt_s, rng_streams["prior"])
             pose = smoother.follow(self.prior.pose(state)[0], dt_s)
             pose = contact.follow(pose, dt_s) if self.foot_contact else pose
             if count > 0:
@@ -130,7 +132,7 @@ class Synthesis:
             yield Step(
                 frame=frame, space=self.space, particles=state, poses=pose[None], log_weights=np.zeros(1),
                 ancestors=np.zeros(1, dtype=np.int64), expected_pose=pose, map_pose=pose, ess=1.0, log_evidence=np.nan,
-                diagnostics=diagnostics, warnings=warnings,
+                diagnostics=diagnostics, warnings=warnings, activity=activity,
             )  # fmt: skip
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
@@ -149,16 +151,19 @@ class Synthesis:
         )
         return self.prior.start(pose, 1, rng), (sentence,)
 
-    def _advance(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> tuple[FloatArray, dict[str, float]]:
-        """Return the state (1, D) dt_s seconds later, and the step's diagnostics."""
+    def _advance(
+        self, state: FloatArray, dt_s: float, rng: np.random.Generator
+    ) -> tuple[FloatArray, dict[str, float], str | None]:
+        """Return the state (1, D) dt_s seconds later, the step's diagnostics, and the activity of what was drawn."""
         if not isinstance(self.prior, Recorded):
-            return self.prior.step(state, dt_s, rng), {}
-        same, activity = True, self.known.lead_in_activity
+            return self.prior.step(state, dt_s, rng), {}, None
+        same, drawn, known = True, None, self.known.lead_in_activity
         for _ in range(self.prior.rows_in(dt_s)):
             state, entry = _draw(self.prior, state, self.look_ahead, rng)
             windows = self.prior.windows
-            same &= windows.activities[windows.clip_of[entry]] == activity
-        return state, {} if activity is None else {"same_activity": float(same)}
+            drawn = windows.activities[windows.clip_of[entry]]
+            same &= drawn == known
+        return state, {} if known is None else {"same_activity": float(same)}, drawn
 
 
 class Smoother:

@@ -78,6 +78,7 @@ def bars(name):
 HELD = ("12.3 px", "46 mm in space", "23 mm with pelvis on pelvis", "held", "40 particles")
 FITTED = ("46 mm in space", "3.4°", "5.6°")
 WORDS = {
+    "a_fig1_body": ("frame 13", "48 points", "of 576 compared", "40 particles"),
     "a_fig2_planar_patch": ("42 px long", "7.0 px"),
     "a_fig3_eigencurves": ("13 components", "93 cycles", "five: 86 %"),
     "a_fig4_arm_marginals": HELD,
@@ -88,11 +89,15 @@ WORDS = {
     "b_fig1_right_alignment": ("63 walks", "1.34", "1.12", "4 passes"),
     "b_fig2_walk_cyclic": (*HELD, "20 % of the samples missing"),
     "b_gaps": ("1.50°", "2.50°", "3.50°", "4.50°"),
+    "c_dimension": ("3 seeds", "0.61 (0.59 to 0.64)", "exactly 0.59", "α = 0.25 an angle"),
+    "c_fig3_arm": ("(e) exact", "12.3 px", "frame 16", "β = 0.05"),
     "c_fig3_temperature": ("0.001", "0.71", "2.2 %"),
     "c_fig4_coefficients": ("0.05", "TV 0.41", "TV 0.54"),
     "c_fig5_running": ("0.2 s", "β = 0.05", "2 % of the frames"),
     "c_fig6_arm": HELD,
     "c_fig7_body": HELD,
+    "c_synthesis": ("walking: ", "after a walk, of runs alone: ", "m/s", "β = 0.05"),
+    "c_tree_balance": ("82094 windows", "16 levels", "83 %", "largest of 484", "11.8 bits", "29 % empty"),
     "d_fig1_body": ("frame 10", "here 25"),
     "d_fig2_points": ("a generated walker, 7 frames",),
     "d_fig1_motion_model": ("1057 cycles of 391 clips", "7 components (legs: 5)", "93.1 %", "97.3 %"),
@@ -140,6 +145,33 @@ STUDIES = {
     "temperature": (
         {"tv_search": 0.001, "tv_sign_tree": 0.71, "visited_pct": 2.2},
         [poses("draws/sign tree, β = 1"), poses("draws/our search, β = 1"), *map(waves, ("f/tv", "f/visited"))],
+    ),
+    "temperature_arm": (
+        {"tv_search": 0.001}, [poses("draws/sign tree, β = 0.05"), poses("draws/our search, β = 0.05")],
+    ),
+    "tree_balance": (
+        {
+            "n_entries": 82094.0, "n_levels": 16.0, "empty_pct": 83.3, "largest_leaf": 484.0, "leaf_size": 63.6,
+            "bits": 11.76, "empty_pct_gaussian": 28.7, "largest_leaf_gaussian": 8.0, "bits_gaussian": 15.3,
+            "bits_shuffled": 15.3,
+        },
+        [
+            bars("leaves/% of the leaves"), bars("leaves/% of the entries"),
+            *(waves(f"levels/{name}", "recorded") for name in ("left to search", "nodes with one child")),
+        ],
+    ),
+    "particles_by_dimension": (
+        {"alpha_exact": 0.594, "alpha_paper": 0.253} | {
+            f"alpha_{name}{end}": 0.61 + off
+            for name in ("independent", "one_frame", "error", "body", "body_arms", "body_legs")
+            for end, off in (("", 0.0), ("_low", -0.02), ("_high", 0.03))
+        },
+        [
+            Curves(
+                "particles/needed", X, {"body": X, "exact": 2.0 * X}, "d", "log₁₀ N", {},
+                {f"body, seed {k}": X + 0.1 * k for k in range(3)},
+            )
+        ],
     ),
     "coefficient_histograms": (
         {"tv_sampling": 0.05, "tv_c3_sign_tree": 0.41, "tv_c3_search": 0.54},

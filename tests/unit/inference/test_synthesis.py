@@ -101,6 +101,7 @@ def test_other_priors_take_their_own_steps(motions):
         assert step.expected_pose == pytest.approx(prior.pose(state)[0])  # times apart are rounded
         assert step.warnings == ()
         assert "same_activity" not in step.diagnostics
+        assert step.activity is None
         state = prior.step(state, 1 / 30, own["prior"])
 
 
@@ -161,7 +162,10 @@ def test_same_activity_is_that_of_the_clips_drawn_from(windows, motions, which):
     steps = run(Implicit(windows, **CERTAIN), motions[which])
     assert "same_activity" not in steps[0].diagnostics
     assert [step.diagnostics["same_activity"] for step in steps[1:]] == [1.0] * 19
+    assert {step.activity for step in steps} == {motions[which].activity}
     other = replace(motions[which], activity=motions[1 - which].activity)
+    told = [step.activity for step in run(Implicit(windows, **CERTAIN), other)]
+    assert told == [other.activity, *[motions[which].activity] * 19]  # of the start, then of what is drawn
     assert [step.diagnostics["same_activity"] for step in run(Implicit(windows, **CERTAIN), other)[1:]] == [0.0] * 19
 
 
