@@ -85,7 +85,8 @@ class OverPeople:
             return ""
         mean, deviation = self.spread(metric)
         digits = 2 if METRICS[metric] == "" else 0 if abs(mean) >= 20.0 else 1
-        return f"{mean:.{digits}f} ± {deviation:.{digits}f} {METRICS[metric]}".rstrip()
+        unit = METRICS[metric] if METRICS[metric] == "°" else f" {METRICS[metric]}".rstrip()
+        return f"{mean:.{digits}f} ± {deviation:.{digits}f}{unit}"
 
 
 def table(found: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:

@@ -18,8 +18,8 @@ ERRORS = {
 """Told of a reading by what is seen, and their units."""
 
 _TOLD = (
-    "bones are told up to 3 %, girths 10 %, the camera 0.2 % and 0.1° and the start 3 cm and 0.05 rad wrong, anew for "
-    "every seed"
+    "bones are told up to 3 %, girths 10 %, the camera 0.2 % and 0.1° and a start that is given 3 cm and 0.05 rad "
+    "wrong, anew for every seed"
 )
 DEVIATIONS = {
     "A": f"Not A's in either row: a rendered person, of whom {_TOLD}; all particles share the points drawn; ρ, which "

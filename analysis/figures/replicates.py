@@ -64,9 +64,10 @@ class Replicates:
         return float(values.mean()), float(low), float(high)
 
     def told(self, metric: str, unit: str) -> str:
-        """That mean with its interval in words."""
+        """That mean with its interval in words; a degree's sign follows its number at once."""
         mean, low, high = self.mean(metric)
-        return f"{_short(mean)} {unit}" + (f" ({_short(low)} to {_short(high)})" if np.isfinite(low) else "")
+        interval = f" ({_short(low)} to {_short(high)})" if np.isfinite(low) else ""
+        return f"{_short(mean)}{'' if unit.startswith('°') else ' '}{unit}{interval}"
 
 
 def replicates(experiment: str, paper: str, source: Source, n_seeds: int | None = None) -> Replicates:

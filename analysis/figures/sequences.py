@@ -14,7 +14,7 @@ from workbench.recording.study.drawing import SERIES
 N_FRAMES = 6
 """As in the papers: frames 0, 10, …, 50 or 5, 10, …, 30."""
 KEY = "Orange: expected pose; blue: truth; violet: particles."
-SAME, ANOTHER = "on one person", "each another generated walker"
+SAME, ANOTHER = "of one motion", "of generated walkers, another for every seed"
 INTERVALS = "Intervals: 95 %, bootstrap over seeds, {}."
 """Of a recorded motion every seed shows the same person; a generated walker is drawn by the seed."""
 

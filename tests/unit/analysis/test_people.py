@@ -47,6 +47,8 @@ def test_means_are_over_people_and_so_is_the_deviation():
     both = people.OverPeople(runs | {("b",): [{"error_abs_mm": 50.0, "held": 1.0}]})  # a seed less weighs no less
     assert both.spread("error_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
     assert (both.told("error_abs_mm"), both.told("knee_deg"), both.held) == ("35 ± 21 mm", "", (2, 3))
+    angles = people.OverPeople({("a",): [{"knee_deg": 4.0, "coverage_90": 0.5}], ("b",): [{"knee_deg": 6.0}]})
+    assert (angles.told("knee_deg"), angles.told("coverage_90")) == ("5.0 ± 1.4°", "")  # what all of them have
     assert list(people.table({("walk_best", "ours"): both}))[-1] == (
         "| walk_best | ours | 2 | 2 of 3 | 35 ± 21 mm |  |  |  |  |"
     )

@@ -29,6 +29,7 @@ def test_how_many_hold_and_how_it_is_told():
     assert found.held == (2, 3)
     assert found.told("error_abs_mm", "mm").startswith("40 mm (")
     assert of(9.94).told("error_abs_mm", "mm") == "9.9 mm"  # one seed has no interval
+    assert of(9.94).told("error_abs_mm", "° knees") == "9.9° knees"
     line = list(replicates.table({("walk_straight", "ours"): found}))[-1]
     assert line.startswith("| walk_straight | ours | 2 of 3 | 40 mm (")
 
