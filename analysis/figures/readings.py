@@ -61,5 +61,7 @@ class Reading:
         numbers = self.numbers[reading]
         of = "images" if "error_px" in numbers.runs[0] else "points"
         known = [(metric, unit) for metric, unit in ERRORS[of].items() if metric in numbers.runs[0]]
+        if not known:  # nobody is tracked
+            return ""
         held, n = numbers.held
         return f"{held} of {n} seeds hold; {', '.join(numbers.told(metric, unit) for metric, unit in known)}"
