@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from analysis.figures.frames import scenes
-from analysis.figures.readings import BOTH, DEVIATIONS, Reading
+from analysis.figures.readings import BOTH, Reading
 from analysis.figures.studies import seen
 from analysis.figures.style import bare, canvas, rows
 from workbench.recording.read.reader import Run
@@ -32,7 +32,9 @@ def draw(found: Mapping[str, Reading]) -> Figure:
         1.6 * len(made.runs) + 1.0,
         f"Grey: every third pose; orange and blue: left and right wrist. {told} of the frames are drawn from clips of "
         "the same activity. As the paper writes it there is no smoothing, look-ahead or contact with the ground; β is "
-        f"ours. The paper: 2 s at 30 Hz; feet planted regularly. {DEVIATIONS['C']}",
+        "ours. The paper: 2 s at 30 Hz; feet planted regularly. Not C's in either row: the database, CMU's and "
+        "Bandai's without the clip that it starts from; place and heading enter it as increments in the body's own "
+        "frame; the noise, of which C gives no numbers.",
     )
     parts = rows(figure, [1.0] * len(made.runs), [made.row(reading) for reading in made.runs])
     for part, run in zip(parts, made.runs.values(), strict=True):

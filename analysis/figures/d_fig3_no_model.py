@@ -1,6 +1,6 @@
 """Paper D, fig. 3: fitting points frame by frame without a motion model.
 
-From points_no_model, from the true pose.
+From points_no_model, from a rough first pose.
 """
 
 from collections.abc import Mapping

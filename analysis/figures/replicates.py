@@ -1,9 +1,11 @@
 """An experiment's numbers over seeds, as its paper writes it and as ours: how many runs hold, and how well.
 
-    python -m analysis.figures.replicates EXPERIMENT… [--seeds N] [--quick] [--runs FOLDER] [--data DATA]
+    python -m analysis.figures.replicates EXPERIMENT… [--people] [--seeds N] [--quick] [--runs FOLDER] [--data DATA]
 
 Nothing is recorded; the numbers are kept in FOLDER/replicates, and what is there of the same configuration is not run
-again. Every seed has clothes, background, points and noise of its own; the person and the motion are the same.
+again. Every seed has clothes, background, points and noise of its own, and another error of body, camera and start; of
+generated walkers each is another person, a recorded motion is the same. --people goes through recorded people whom
+nothing was learned from and no parameters were chosen by, see `people`, with seeds that nobody else has.
 """
 
 import argparse
@@ -23,7 +25,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from threadpoolctl import threadpool_limits
 
-from analysis.figures.recordings import Source, chosen, what_matters
+from analysis.figures import people
+from analysis.figures.people import Clips, OverPeople, report_clips, shown
+from analysis.figures.recordings import AS_IT_STANDS, Source, chosen, what_matters
 from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.experiment.assembly import assemble
@@ -32,9 +36,11 @@ from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Meter, track
 
 PAPERS = ("literal", "ours")
-N_SEEDS, N_SEEDS_QUICK = 10, 2
+N_SEEDS, N_SEEDS_QUICK, N_SEEDS_PEOPLE = 10, 2, 2
 APART = 1000
 """From a run's seed to that of its data set."""
+NEXT_PERSON = 100
+"""From a person's first seed to the next one's."""
 KNEES = [("knee_deg", "°")]
 HELD_MM, LAST_FRAMES = 150.0, 5
 """Without images a person is held whose joints are off by less than this in the last frames, as in pck_150mm."""
@@ -58,9 +64,10 @@ class Replicates:
         return float(values.mean()), float(low), float(high)
 
     def told(self, metric: str, unit: str) -> str:
-        """That mean with its interval in words."""
+        """That mean with its interval in words; a degree's sign follows its number at once."""
         mean, low, high = self.mean(metric)
-        return f"{_short(mean)} {unit}" + (f" ({_short(low)} to {_short(high)})" if np.isfinite(low) else "")
+        interval = f" ({_short(low)} to {_short(high)})" if np.isfinite(low) else ""
+        return f"{_short(mean)}{'' if unit.startswith('°') else ' '}{unit}{interval}"
 
 
 def replicates(experiment: str, paper: str, source: Source, n_seeds: int | None = None) -> Replicates:
@@ -69,18 +76,38 @@ def replicates(experiment: str, paper: str, source: Source, n_seeds: int | None 
     Raises InputError for an experiment that cannot be run, and for a study, which draws nothing that matters.
     """
     n_seeds = (N_SEEDS_QUICK if source.quick else N_SEEDS) if n_seeds is None else n_seeds
-    overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1]]
+    return _replicates(experiment, paper, source, range(n_seeds))
+
+
+def over_people(experiment: str, paper: str, source: Source, n_seeds: int = N_SEEDS_PEOPLE) -> OverPeople:
+    """Run an experiment with so many seeds of each person to report, or take what was kept.
+
+    Raises InputError for an experiment that cannot be run or shows what nobody to report does.
+    """
+    config = _composed([*chosen(experiment), *source.variants(experiment, paper)[-1]])
+    runs: dict[Clips, Sequence[Mapping[str, float]]] = {}
+    for k, clips in enumerate(report_clips(config)):
+        seeds = range(k * NEXT_PERSON, k * NEXT_PERSON + n_seeds)
+        runs[clips] = _replicates(experiment, paper, source, seeds, shown(config, clips)).runs
+    return OverPeople(runs)
+
+
+def _replicates(
+    experiment: str, paper: str, source: Source, seeds: Sequence[int], more: Sequence[str] = ()
+) -> Replicates:
+    """Run an experiment, with more overrides, with these seeds, or take what was kept."""
+    overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1], *more]
     config = _composed(overrides)
     file = _file(experiment, paper, config, source.folder)
     own_seed = "seed" in (config.dataset or {})
     kept: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.is_file() else {}
-    for seed in range(n_seeds):
+    for seed in seeds:
         if str(seed) not in kept:
             apart = [f"dataset.seed={APART + seed}"] if own_seed else []
             kept[str(seed)] = _run(_composed([*overrides, f"seed={seed}", *apart]), experiment)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(json.dumps(kept, indent=1))
-    return Replicates(tuple(kept[str(seed)] for seed in range(n_seeds)))
+    return Replicates(tuple(kept[str(seed)] for seed in seeds))
 
 
 def _composed(overrides: Sequence[str]) -> DictConfig:
@@ -134,22 +161,62 @@ def main() -> int:
     """Exit code 0, or 2 for bad input."""
     parser = argparse.ArgumentParser(prog="python -m analysis.figures.replicates", description=__doc__)
     parser.add_argument("experiments", nargs="+", metavar="EXPERIMENT")
-    parser.add_argument("--seeds", type=int, default=None, help=f"how many ({N_SEEDS}, quick {N_SEEDS_QUICK})")
+    parser.add_argument("--people", action="store_true", help="over people instead of on one")
+    parser.add_argument(
+        "--seeds", type=int, default=None, help=f"how many ({N_SEEDS}, quick {N_SEEDS_QUICK}, people {N_SEEDS_PEOPLE})"
+    )
     parser.add_argument("--quick", action="store_true", help="at a small size")
     parser.add_argument("--runs", type=Path, default=Path("recordings/runs"), help="where numbers are kept")
     parser.add_argument("--data", default=os.environ.get("WORKBENCH_DATA"), help="recorded motion ($WORKBENCH_DATA)")
     given = parser.parse_args()
-    source, found = Source(given.runs, given.data, given.quick), {}
+    source = Source(given.runs, given.data, given.quick)
     try:
-        for experiment in given.experiments:
-            for paper in PAPERS:
-                found[experiment, paper] = replicates(experiment, paper, source, given.seeds)
-                print(list(table({(experiment, paper): found[experiment, paper]}))[-1], file=sys.stderr, flush=True)
+        lines = _people_lines if given.people else _seed_lines
+        print("\n".join(lines(given.experiments, source, given.seeds)))
     except InputError as error:
         print(f"replicates: {error}", file=sys.stderr)
         return 2
-    print("\n".join(table(found)))
     return 0
+
+
+def _seed_lines(experiments: Sequence[str], source: Source, n_seeds: int | None) -> Iterator[str]:
+    """The table over seeds, each line told as soon as it is there."""
+    found = {}
+    for experiment, paper in _readings(experiments):
+        found[experiment, paper] = replicates(experiment, paper, source, n_seeds)
+        _tell(table({(experiment, paper): found[experiment, paper]}))
+    yield from table(found)
+
+
+def _people_lines(experiments: Sequence[str], source: Source, n_seeds: int | None) -> Iterator[str]:
+    """The table over people, likewise."""
+    found = {}
+    for experiment, paper in _readings(experiments):
+        if (experiment, paper) not in AS_IT_STANDS:
+            found[experiment, paper] = over_people(experiment, paper, source, n_seeds or N_SEEDS_PEOPLE)
+            _tell(people.table({(experiment, paper): found[experiment, paper]}))
+    yield from people.table(found)
+
+
+def _readings(experiments: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Each experiment as its paper writes it, where it is in one, and as ours."""
+    for experiment in experiments:
+        yield from ((experiment, paper) for paper in PAPERS if paper == "ours" or _in_a_paper(experiment))
+
+
+def _in_a_paper(experiment: str) -> bool:
+    try:
+        _composed([*chosen(experiment), "paper=literal"])
+    except InputError as error:
+        if "is in none of the papers" in str(error):
+            return False
+        raise
+    return True
+
+
+def _tell(lines: Iterator[str]) -> None:
+    """Tell the last of a table's lines on standard error."""
+    print(list(lines)[-1], file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

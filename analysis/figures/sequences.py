@@ -14,7 +14,9 @@ from workbench.recording.study.drawing import SERIES
 N_FRAMES = 6
 """As in the papers: frames 0, 10, …, 50 or 5, 10, …, 30."""
 KEY = "Orange: expected pose; blue: truth; violet: particles."
-INTERVALS = "Intervals: 95 %, bootstrap over seeds, on one person."
+SAME, ANOTHER = "of one motion", "of generated walkers, another for every seed"
+INTERVALS = "Intervals: 95 %, bootstrap over seeds, {}."
+"""Of a recorded motion every seed shows the same person; a generated walker is drawn by the seed."""
 
 
 def tracked(title: str, found: Reading, paper: str) -> Figure:
@@ -65,7 +67,12 @@ def words(found: Mapping[str, Reading]) -> str:
         for label, each in found.items()
         for reading, run in each.runs.items()
     ]
-    return f"Shown: {'. '.join(shown)}. {INTERVALS}"
+    who = {ANOTHER if _drawn(run) else SAME for each in found.values() for run in each.runs.values()}
+    return f"Shown: {'. '.join(shown)}. {INTERVALS.format(' or '.join(sorted(who, reverse=True)))}"
+
+
+def _drawn(run: Run) -> bool:
+    return run.settings["dataset"].get("motion") in ("builtin", "builtin_run")
 
 
 def _errors(part: SubFigure, runs: Mapping[str, Run]) -> None:

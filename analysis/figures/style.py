@@ -18,7 +18,7 @@ def canvas(title: str, height_in: float, caption: str) -> Figure:
     """An empty figure of the usual width with a title; the caption says our numbers, and the paper's beside them."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     figure.suptitle(title, x=0.008, ha="left", fontsize=9.5, fontweight="bold")
-    figure.supxlabel(textwrap.fill(caption, 128), x=0.008, ha="left", fontsize=7.5, color=INK, linespacing=1.35)
+    figure.supxlabel(textwrap.fill(caption, 120), x=0.008, ha="left", fontsize=7.5, color=INK, linespacing=1.35)
     return figure
 
 

@@ -12,7 +12,7 @@ def setup(run: Run) -> str:
     clips = motion if isinstance(motion, list) else [motion]
     words = [" and ".join(GENERATED.get(str(clip), str(clip)) for clip in clips), f"{len(run.poses[0])} frames"]
     n_particles = settings["inference"].get("n_particles")
-    if n_particles is not None and "style" not in settings["inference"]:
+    if n_particles is not None and "problem" not in settings["inference"]:  # a fit draws some to show its bands
         words.append(f"{n_particles} particles")
     return ", ".join(words)
 

@@ -67,10 +67,14 @@ class PeopleSchema:
 
 @dataclass
 class ClipsSchema:
-    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported."""
+    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported; report_run,
+    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton."""
 
     choose: list[str] = MISSING
     report: list[str] = MISSING
+    report_run: list[str] = MISSING
+    report_walk_run: list[Any] = MISSING
+    report_full: list[str] = MISSING
 
 
 @dataclass

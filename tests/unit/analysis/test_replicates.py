@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from analysis.figures import replicates
+from analysis.figures.readings import Reading
 from analysis.figures.recordings import Source
 from workbench.errors import InputError
 
@@ -29,8 +30,16 @@ def test_how_many_hold_and_how_it_is_told():
     assert found.held == (2, 3)
     assert found.told("error_abs_mm", "mm").startswith("40 mm (")
     assert of(9.94).told("error_abs_mm", "mm") == "9.9 mm"  # one seed has no interval
+    assert of(9.94).told("error_abs_mm", "° knees") == "9.9° knees"
     line = list(replicates.table({("walk_straight", "ours"): found}))[-1]
     assert line.startswith("| walk_straight | ours | 2 of 3 | 40 mm (")
+
+
+def test_nothing_is_told_of_seeds_that_track_nobody():
+    made = replicates.Replicates(({"held": 0.0, "same_activity": 1.0},) * 2)
+    found = Reading({}, {"ours": made, "literal": of(10.0, 20.0, held=(0,))})
+    assert (found.told("ours"), found.row("ours")) == ("", "Ours")
+    assert found.told("literal").startswith("1 of 2 seeds hold; 15.0 mm (")
 
 
 def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path):

@@ -1,0 +1,99 @@
+"""The people whom an experiment is run over, and its numbers over them."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from omegaconf import DictConfig, OmegaConf
+
+from workbench.datasets.scenes.splice import BLEND_S
+from workbench.datasets.scenes.take import motion_names
+from workbench.errors import InputError
+from workbench.mocap.names import GENERATED
+from workbench.mocap.sources import find_motion
+
+LISTS: Mapping[tuple[str, ...], str] = {("walk",): "report", ("run",): "report_run", ("walk", "run"): "report_walk_run"}
+"""Whom an experiment goes through that shows these activities, by a name below `clips` in the configuration."""
+FULL = "report_full"
+"""The list for a motion file's own skeleton with every joint."""
+METRICS = {"error_abs_mm": "mm", "error_rel_mm": "mm", "error_px": "px", "knee_deg": "°", "coverage_90": ""}
+"""What the table tells, where a run has it, and its unit."""
+
+Clips = tuple[str, ...]
+Run = Mapping[str, float]
+
+
+def report_clips(config: DictConfig) -> list[Clips]:
+    """Tell the clips to report of an experiment, one or more in turn for each person, by the activities it shows.
+
+    Raises InputError for one that shows somebody generated, on a circle or doing what no list is of.
+    """
+    dataset: Any = config.dataset or {}
+    names = motion_names(dataset.get("motion") or [])
+    if dataset.get("path") == "circle" or any(name.startswith(GENERATED) for name in names):
+        raise InputError(f"people: {', '.join(names)} of the dataset is generated, expected a recorded motion")
+    activities = tuple(_motion(config, name).activity for name in names)
+    if activities not in LISTS:
+        raise InputError(f"people: {', '.join(names)} shows {', '.join(activities)}, of which no clips are to report")
+    listed = config.clips[FULL if dataset.get("skeleton") == "full" else LISTS[activities]]
+    return [tuple(motion_names(each)) for each in OmegaConf.to_container(listed)]  # type: ignore[union-attr]
+
+
+def shown(config: DictConfig, clips: Clips) -> list[str]:
+    """Tell the overrides that show a person's clips instead, for fewer frames, or from an earlier one on, where a clip
+    is too short for the experiment's. Clips that take turns overlap."""
+    dataset, n = config.dataset, len(clips)
+    overlap = math.ceil(0.5 * BLEND_S * dataset.rate_hz) if n > 1 else 0
+    there = [len(_motion(config, clip)) - overlap for clip in clips]
+    n_frames = min(int(dataset.n_frames), n * min(there))
+    first_frame = min(int(dataset.first_frame), there[0] - math.ceil(n_frames / n))
+    motion = ",".join(f"'{clip}'" for clip in clips)
+    return [
+        f"dataset.motion={motion if n == 1 else f'[{motion}]'}",
+        f"dataset.n_frames={n_frames}",
+        f"dataset.first_frame={first_frame}",
+    ]
+
+
+def _motion(config: DictConfig, name: str) -> Any:
+    dataset = config.dataset
+    return find_motion(name, data=config.paths.data, rate_hz=float(dataset.rate_hz), seed=int(dataset.seed))
+
+
+@dataclass(frozen=True)
+class OverPeople:
+    """The metrics of one experiment's runs: of each person, seed by seed."""
+
+    runs: Mapping[Clips, Sequence[Run]]
+
+    @property
+    def held(self) -> tuple[int, int]:
+        """How many runs held the person to the end, of how many."""
+        every = [run["held"] for runs in self.runs.values() for run in runs]
+        return round(sum(every)), len(every)
+
+    def spread(self, metric: str) -> tuple[float, float]:
+        """Mean over people of their means over seeds, and the standard deviation of these; NaN for one person."""
+        means = [float(np.mean([run[metric] for run in runs])) for runs in self.runs.values()]
+        return float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else float("nan")
+
+    def told(self, metric: str) -> str:
+        """That mean and deviation in words; nothing for a metric that the runs have not."""
+        if any(metric not in run for runs in self.runs.values() for run in runs):
+            return ""
+        mean, deviation = self.spread(metric)
+        digits = 2 if METRICS[metric] == "" else 0 if abs(mean) >= 20.0 else 1
+        unit = METRICS[metric] if METRICS[metric] == "°" else f" {METRICS[metric]}".rstrip()
+        return f"{mean:.{digits}f} ± {deviation:.{digits}f}{unit}"
+
+
+def table(found: Mapping[tuple[str, str], OverPeople]) -> Iterator[str]:
+    """Lines of a table in Markdown: experiment and paper, how many people, runs held, means and deviations."""
+    yield f"| experiment | | people | held | {' | '.join(METRICS)} |"
+    yield f"| --- | --- | --- | --- |{' --- |' * len(METRICS)}"
+    for (experiment, paper), each in found.items():
+        held, n = each.held
+        cells = " | ".join(each.told(metric) for metric in METRICS)
+        yield f"| {experiment} | {paper} | {len(each.runs)} | {held} of {n} | {cells} |"
