@@ -56,6 +56,7 @@ def execute(
                 config = _with_given(config, names)
                 summary.given = list(config.given)
                 parts = assemble(config, partial(_timed, summary), names)
+                summary.counted = parts.clip.known.counted
                 if reason := no_evidence(config, names):
                     summary.left_out["log_evidence"] = reason
                 with recorder_of(config, parts, summary) as recorder:
