@@ -131,6 +131,34 @@ def test_the_same_people_in_another_order_are_the_same():
     np.testing.assert_array_equal(one.joints, other.joints)
 
 
+def test_empty_people_are_nobody():
+    """As OpenPose writes them, at any place among the others."""
+    made = scene(6)
+    nothing = np.full((1, 15, 3), np.nan)
+    padded = {
+        name: People(name, "COCO_17", people.frames, tuple(np.concatenate([nothing, rows]) for rows in people.joints))
+        for name, people in made.people.items()
+    }
+    plain = follow(made.people, made.cameras, RATE_HZ)
+    np.testing.assert_array_equal(follow(padded, made.cameras, RATE_HZ).joints, plain.joints)
+    with pytest.raises(InputError, match="person 0 in frame 0 cannot be followed"):
+        follow(padded, made.cameras, RATE_HZ, 0)
+
+
+def test_who_is_seen_by_one_camera_at_first_is_followed_from_there():
+    made = scene(7, missing=0.0)
+    for name in ("left", "back"):
+        rows = list(made.people[name].joints)
+        for t in range(8):
+            keep = made.owners[name][t] == 0
+            rows[t], made.owners[name][t] = rows[t][keep], made.owners[name][t][keep]
+        made.people[name] = People(name, "COCO_17", made.people[name].frames, tuple(rows))
+    found = followed(made, 1)
+    owner, _ = whose(made, found)
+    assert set(owner.ravel().tolist()) == {-1, 1}
+    assert (owner[0] == 1).all()
+
+
 def test_people_whose_rays_do_not_meet_are_refused():
     made = scene(0, CROSSING[:1], missing=0.0)
     rng = np.random.default_rng(1)

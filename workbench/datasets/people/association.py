@@ -172,7 +172,7 @@ def _tell(
     for part, number in zip(PARTS, swapped.sum(axis=(0, 1)), strict=True):
         if number:
             limbs = "arms" if "elbow" in part else "legs"
-            log.info("left and right %s were exchanged %d times in the views; undone", limbs, number)
+            log.info("left and right %s were exchanged in %d detections; undone", limbs, number)
     if rival > -np.log(20.0):
         log.info("who is who in the last frames is not certain: odds %.1f to 1", np.exp(-rival))
 

@@ -111,12 +111,13 @@ class Expected:
         self._covariance = np.einsum("jid,jdkl->jikl", self._slopes, of_places)  # (J, 2, J, 2), m²
 
     def match(self, detection: Detection) -> Match:
-        """Compare a detection, in the labelling that fits best."""
-        if not self._near(detection):
-            n_found, nothing = int(detection.found.sum()), np.empty((0, 2))
-            return Match(LOG_ASTRAY * n_found, np.empty(0, dtype=np.intp), nothing, np.empty(0))
+        """Compare a detection, in the labelling that fits best; one without joints is nobody's."""
+        n_found = int(detection.found.sum())
+        if n_found == 0 or not self._near(detection):
+            log_density = LOG_ASTRAY * n_found if n_found else -np.inf
+            return Match(log_density, np.empty(0, dtype=np.intp), np.empty((0, 2)), np.empty(0))
         best = self._match(detection, *LABELLINGS[0])
-        if detection.found.sum() - len(best.rows) < 2:
+        if n_found - len(best.rows) < 2:
             return best
         return max((self._match(detection, *one) for one in LABELLINGS), key=lambda match: match.log_density)
 
