@@ -23,6 +23,7 @@ class Known:
     perhaps in some that follow. has_keypoints, has_points: whether frames show joints or points of the surface.
     phase_ends: of a cyclic motion, cycles, in the first and the last frame. lead_in: (F, P) poses up to the start pose,
     which is the last of them, at rate_hz; lead_in_activity: what the person does in them, such as "walk".
+    counted: what was counted while the frames' joints were read, by name, such as people and swapped_sides.
     departures: numbers that say how the person and the camera really shown depart from what is told here, by name; for
     the recording, not for whoever tracks.
     """
@@ -41,6 +42,7 @@ class Known:
     phase_ends: tuple[float, float] | None = None
     lead_in: FloatArray | None = None
     lead_in_activity: str | None = None
+    counted: Mapping[str, int] = field(default_factory=dict)
     departures: Mapping[str, FloatArray] = field(default_factory=dict)
 
 

@@ -12,8 +12,10 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.core.dataset import Known
-from workbench.core.frame import Frame, Truth
+from workbench.core.frame import Frame, Truth, View
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.datasets.files.marks import Marks, followed_marks, read_people
+from workbench.datasets.people.association import follow
 from workbench.datasets.video import Video
 from workbench.errors import InputError
 from workbench.mocap.marker_files import read_markers
@@ -21,7 +23,6 @@ from workbench.mocap.markers import NO_MARKERS, MarkersOf, joint_centres
 
 Files = Mapping[str, str]
 NO_FILES: Files = MappingProxyType({})
-NOBODY: Mapping[str, int] = MappingProxyType({})
 
 
 class MultiView:
@@ -29,7 +30,9 @@ class MultiView:
 
     sources: videos or folders of images by the names of their cameras in the file `camera`. which: the names of those
     used, in this order; all by default. keypoints: a file of marks or folder of OpenPose's JSON by camera, for some or
-    all of them; person: whom to follow there, by camera, where that is not the largest and surest, see `read_openpose`.
+    all of them. person: whom to follow in the folders, the number of somebody in the first frame, of those used, in
+    which the first of their cameras shows anybody, or {camera: number} for others; None: the largest and surest, see
+    `follow`.
     first_frame, last_frame, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with markers,
     whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies, by joint,
     where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names that are
@@ -47,19 +50,19 @@ class MultiView:
     def __init__(
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
         last_frame: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
-        person: Mapping[str, int] = NOBODY, truth: str | None = None, truth_first: int = 0,
+        person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first: int = 0,
         joint_markers: MarkersOf = NO_MARKERS,
     ) -> None:  # fmt: skip
         names = list(sources) if which is None else list(which)
-        if unknown := [name for name in (*names, *keypoints, *person) if name not in sources]:
+        if unknown := [name for name in (*names, *keypoints) if name not in sources]:
             raise InputError(f"multi_view: no source for camera {unknown[0]!r}, expected one of {', '.join(sources)}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"multi_view: expected one camera or more, each once, found {', '.join(names) or 'none'}")
         common = (first_frame, last_frame, scale, rate_hz)
-        self._videos = [
-            Video(sources[name], camera, name, *common, keypoints=keypoints.get(name), person=person.get(name))
-            for name in names
-        ]
+        folders = {name: keypoints[name] for name in names if name in keypoints and Path(keypoints[name]).is_dir()}
+        by_hand = {name: file for name, file in keypoints.items() if name not in folders}
+        self._videos = [Video(sources[name], camera, name, *common, keypoints=by_hand.get(name)) for name in names]
+        self._names, self._folders, self._person = names, folders, person
         self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
 
     @cached_property
@@ -74,7 +77,8 @@ class MultiView:
         return Known(
             name=", ".join(one.cameras[0].name for one in known), n_frames=self._n_frames, rate_hz=rates_hz[0],
             cameras=tuple(one.cameras[0] for one in known), scale=known[0].scale,
-            has_keypoints=any(one.has_keypoints for one in known),
+            has_keypoints=any(one.has_keypoints for one in known) or bool(self._followed),
+            counted=next((marks.counted for marks in self._followed.values()), {}),
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
@@ -82,7 +86,27 @@ class MultiView:
         together = zip(*(video.frames() for video in self._videos), strict=False)
         for i, seen in enumerate(islice(together, self._n_frames)):
             truth = None if self._true_joints is None else Truth(joints=self._true_joints[i])
-            yield replace(seen[0], views=tuple(view for one in seen for view in one.views), truth=truth)
+            views = tuple(self._marked(view, seen[0].index) for one in seen for view in one.views)
+            yield replace(seen[0], views=views, truth=truth)
+
+    def _marked(self, view: View, index: int) -> View:
+        """Put into a view what its folder shows of the person followed."""
+        if (marks := self._followed.get(view.camera.name)) is None:
+            return view
+        return replace(view, keypoints=self._videos[self._names.index(view.camera.name)].scaled_marks(marks, index))
+
+    @cached_property
+    def _followed(self) -> Mapping[str, Marks]:
+        """What the folders show of one person, by camera."""
+        if not self._folders:
+            return {}
+        videos = dict(zip(self._names, self._videos, strict=True))
+        cameras = {name: videos[name].source_camera for name in self._folders}
+        found = {name: read_people(folder) for name, folder in self._folders.items()}
+        first = self._videos[0].first_frame
+        within = (first, first + self._n_frames - 1)
+        followed = follow(found, cameras, self._videos[0].true_rate_hz, self._person, within)
+        return {name: followed_marks(found[name], followed, view) for view, name in enumerate(found)}
 
     @property
     def _n_frames(self) -> int:

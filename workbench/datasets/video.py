@@ -32,15 +32,15 @@ class Video:
 
     source: a video file that OpenCV reads, or a folder of images, taken in natural order (frame_9 before frame_10).
     camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
-    first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both
-    included; None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the
-    source does not say or says it wrongly. start_marks: a file of marks, of which those at first_frame, with those of
-    later frames up to start_last, give the start. keypoints: a file of marks, or a folder of what a detector found
-    (OpenPose's JSON), that are observations. person: the number of the one to follow among those found in the first
-    file, None for the largest and surest. eval_marks: the same that is truth for the evaluation only. held_out: frames
-    whose marks are kept from the keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of
-    a mark on a hidden joint, visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to
-    4; a detector's is its confidence.
+    first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both included;
+    None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the source does
+    not say or says it wrongly. start_marks: a file of marks, of which those at first_frame, with those of later frames
+    up to start_last, give the start. keypoints: a file of marks, or a folder of what a detector found (OpenPose's
+    JSON), that are observations. person: the number of the one to follow among those found in the first frame that
+    shows anybody, None for the one of them who is seen largest and surest. eval_marks: the same that is truth for the
+    evaluation only. held_out: frames whose marks are kept from the keypoints; with some, eval_marks measures in these
+    alone. hidden_weight: the weight of a mark on a hidden joint, visible ones having 1; 0.35 because hidden joints are
+    marked to 6–10 px, visible ones to 4; a detector's is its confidence.
 
     Images that are up to 1 % off the camera's size are stretched to it, with a warning. Raises InputError for numbers
     out of range and, when asked what is known, for what cannot be read, frames that are not there, images of another
@@ -78,8 +78,8 @@ class Video:
     @cached_property
     def known(self) -> Known:
         """The camera of the resized images, and what is marked."""
-        n_frames = self._last - self.first_frame + 1
-        first, camera = next(decode(self._path)), self._camera
+        n_frames = self.last - self.first_frame + 1
+        first, camera = next(decode(self._path)), self.source_camera
         self._check_size(first)
         if first.shape[:2] != (camera.height, camera.width):
             size, expected = f"{first.shape[1]}×{first.shape[0]}", f"{camera.width}×{camera.height}"
@@ -89,24 +89,25 @@ class Video:
             raise InputError(f"video: scale {self.scale} leaves {size} of an image, expected at least {LEAST_SIZE_PX}")
         _ = self._truth  # read now, so that mistakes show before the first frame
         marked = np.empty(0) if self._keypoints is None else self._keypoints.frames
+        counted = {} if self._keypoints is None else self._keypoints.counted
         return Known(
             name=self._path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
-            cameras=(self._camera.scaled(self.scale),), start_marks=self._first_marks(),
-            has_keypoints=bool(((marked >= self.first_frame) & (marked <= self._last)).any()),
+            cameras=(self.source_camera.scaled(self.scale),), start_marks=self._first_marks(),
+            has_keypoints=bool(((marked >= self.first_frame) & (marked <= self.last)).any()), counted=counted,
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
         """The frames in order, decoded one by one: seeking in a video file is not to be relied on."""
         (camera,) = self.known.cameras
         index = self.first_frame - 1
-        for index, image in enumerate(decode(self._path, self.first_frame, self._last), self.first_frame):
+        for index, image in enumerate(decode(self._path, self.first_frame, self.last), self.first_frame):
             self._check_size(image)
-            view = View(camera, self._scaled(image), self._keypoints_at(self._keypoints, index))
+            view = View(camera, self._scaled(image), self.scaled_marks(self._keypoints, index))
             marked = None if self._truth is None else self._truth.at(index)
             truth = marked and Truth(marks=_resized(marked[0], self.scale), marks_visible=marked[1])
             yield Frame(index, index / self.true_rate_hz, (view,), truth)
-        if index < self._last:
-            raise InputError(f"{self.source}: ends before frame {self._last}, which was there before")
+        if index < self.last:
+            raise InputError(f"{self.source}: ends before frame {self.last}, which was there before")
 
     @cached_property
     def true_rate_hz(self) -> float:
@@ -123,14 +124,16 @@ class Video:
         return Path(self.source).expanduser()
 
     @cached_property
-    def _camera(self) -> Camera:
+    def source_camera(self) -> Camera:
+        """The camera of the source's images, as the file has it."""
         cameras = {camera.name: camera for camera in load_cameras(Path(self.camera).expanduser())}
         if self.which is not None and self.which not in cameras:
             raise InputError(f"{self.camera}: no camera called {self.which!r}, expected one of {', '.join(cameras)}")
         return next(iter(cameras.values())) if self.which is None else cameras[self.which]
 
     @cached_property
-    def _last(self) -> int:
+    def last(self) -> int:
+        """The number of the last frame used."""
         n = count_frames(self._path, None if self.last_frame is None else self.last_frame + 1)
         wanted = self.first_frame if self.last_frame is None else self.last_frame
         if n == 0:
@@ -141,18 +144,21 @@ class Video:
 
     @cached_property
     def _keypoints(self) -> Marks | None:
-        return None if self.keypoints is None else _held(read_marks(self.keypoints, self.person), self.held_out, False)
+        return None if self.keypoints is None else _held(self._read(self.keypoints), self.held_out, False)
 
     @cached_property
     def _truth(self) -> Marks | None:
         """Marks for the evaluation, of the frames held out alone where there are some."""
         if self.eval_marks is None:
             return None
-        return _held(read_marks(self.eval_marks, self.person), self.held_out, bool(self.held_out))
+        return _held(self._read(self.eval_marks), self.held_out, bool(self.held_out))
+
+    def _read(self, path: str) -> Marks:
+        return read_marks(path, self.person, self.true_rate_hz, (self.first_frame, self.last))
 
     def _scaled(self, image: ByteArray) -> ByteArray:
         height, width = image.shape[:2]
-        fx, fy = self.scale * self._camera.width / width, self.scale * self._camera.height / height
+        fx, fy = self.scale * self.source_camera.width / width, self.scale * self.source_camera.height / height
         if fx == fy == 1.0:
             return image
         # By factor, not by size, so that pixel centres land where Camera.scaled puts them.
@@ -171,15 +177,15 @@ class Video:
             raise InputError(f"{marks.source}: no marks in frame {first}, where the video starts; in {frames}")
         used = [int(index) for index in marks.frames if first <= index <= last]
         times_s = np.array(used) / self.true_rate_hz
-        return MarkedFrames(times_s, np.array([self._keypoints_at(marks, index) for index in used]))
+        return MarkedFrames(times_s, np.array([self.scaled_marks(marks, index) for index in used]))
 
-    def _keypoints_at(self, marks: Marks | None, index: int) -> FloatArray | None:
-        """The weighted marks (J, 3) of a frame in the resized image, where there are any."""
+    def scaled_marks(self, marks: Marks | None, index: int) -> FloatArray | None:
+        """Return the weighted marks (J, 3) of a frame in the resized image, where there are any."""
         found = None if marks is None else marks.weighted(index, self.hidden_weight)
         return None if found is None else np.column_stack([_resized(found[:, :2], self.scale), found[:, 2]])
 
     def _check_size(self, image: ByteArray) -> None:
-        (height, width), camera = image.shape[:2], self._camera
+        (height, width), camera = image.shape[:2], self.source_camera
         if max(abs(width / camera.width - 1.0), abs(height / camera.height - 1.0)) > MOST_STRETCHED:
             expected = f"{camera.width}×{camera.height} of camera {camera.name!r}"
             raise InputError(f"{self.source}: images are {width}×{height}, expected the {expected}")

@@ -61,6 +61,7 @@ def execute(
                 _study(config, summary)
             else:
                 parts = assemble(config, partial(_timed, summary), names)
+                summary.counted = parts.clip.known.counted
                 if reason := no_evidence(config, names):
                     summary.left_out["log_evidence"] = reason
                 with recorder_of(config, parts, summary) as recorder:

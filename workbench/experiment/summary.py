@@ -33,9 +33,10 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. settings:
-    the resolved configuration. provenance: see there. over_run: numbers of the run as a whole, see `Meter.over_run`.
-    left_out: numbers that would mean nothing, with the reason.
+    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. counted:
+    what the dataset counted in what it read, see `Known`. settings: the resolved configuration. provenance: see there.
+    over_run: numbers of the run as a whole, see `Meter.over_run`. left_out: numbers that would mean nothing, with the
+    reason.
     """
 
     experiment: str
@@ -49,6 +50,7 @@ class Summary:
     settings: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     given: list[str] = field(default_factory=list)
+    counted: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     steps_s: float = 0.0
@@ -119,6 +121,7 @@ class Summary:
             "experiment": self.experiment,
             "seed": self.seed,
             "given": self.given,
+            "counted": dict(self.counted),
             "metrics": {name: value if np.isfinite(value) else None for name, value in numbers.items()},
             "left_out": self.left_out,
             "timing": {name: round(value, 4) for name, value in self.timing.items()},

@@ -47,41 +47,43 @@ _BONES = tuple(
     for side in ("left", "right")
     for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 )
-REACH = 0.5  # how far a person may be from where they were before, in heights in the image, not to be taken for another
 
 
 @dataclass(frozen=True, eq=False)
-class Detections:
-    """One person as a detector found them. source: the folder. layout: in LAYOUTS.
+class People:
+    """Whom a detector found. source: the folder. layout: in LAYOUTS. frames: (M,) numbers of the frames, rising.
 
-    frames: (M,) numbers of the frames, rising. joints: (M, J, 3) [u px, v px, confidence 0..1] in the order of
-    JOINT_NAMES, NaN for a joint that was not found.
+    joints: (n, J, 3) for each, the n people in the order of the file, [u px, v px, confidence 0..1] in the order of
+    JOINT_NAMES, NaN for a joint that was not found and for all those of an empty person.
     """
 
     source: str
     layout: str
     frames: IntArray
-    joints: FloatArray
+    joints: tuple[FloatArray, ...]
 
 
-def read_openpose(folder: str | Path, person: int | None = None) -> Detections:
-    """The person in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) not found.
+def read_openpose(folder: str | Path) -> People:
+    """The people in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) not found, []
+    for a person of whom nothing was.
 
-    A file's frame is the last number in its name. Detectors list people in any order: who is followed is the one
-    numbered `person`, from 0, in the first file that shows anybody, by default the largest and surest there, and then
-    whoever is nearest to where they were last seen. What the points are is told by their number, and where two layouts
-    have as many, by which of them makes the limbs shorter. Raises InputError for other files and where nobody is found.
+    A file's frame is the last number in its name. What the points are is told by their number, and where two layouts
+    have as many, by which of them makes the limbs shorter. Detectors list people in any order: who is who is told by
+    `datasets.people`. Raises InputError for other files and where nobody is found.
     """
     folder = Path(folder)
     files = _numbered(folder)
     people = [_people(files[frame]) for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None)]
-    if len(sizes := {found.shape[1] for found in people if len(found)}) > 1:
+    if len(sizes := {len(one) for found in people for one in found} - {0}) > 1:
         raise InputError(f"{folder}: expected as many points a person in every file, found {sorted(sizes)}")
-    followed = _follow(folder, people, person)
-    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(followed[0])]
-    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], followed))
-    joints = np.stack([_joints(LAYOUTS[name][1], one) for one in followed])
-    return Detections(str(folder), name, np.array(sorted(files)), joints)
+    shown = [one for found in people for one in found if np.isfinite(one).any()]
+    if not shown:
+        raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
+    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(shown[0])]
+    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], shown))
+    joints = [[_joints(LAYOUTS[name][1], one) for one in found] for found in people]
+    in_frames = tuple(np.array(found).reshape(-1, len(JOINT_NAMES), 3) for found in joints)
+    return People(str(folder), name, np.array(sorted(files)), in_frames)
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
@@ -98,18 +100,18 @@ def _numbered(folder: Path) -> dict[int, Path]:
     return files
 
 
-def _people(file: Path) -> FloatArray:
-    """Points (n, K, 3) of the people in one file; NaN where a point was not found."""
+def _people(file: Path) -> list[FloatArray]:
+    """Points (K, 3) of the people in one file, NaN where a point was not found; K is 0 for an empty person."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         found = [_points(one) for one in content["people"]]
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file}: expected OpenPose's people with pose_keypoints_2d, found {error!r}") from None
-    sizes = {len(points) for points in found}
+    sizes = {len(points) for points in found} - {0}
     if len(sizes) > 1 or not sizes <= {n for n, _ in LAYOUTS.values()}:
         known = ", ".join(f"{n} ({name})" for name, (n, _) in LAYOUTS.items())
         raise InputError(f"{file}: expected one of {known} points a person, found {sorted(sizes)}")
-    return np.stack(found) if found else np.empty((0, 0, 3))
+    return found
 
 
 def _points(person: Mapping[str, Any]) -> FloatArray:
@@ -119,38 +121,6 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     points[points[:, 2] <= 0.0] = np.nan
     points[:, 2] = np.minimum(points[:, 2], 1.0)
     return points
-
-
-def _follow(folder: Path, people: Sequence[FloatArray], person: int | None) -> list[FloatArray]:
-    """One person's points (K, 3) in every frame, NaN where they are not seen."""
-    first = next((found for found in people if np.isfinite(found).any()), None)
-    if first is None:
-        raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
-    if person is not None and not 0 <= person < len(first):
-        some = f"0 to {len(first) - 1}"
-        raise InputError(f"{folder}: no person {person} where the first are found, expected one of {some}")
-    seen = [np.isfinite(one[:, 2]).any() for one in first]
-    sure = [np.nansum(one[:, 2]) * _height(one) if some else -1.0 for one, some in zip(first, seen, strict=True)]
-    last = first[int(np.argmax(sure)) if person is None else person]
-    followed = []
-    for found in people:
-        apart = [_distance(last, one) for one in found]
-        near = int(np.argmin(apart)) if apart else -1
-        there = near >= 0 and apart[near] < REACH * _height(last)
-        followed.append(found[near] if there else np.full_like(last, np.nan))
-        last = found[near] if there else last
-    return followed
-
-
-def _height(points: FloatArray) -> float:
-    """Measure what is seen in the image, px: the longer side of its bounding box."""
-    return float(np.max(np.nanmax(points[:, :2], axis=0) - np.nanmin(points[:, :2], axis=0)))
-
-
-def _distance(points: FloatArray, others: FloatArray) -> float:
-    """Median distance of what is seen in both, px; infinite where nothing is."""
-    apart = np.linalg.norm(points[:, :2] - others[:, :2], axis=1)
-    return float(np.nanmedian(apart)) if np.isfinite(apart).any() else np.inf
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
@@ -164,7 +134,7 @@ def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
 def _joints(layout: Layout, points: FloatArray) -> FloatArray:
     """Joints (J, 3) of points (K, 3): the middle of those that make them up, as sure as the least sure."""
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
-    for name, numbers in layout.items():
+    for name, numbers in layout.items() if len(points) else ():
         made_of = points[list(numbers)]
         joints[JOINT_NAMES.index(name)] = [*made_of[:, :2].mean(axis=0), made_of[:, 2].min()]
     return joints

@@ -22,9 +22,10 @@ translation = [0.0, 1.0, 4.0]
 size = [400, 300]
 matrix = [[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]]
 distortions = [0.0, 0.0, 0.0, 0.0]
-rotation = [1.2, 1.2, -1.2]
-translation = [0.0, 1.0, 4.0]
+rotation = [1.57, 0.0, 0.0]
+translation = [0.8, 1.0, 4.0]
 """
+"""Who is 8 m off, is 50 pixels farther to the right by the second camera."""
 LENGTHS = {"left": 6, "right": 5}
 
 
@@ -75,6 +76,38 @@ def test_cameras_are_chosen_and_ordered_by_name(scene):
     swapped = next(dataset(scene, which=["right", "left"], keypoints={}).frames())
     assert [view.camera.name for view in swapped.views] == ["right", "left"]
     assert all(view.keypoints is None for view in swapped.views)
+
+
+def test_who_is_followed_is_chosen_in_one_view_for_all(scene, tmp_path):
+    folders = {}
+    for shift, (name, n) in enumerate(LENGTHS.items()):
+        here, there = ([standing(u + 50.0 * shift + t, 40.0) for t in range(n)] for u in (100.0, 250.0))
+        both = [
+            [points("COCO_17", one, sure) for one, sure in ((a, 0.5), (b, 0.9))]
+            for a, b in zip(here, there, strict=True)
+        ]
+        folders[name] = str(write(tmp_path / name, {t: both[t][:: -1 if (t + shift) % 2 else 1] for t in range(n)}))
+    head = JOINT_NAMES.index("head_centre")
+
+    def heads(person):
+        frames = dataset(scene, keypoints=folders, person=person).frames()
+        return [[float(view.keypoints[head, 0]) for view in frame.views] for frame in frames]
+
+    for person in (0, {"left": 0}, {"right": 1}, {"left": 0, "right": 1}):
+        np.testing.assert_allclose(heads(person), [[100.0 + t, 150.0 + t] for t in range(5)])
+    for person in (None, 1, {"right": 0}):  # the surest, as they are as large as each other
+        np.testing.assert_allclose(heads(person), [[250.0 + t, 300.0 + t] for t in range(5)])
+    found = dataset(scene, keypoints=folders).known
+    assert found.counted == {"people": 2, "frames_unseen": 0, "swapped_sides": 0}
+    assert found.has_keypoints
+    for person, said in (
+        (2, "left: no person 2 in frame 0, where the first are found, expected 0 to 1"),
+        ({"left": 0, "right": 0}, "expected numbers of one person, found that 0 of left, 0 of right are 2"),
+        ("all", "sweep over the numbers"),
+        ({"middle": 0}, "some of left, right"),
+    ):
+        with pytest.raises(InputError, match=said):
+            _ = dataset(scene, keypoints=folders, person=person).known
 
 
 @pytest.mark.parametrize(("first", "metres"), [(0, [1, 2, 3, np.nan]), (2, [np.nan, 0, 1, 2])])

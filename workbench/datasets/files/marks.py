@@ -3,16 +3,17 @@
 import csv
 import logging
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.people.association import Followed, follow
 from workbench.errors import InputError
-from workbench.mocap.openpose import read_openpose
+from workbench.mocap.openpose import People, read_openpose
 
 log = logging.getLogger(__name__)
 
@@ -25,13 +26,14 @@ class Marks:
     video, rising. pixels: (M, J, 2) marks [u, v] in the full-size image, the centre of the top left pixel being (0, 0),
     NaN for joints without a mark, in the order of JOINT_NAMES. visible: (M, J), false for a mark on a hidden joint, and
     where there is no mark. confidence: (M, J) of a detector, 0..1, NaN where there is no mark; None for marks by
-    hand."""
+    hand. counted: what `Followed` counts of whom a detector found."""
 
     source: str
     frames: IntArray
     pixels: FloatArray
     visible: BoolArray
     confidence: FloatArray | None = None
+    counted: Mapping[str, int] = field(default_factory=dict)
 
     def at(self, frame: int) -> tuple[FloatArray, BoolArray] | None:
         """Pixels (J, 2) and visibility (J,) of the marks in a frame; None where it has none."""
@@ -51,20 +53,21 @@ class Marks:
     def rows(self, kept: BoolArray) -> "Marks":
         """Select those of the frames `kept` (M,)."""
         confidence = None if self.confidence is None else self.confidence[kept]
-        return Marks(self.source, self.frames[kept], self.pixels[kept], self.visible[kept], confidence)
+        return Marks(self.source, self.frames[kept], self.pixels[kept], self.visible[kept], confidence, self.counted)
 
 
-def read_marks(path: str | Path, person: int | None = None) -> Marks:
-    """Read a folder of OpenPose's files (see `read_openpose`, also for `person`) or a CSV file. The CSV file has the
-    columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises InputError, naming the file and the
-    line, for a missing or empty file, missing or unknown columns, an unknown joint, what is not a number, and a second
-    mark on the same joint in the same frame."""
+def read_marks(
+    path: str | Path, person: int | None = None, rate_hz: float = 30.0, within: tuple[int, int | None] = (0, None)
+) -> Marks:
+    """Read a CSV file, or a folder of OpenPose's files: one person in it at `rate_hz`, see `follow` for `person` and
+    `within`. The CSV file has the columns frame, joint, u, v, visible, in any order; visible is 0 or 1. Raises
+    InputError as `read_openpose` and `follow` do, and, naming the file and the line, for a missing or empty file,
+    missing or unknown columns, an unknown joint, what is not a number, and a second mark on the same joint in the same
+    frame."""
     path = Path(path)
     if path.is_dir():
-        detected = read_openpose(path, person)
-        log.info("%s: %s, %d frames", path, detected.layout, len(detected.frames))
-        pixels, confidence = detected.joints[..., :2], detected.joints[..., 2]
-        return Marks(str(path), detected.frames, pixels, np.isfinite(confidence), confidence)
+        people = read_people(path)
+        return followed_marks(people, follow({path.name: people}, None, rate_hz, person, within), 0)
     marks: dict[tuple[int, str], tuple[int, float, float, bool]] = {}
     for line, row in _rows(path):
         frame, joint, u, v, visible = _parse(f"{path}:{line}", row)
@@ -80,6 +83,21 @@ def read_marks(path: str | Path, person: int | None = None) -> Marks:
         place = frames.index(frame), JOINT_NAMES.index(joint)
         pixels[place], shown[place] = (u, v), visible
     return Marks(str(path), np.array(frames), pixels, shown)
+
+
+def read_people(folder: str | Path) -> People:
+    """Read a folder of OpenPose's files, and say in the log what is in it."""
+    people = read_openpose(folder)
+    log.info("%s: %s, %d frames", folder, people.layout, len(people.frames))
+    return people
+
+
+def followed_marks(people: People, followed: Followed, view: int) -> Marks:
+    """Return what a view's files show of the person followed."""
+    own = np.isin(followed.frames, people.frames)
+    pixels, confidence = followed.joints[view][own, :, :2], followed.joints[view][own, :, 2]
+    frames = followed.frames[own]
+    return Marks(people.source, frames, pixels, np.isfinite(confidence), confidence, followed.counted)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
