@@ -31,7 +31,7 @@ class Choice:
 FILTERED = ("prior=jitter", "inference=particle_filter")
 CHOICES: Mapping[str, Choice] = {
     "images, weight of each cue": Choice(
-        "walk_best", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06, 0.03)
+        "walk_best", "likelihood.weights={{appearance: {0}, edges: {0}, silhouette: {0}}}", (0.5, 0.25, 0.12, 0.06)
     ),
     "image motion, k": Choice("coverage", "likelihood.k={0}", (1.0, 0.3, 0.1, 0.03)),
     "keypoints, temper": Choice("walk_keypoints_synthetic", "likelihood.temper={0}", (1.0, 0.3, 0.1), FILTERED),

@@ -14,6 +14,7 @@ from workbench.core.given import PHASE_ENDS
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
+from workbench.core.strangers import widening
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.fit.correlation import effective_share, error_correlation
@@ -33,9 +34,10 @@ class MotionFit:
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
-    alone, as D does, without regularisation. discrepancy: add what the model misses of people it was not learned from
-    to the poses' covariance, where that is known. rho: the correlation of keypoints' errors from frame to frame, by
-    which fewer frames count (`correlation.effective_share`); None estimates it at a first fit.
+    alone, as D does, without regularisation. discrepancy: add to the poses' covariance what the model misses of people
+    it was not learned from, where that is known (`strangers.widening`), and what points share (`fit.shared`). rho: the
+    correlation of keypoints' errors from frame to frame, by which fewer frames count
+    (`correlation.effective_share`); None estimates it at a first fit.
     Raises InputError when frames_per_style is not positive, and for rho out of range.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
@@ -72,7 +74,7 @@ class MotionFit:
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
         frames_per_style = self.frames_per_style or len(task.seen)
         known = task.discrepancy if self.discrepancy else None
-        missed = None if known is None else known.root(task.skeleton.dof_names)
+        missed = None if known is None else widening(known.n_people) * known.root(task.skeleton.dof_names)
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
