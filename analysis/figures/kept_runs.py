@@ -47,9 +47,10 @@ def every_run(
 def measured(run: Run, names: Sequence[str]) -> dict[str, float]:
     """Track as the run says and give its numbers of these names, NaN where it has none; nothing is recorded.
 
-    `prepare_hydra` comes first.
+    The scene is another for every seed, whatever the experiment says. `prepare_hydra` comes first.
     """
-    chosen = [f"experiment={run.experiment}", f"seed={run.seed}", f"dataset.motion='{run.clip}'", *run.overrides]
+    said = [f"seed={run.seed}", f"dataset.seed={run.seed}", f"dataset.motion='{run.clip}'"]
+    chosen = [f"experiment={run.experiment}", *said, *run.overrides]
     with initialize_config_module("workbench.conf", version_base="1.3"):
         config = compose("config", overrides=chosen)
     parts = assemble(config, lambda stage: nullcontext())
@@ -86,11 +87,14 @@ def read_kept(out: Path) -> dict[Run, Numbers]:
 
 def spread(runs: Mapping[Run, Numbers], name: str, form: str) -> str:
     """Give the mean over people of their means over seeds, ± the deviation between people, and after a comma the mean
-    deviation between one person's seeds; as far as there are several."""
+    deviation between one person's seeds; as far as there are several; – for what
+    is not known of all."""
     people: dict[str, list[float]] = {}
     for run, numbers in runs.items():
         people.setdefault(run.clip, []).append(numbers[name])
     means = [float(np.mean(seeds)) for seeds in people.values()]
+    if np.isnan(means).any():
+        return "–"
     within = [float(np.std(seeds, ddof=1)) for seeds in people.values() if len(seeds) > 1]
     between = f" ± {np.std(means, ddof=1):{form}}" if len(means) > 1 else ""
     return f"{np.mean(means):{form}}{between}" + (f", {np.mean(within):{form}}" if within else "")
