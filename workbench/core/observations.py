@@ -37,13 +37,14 @@ class Observables:
 
     sigma: standard deviation of a point's residual of this kind, m for "distance"; None where points do not matter.
     sigma_px: of a keypoint, px of the image used; None where keypoints do not matter. which: names of the cameras whose
-    keypoints matter, None for all.
+    keypoints matter, None for all. shared_m: by how much points of one part of the body, and all, are off together, m.
     """
 
     sigma: float | None = None
     kind: Kind = "distance"
     sigma_px: float | None = None
     which: tuple[str, ...] | None = None
+    shared_m: float = 0.0
 
     @property
     def kinds(self) -> tuple[str, ...]:

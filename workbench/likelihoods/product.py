@@ -83,7 +83,8 @@ class Product:
         cameras = None
         if keypoints and all(each.which is not None for each in keypoints):
             cameras = tuple(dict.fromkeys(name for each in keypoints for name in each.which or ()))
-        return Observables(points.sigma, points.kind, keypoints[0].sigma_px if keypoints else None, cameras)
+        sigma_px = keypoints[0].sigma_px if keypoints else None
+        return Observables(points.sigma, points.kind, sigma_px, cameras, points.shared_m)
 
     @property
     def _common_loss(self) -> Loss | None:

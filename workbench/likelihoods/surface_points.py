@@ -9,7 +9,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
-from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, check, one_of
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
@@ -31,6 +31,8 @@ class SurfacePoints:
 
     Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
     a loss, "squared", "huber" or "geman_mcclure", which bends at `scale`; sigma and scale are then in the kind's unit.
+    It is unsure, too, of what points share, however many there are: those of one part of the body, and all, are off by
+    N(0, shared_m²) along each axis, m, see `fit.shared`. Chosen by the log score of people of clips.choose.
     The previous pose and frame do not matter. Raises InputError when a constant is out of range.
     """
 
@@ -44,15 +46,17 @@ class SurfacePoints:
     kind: Kind = "distance"
     loss: str = "geman_mcclure"
     scale: float = 0.03
+    shared_m: float = 0.012
 
     def __post_init__(self) -> None:
         check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, range_m=POSITIVE, temper=UP_TO_1)
         check("surface points", self, kind=one_of(*KINDS), loss=one_of(*LOSSES), scale=POSITIVE)
+        check("surface points", self, shared_m=at_least(0))
 
     @property
     def observables(self) -> Observables:
         """Points, with the deviation sigma."""
-        return Observables(sigma=self.sigma, kind=self.kind)
+        return Observables(sigma=self.sigma, kind=self.kind, shared_m=self.shared_m)
 
     @property
     def residual_loss(self) -> Loss:

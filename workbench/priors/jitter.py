@@ -11,6 +11,7 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.prior import Powers, Prior
+from workbench.core.strangers import widening
 from workbench.core.traits import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
 from workbench.errors import InputError
 from workbench.priors.appended import Appended
@@ -32,11 +33,11 @@ class Jitter(Appended):
 
     base: the other prior. sigma: rad per frame at 30 Hz; None: so that every offset's deviation in the long run is what
     the base's model misses of people left out (`learning.discrepancy`: in the mean 5.2° over eight walkers of CMU, 11°
-    of the neck's nod, 6–7° of the shoulders' twist, 4–8° of the elbows, 4–5° of the knees and the hips' flexion), or
-    SIGMA where it has not learned that. keep: what is left of an offset after such a frame; None: as learned, which is
-    near 1 for most angles, since people differ by a bearing of their own. Particles do better with less: 5000 of them
-    on keypoints of six of those walkers, each left out, had 88 % of the truth in their 90 % bands and a mean error of
-    34 mm, and 85 % and 37 mm with what is learned.
+    of the neck's nod, 6–7° of the shoulders' twist, 4–8° of the elbows, 4–5° of the knees and the hips' flexion) times
+    `strangers.widening`, or SIGMA where it has not learned that. keep: what is left of an offset after such a frame;
+    None: as learned, which is near 1 for most angles, since people differ by a bearing of their own. Particles do
+    better with less: 5000 of them on keypoints of six of those walkers, each left out, without the widening, had 88 %
+    of the truth in their 90 % bands and a mean error of 34 mm, and 85 % and 37 mm with what is learned.
     parameters: names of joint angles or of body parts (`skeleton.PARTS`); None: all that the base moves but the root.
     Raises InputError for numbers out of range, and for parameters of the root.
     """
@@ -102,7 +103,8 @@ def _autoregressions(
     names: Sequence[str], learned: Discrepancy | None, sigma: float | None, keep: float | None
 ) -> tuple[FloatArray, FloatArray]:
     """σ and keep (k,) of the offsets of these joint angles: those given, else those learned, else SIGMA and KEEP."""
-    deviations = {} if learned is None else dict(zip(learned.angles, learned.deviations, strict=True))
+    wide = 1.0 if learned is None else widening(learned.n_people)
+    deviations = {} if learned is None else dict(zip(learned.angles, wide * learned.deviations, strict=True))
     kept = {} if learned is None else dict(zip(learned.angles, learned.keep, strict=True))
     keeps = np.array([kept.get(name, KEEP) if keep is None else keep for name in names])
     sigmas = [

@@ -2,6 +2,7 @@
 
 import yaml
 
+from analysis.figures.kept_runs import every_run
 from analysis.figures.sensitivity import ROWS, table
 from workbench.datasets.synthetic import Synthetic
 
@@ -15,15 +16,11 @@ def test_every_row_but_one_is_exact_otherwise_and_of_departures_that_there_are()
 
 
 def test_numbers_are_means_over_people_and_spreads_over_people_and_seeds():
-    def run(error):
+    def numbers(error):
         return {"error_abs_mm": error, "error_px": 0.1 * error, "held": float(error < 50.0)}
 
-    errors = {
-        ("nothing", "a", 0): 10.0,
-        ("nothing", "a", 1): 20.0,
-        ("nothing", "b", 0): 50.0,
-        ("nothing", "b", 1): 60.0,
-    }
-    lines = table({key: run(error) for key, error in errors.items()}).splitlines()
+    runs = every_run({"nothing": ("walk_best", ())}, ["a", "b"], 2, ())
+    errors = {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 50.0, ("b", 1): 60.0}
+    lines = table({run: numbers(errors[run.clip, run.seed]) for run in runs}).splitlines()
     # people 15 and 55: 35 ± 28; seeds of each 7.1 apart
     assert lines[2:] == ["| nothing | 35 ± 28, 7 | 3.5 ± 2.8, 0.7 | 2/4 |"]

@@ -15,6 +15,7 @@ from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.fit.least_squares import steps
 from workbench.inference.fit.motion_fit import fit_from, fit_sequence
 from workbench.inference.fit.residuals import joint_residual
+from workbench.inference.fit.shared import Shared
 
 ROBUST = Loss("geman_mcclure", 3.0)
 
@@ -108,6 +109,29 @@ def test_what_a_fit_makes_of_a_person_unlike_the_model_is_foreseen(frames_per_st
     off = person.poses - (poses + unlike[:, 0]) - (model.poses - poses)
     np.testing.assert_allclose(off, -model.missed[:, :, 0], atol=2e-6)  # first order: 2 % of it
     assert np.abs(off[:, :6]).max() > 1e-5
+
+
+@pytest.mark.parametrize("frames_per_style", [1, 10])
+@pytest.mark.parametrize("displaced", [3, None], ids=["one part", "all"])
+def test_what_a_fit_makes_of_points_displaced_together_is_foreseen(frames_per_style, displaced):
+    times, states = walk(10)
+    poses, parts = decoder().poses(states), np.repeat(EVERY_JOINT, 3)  # a joint's three residuals are a part
+    shared = Shared(1e-4, [lambda pose: parts] * 10, len(EVERY_JOINT))
+
+    def fitted(moved_m, shared=None):
+        places = joints(WALKER, poses)
+        places[:, slice(None) if displaced is None else displaced, 1] += moved_m
+        seen = [joint_residual(WALKER, EVERY_JOINT, points, 1e-5) for points in places]
+        return fit_from(decoder(), FitData(seen, times, SQUARED), frames_per_style, states, 40, shared=shared)
+
+    still, moved = fitted(0.0, shared), fitted(1e-4)
+    part = len(EVERY_JOINT) if displaced is None else displaced
+    foreseen = still.missed.reshape(10, 10, -1, 3)[:, :, part, 1]
+    off = still.poses - moved.poses
+    assert np.linalg.norm(off - foreseen) < 0.1 * np.linalg.norm(foreseen)  # first order, and where the search ends
+    assert np.abs(foreseen).max() > 1e-5
+    if displaced is None:
+        np.testing.assert_allclose(-foreseen[:, 1], 1e-4, rtol=1e-3)  # all points go aside, and the root with them
 
 
 def test_the_band_covers_the_truth_as_often_as_it_says():

@@ -100,6 +100,23 @@ def test_a_walk_is_found_in_points_without_a_start(problem, likelihood):
     assert all(0.5 < step.diagnostics["inliers"] < 0.95 for step in steps)
 
 
+def test_a_fit_is_unsure_of_what_points_share_however_many_there_are():
+    poses = truth()
+
+    def fitted(shared_m, problem=None, n=400):
+        inference = fitting(problem, SurfacePoints(BODY, shared_m=shared_m))
+        return inference.fit_frames(frames(poses, n=n), None, np.random.default_rng(0))[0]
+
+    def root_mm(fit):
+        return 1e3 * np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2)[:, :3])
+
+    alone, shared, plain = fitted(0.0), fitted(0.01), fitted(0.01, MotionFit(discrepancy=False))
+    np.testing.assert_array_equal(shared.poses, alone.poses)
+    np.testing.assert_array_equal(plain.covariance, alone.covariance)
+    assert root_mm(alone).max() < 10.0 < root_mm(shared).min()  # all points are off by 10 mm
+    assert root_mm(fitted(0.01, n=1600)).min() > 10.0
+
+
 def test_given_ends_of_the_phase_are_used():
     poses = truth()
     start = poses[0] + 0.03

@@ -44,7 +44,7 @@ def test_points_are_whitened_by_their_deviation(scene):
         surface_residual(SKELETON, person_surface(BODY), seen.points, "field", 0.04)(pose),
     )
     assert likelihood.residual_loss == Loss("huber", 2.5)
-    assert likelihood.observables == Observables(sigma=0.04, kind="field")
+    assert likelihood.observables == Observables(sigma=0.04, kind="field", shared_m=0.012)
     assert isinstance(likelihood, ResidualLikelihood)
 
 
@@ -114,7 +114,9 @@ def test_a_product_looks_at_all_that_its_terms_look_at():
         sigma_px=2.0, which=("front", "side")
     )
     every = {"a": front, "b": KeypointLikelihood(BODY), "c": SurfacePoints(BODY, sigma=0.01)}
-    assert Product(every, dict.fromkeys(every, 1.0)).observables == Observables(sigma=0.01, sigma_px=2.0)
+    assert Product(every, dict.fromkeys(every, 1.0)).observables == Observables(
+        sigma=0.01, sigma_px=2.0, shared_m=0.012
+    )
 
 
 def test_a_term_without_residuals_is_named():

@@ -1,6 +1,6 @@
 """Least squares over all frames at once: roots, phases and the style of a motion model (paper D, sections 4.2, 4.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
@@ -15,6 +15,7 @@ from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
+from workbench.inference.fit.shared import Shared
 from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
 FLAT = 1.0
@@ -143,15 +144,29 @@ def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatA
     Of a person whose poses are the model's plus one of these, least squares finds, to first order, states that are off
     by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t (∂r_t/∂pose) missed, H being the Gauss–Newton matrix.
     """
+    return _led(problem, search, lambda t, slopes, pose: slopes @ missed)
+
+
+def misled(problem: FitProblem, search: Minimum, shared: Shared) -> FloatArray:
+    """Tell how far the states of a fit are off, (T, D, k), for one deviation of each of k displacements of what is
+    seen: by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t shifts_t, as in `absorbed`."""
+    return _led(problem, search, lambda t, slopes, pose: shared.shifts(t, slopes, pose))
+
+
+def _led(
+    problem: FitProblem, search: Minimum, shifts: Callable[[int, FloatArray, FloatArray], FloatArray]
+) -> FloatArray:
+    """Solve for the states (T, D, k) that go with changes of the residuals, (K, k) in each frame."""
     states = search.x[problem.columns]
     poses, decoding = problem.decoder.poses(states), problem.decoder.jacobian(states)
-    right = np.zeros((len(search.x), missed.shape[1]))
+    right = np.zeros(0)
     for t, residual in enumerate(problem.residuals):
         misses, slopes = residual(poses[t])
-        weighed = problem.loss(misses)[1][:, None] * slopes
-        right[problem.columns[t]] += decoding[t].T @ (slopes.T @ (weighed @ missed))
+        changes = problem.loss(misses)[1][:, None] * shifts(t, slopes, poses[t])
+        right = right if right.size else np.zeros((len(search.x), changes.shape[1]))
+        right[problem.columns[t]] += decoding[t].T @ (slopes.T @ changes)
     factor = search.quadratic.normal.factor()
-    return np.stack([factor.solve(column) for column in right.T], axis=1)[problem.columns]
+    return factor.solve(right)[problem.columns]
 
 
 def _columns(styles: IntArray, n_style: int) -> tuple[IntArray, int]:

@@ -14,15 +14,17 @@ from workbench.core.given import PHASE_ENDS
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
+from workbench.core.strangers import widening
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.fit.correlation import effective_share, error_correlation
 from workbench.inference.fit.decoding import FitData, MotionDecoder
 from workbench.inference.fit.frame import follow, global_motion
 from workbench.inference.fit.hypotheses import coarse_data, first_roots
-from workbench.inference.fit.motion import absorbed, fit_motion, fit_problem
+from workbench.inference.fit.motion import absorbed, fit_motion, fit_problem, misled
 from workbench.inference.fit.phase_grid import find_phase
 from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
+from workbench.inference.fit.shared import Shared
 from workbench.inference.fit.task import Fit, Task, fit_of
 
 
@@ -32,9 +34,10 @@ class MotionFit:
 
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
-    alone, as D does, without regularisation. discrepancy: add what the model misses of people it was not learned from
-    to the poses' covariance, where that is known. rho: the correlation of keypoints' errors from frame to frame, by
-    which fewer frames count (`correlation.effective_share`); None estimates it at a first fit.
+    alone, as D does, without regularisation. discrepancy: add to the poses' covariance what the model misses of people
+    it was not learned from, where that is known (`strangers.widening`), and what points share (`fit.shared`). rho: the
+    correlation of keypoints' errors from frame to frame, by which fewer frames count
+    (`correlation.effective_share`); None estimates it at a first fit.
     Raises InputError when frames_per_style is not positive, and for rho out of range.
 
     Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
@@ -71,12 +74,12 @@ class MotionFit:
         decoder = MotionDecoder(task.skeleton, needed(task.motion), rest)
         frames_per_style = self.frames_per_style or len(task.seen)
         known = task.discrepancy if self.discrepancy else None
-        missed = None if known is None else known.root(task.skeleton.dof_names)
+        missed = None if known is None else widening(known.n_people) * known.root(task.skeleton.dof_names)
         fit = fit_sequence(
             decoder, task.data(UPRIGHT_SIGMA_RAD), frames_per_style, coarse=coarse_data(task),
             phases=task.phase_ends if self.phases is None else self.phases,
             roots=first_roots(task, decoder) if start is None else None, max_iterations=task.max_iterations,
-            plain=self.plain, missed=missed,
+            plain=self.plain, missed=missed, shared=self._shared(task),
         )  # fmt: skip
         rho = self._correlation(task, fit)
         if rho > 0.0:
@@ -87,6 +90,12 @@ class MotionFit:
             spent = {stage: s + again.timing_s.get(stage, 0.0) for stage, s in fit.timing_s.items()}
             fit = replace(again, timing_s=spent)
         return fit
+
+    def _shared(self, task: Task) -> Shared | None:
+        sigma_m = task.likelihood.observables.shared_m
+        if not self.discrepancy or sigma_m == 0.0 or kinds_seen(task.seen) != ("points",):
+            return None
+        return Shared.of_points(task.skeleton, task.surface, task.seen, sigma_m)
 
     def _correlation(self, task: Task, fit: Fit) -> float:
         if self.rho is not None or kinds_seen(task.seen) != ("keypoints",):
@@ -107,14 +116,14 @@ def needed(motion: MotionModel | None) -> MotionModel:
 def fit_sequence(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, *, phases: tuple[float, float] | None = None,
     roots: FloatArray | None = None, coarse: FitData | None = None, max_iterations: int = 40,
-    plain: bool = False, missed: FloatArray | None = None,
+    plain: bool = False, missed: FloatArray | None = None, shared: Shared | None = None,
 ) -> Fit:  # fmt: skip
     """Fit a motion model to frames, whatever their residuals are made of.
 
     roots: (n, 6) where the person may be in the first frame that shows something, by default the root of decoder.rest.
     coarse: data to start with, where others are faster to compute or see further. phases: those of the first and the
     last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
-    plain: see `fit_problem`. missed: as for `fit_from`.
+    plain: see `fit_problem`. missed, shared: as for `fit_from`.
     """
     clock, far, times_s = perf_counter(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
@@ -125,27 +134,32 @@ def fit_sequence(
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
     started = perf_counter()
-    fit = fit_from(decoder, data, frames_per_style, states, max_iterations, missed=missed, plain=plain)
+    fit = fit_from(decoder, data, frames_per_style, states, max_iterations, missed=missed, plain=plain, shared=shared)
     return replace(fit, timing_s={"start": started - clock, **fit.timing_s})
 
 
 def fit_from(
     decoder: MotionDecoder, data: FitData, frames_per_style: int, states: FloatArray, max_iterations: int,
-    *, share: float = 1.0, missed: FloatArray | None = None, plain: bool = False,
+    *, share: float = 1.0, missed: FloatArray | None = None, plain: bool = False, shared: Shared | None = None,
 ) -> Fit:  # fmt: skip
     """Fit all frames at once from states (T, D) near enough. share: what part of the residuals counts. plain: see
     `fit_problem`.
 
     missed: (P, k), times k standard normal numbers what the motion model misses of a person in every frame. Poses are
     then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
-    that the model does not have.
+    that the model does not have. shared: what observations are off by together, and poses with them (`motion.misled`).
     """
     started = perf_counter()
     problem = fit_problem(decoder, data.weighing(share), frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
+    causes = []
     if missed is not None:
-        fit = fit.missing(missed - fit.pose_jacobian @ absorbed(problem, search, missed))
+        causes.append(missed - fit.pose_jacobian @ absorbed(problem, search, missed))
+    if shared is not None:
+        causes.append(fit.pose_jacobian @ misled(problem, search, shared))
+    if causes:
+        fit = fit.missing(np.concatenate(causes, axis=2))
     return replace(fit, timing_s={"least_squares": perf_counter() - started})
 
 

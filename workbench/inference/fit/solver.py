@@ -90,7 +90,7 @@ class Factor:
     corner: FloatArray
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Return x (n,) of A x = right (n,)."""
+        """Return x (n,) of A x = right (n,), or several as columns (n, k)."""
         n_band = self.pattern.n_band
         x: FloatArray = cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
         if not self.pattern.n_border:
