@@ -8,7 +8,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
@@ -17,22 +17,30 @@ from workbench.core.clip import Clip
 from workbench.core.frame import Frame, View
 from workbench.core.given import STILL_BACKGROUND
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
+from workbench.errors import InputError
+from workbench.likelihoods.image_levels import (
+    StillScene,
+    Uncovered,
+    log_ratio,
+    scene_log_ratio,
+    spaced_images,
+    still_scenes,
+    uncovered_scene,
+)
 from workbench.likelihoods.limb_points import limb_points, over_views
 from workbench.likelihoods.looks import PoseLook, Remembering
 from workbench.likelihoods.outlines import CORNERS, covered, outline_sums, running_sums
 
-BESIDE_PX, TOGETHER_PX = 7, 9
-"""Of the first frame's pose: its outline is widened by half the first, since the start is a little off; pixels count
-where most of the square of the second's size does."""
+BESIDE_PX = 17
+"""The outline of the first frame's pose may be off by half of this: start and body are not known exactly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What one camera saw of the person. area: of the outline, px². standing: (height, width), see `Silhouette`."""
+    """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
 
     area: float
-    standing: BoolArray | None = None
+    uncovered: Uncovered | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +56,10 @@ class Silhouette:
     wider by rim_px on all sides. A: area of the outline of the pose expected one frame earlier, px². Neighbouring
     pixels err together: the whole person counts as k independent ones.
 
-    Who stays where they are, or walks towards the camera, is learned as background. standing: what a camera sees in the
-    outline of the first frame's pose and takes for background is the person, whom it never saw leave: there r counts
-    only where it still looks so, and then for the person.
+    Who stays where they are for half of the clip is learned as background. standing: what is behind the person is told
+    by where they are in the first frame instead (`image_levels.uncovered_scene`): beside them it is seen there, and
+    behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
+    r, where that is above zero), and where nobody knows r is zero.
 
     epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
     Raises InputError when a constant is out of range or a camera was not in the clip.
@@ -83,16 +92,25 @@ class Silhouette:
     def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> PoseLook:
         judges, notes = [], []
         for view in frame.views:
-            ratio, known = log_ratio(view, self.scenes, 0.0, self.epsilon), seen.get(view.camera.name)
+            known = seen.get(view.camera.name)
+            ratio = self._ratio(known, view)
             if known is not None:
-                if known.standing is not None:
-                    ratio = np.where(known.standing, np.maximum(-ratio, 0.0), ratio)
                 judges.append(partial(self._log_prob, view.camera, running_sums(ratio), known.area))
             elif previous is not None:
                 name = view.camera.name
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
         judge, measure = partial(over_views, self.body, judges), partial(self._measure, seen, frame)
         return PoseLook("silhouette", judge, measure, tuple(notes))
+
+    def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
+        if not self.standing:
+            return log_ratio(view, self.scenes, 0.0, self.epsilon)
+        if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
+            return np.zeros(view.image.shape[:2], dtype=np.float32)
+        ratio = scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
+        ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
+        ratio[known.uncovered.unknown] = 0.0
+        return ratio
 
     def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
         return self.k / area * self._sums(camera, reached, frames)
@@ -107,20 +125,21 @@ class Silhouette:
                 (area,) = self._sums(view.camera, ones, frames)
                 if area >= 1.0:
                     known = seen.get(view.camera.name)
-                    standing = self._standing(view, frames) if known is None else known.standing
-                    measured[view.camera.name] = Seen(float(area), standing)
+                    uncovered = self._uncovered(view, frames) if known is None else known.uncovered
+                    measured[view.camera.name] = Seen(float(area), uncovered)
         return Remembering(measured, self._look)
 
-    def _standing(self, view: View, frames: JointFrames) -> BoolArray | None:
-        """Tell which pixels (height, width) in a pose's outline, or by it, look like the background that was learned;
-        single ones are chance."""
+    def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:
+        """Find the scene behind a person who is first seen in this pose."""
         if not self.standing:
             return None
         corners = limb_points(self.body, CORNERS, view.camera, frames).pixels[0]
         inside = covered(corners, self.body.limbs.spheres, (view.image.shape[0], view.image.shape[1]))
         near = cv2.dilate(inside.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)).astype(np.bool_)
-        alike = near & (log_ratio(view, self.scenes, 0.0, self.epsilon) < 0.0)
-        return np.asarray(cv2.medianBlur(alike.astype(np.uint8), TOGETHER_PX), dtype=np.bool_)
+        images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
+        if images is None:
+            raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
+        return uncovered_scene(images, inside, near, self.least_sigma)
 
     def _sums(self, camera: Camera, reached: FloatArray, frames: JointFrames) -> FloatArray:
         corners = limb_points(self.body, CORNERS, camera, frames).pixels

@@ -2,7 +2,7 @@
 likelihoods that are only known by their values."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -23,7 +23,7 @@ from workbench.inference.particles.target import Stopwatch
 from workbench.inference.particles.weights import even_log_weights
 
 BLOCKS = (
-    ("root",), ("left_hip", "left_knee", "right_hip", "right_knee"), ("left_hip", "left_knee"),
+    ("root", "left_hip", "left_knee", "right_hip", "right_knee", "neck"), ("root",), ("left_hip", "left_knee"),
     ("right_hip", "right_knee"), ("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow"), ("root", "neck"),
 )  # fmt: skip
 """What parameters that are guessed together begin with, in turn."""
@@ -35,14 +35,13 @@ _LEAP = 1e-5
 @dataclass(frozen=True, eq=False)
 class Belief:
     """N(mean (D,), covariance (D, D)) of the state in one frame, and what was believed before the frame was seen, with
-    the derivatives (D, D) of that by the state before. seen: what else its step tells."""
+    the derivatives (D, D) of that by the state before."""
 
     mean: FloatArray
     covariance: FloatArray
     predicted: FloatArray
     predicted_covariance: FloatArray
     transition: FloatArray
-    peak: Peak | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class Kalman:
     n_particles: int = 500
     steps: int = 3
     guesses: int = 40
-    flatten: float = 0.3
+    flatten: float = 0.05
     second_pass: bool = True
 
     finds_start: ClassVar[bool] = False
@@ -109,23 +108,24 @@ class Kalman:
         mean, covariance = model.start_moments(start)
         belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)))
         for frame in frames:
-            clock, notes = Stopwatch(), tuple[str, ...]()
+            clock, evaluations = Stopwatch(), 0.0
             look = likelihood.look(previous, frame)
             if previous is not None:
-                predicted = predict(model, belief, frame.time_s - previous.time_s)
                 before = self.prior.pose(belief.mean[None])
+                predicted = predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
-                belief = self._updated(predicted, look, before, rng)
-                log_evidence += 0.0 if belief.peak is None else belief.peak.log_evidence
+                belief, peak = self._updated(predicted, look, before, rng)
+                log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
             likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
             clock.lap("likelihood")
-            notes = tuple(look.notes)
-            yield frame, belief, {"log_evidence": log_evidence, "timing_s": clock.laps, "warnings": notes,
-                                  "diagnostics": look.diagnostics}  # fmt: skip
+            yield frame, belief, {
+                "log_evidence": log_evidence, "timing_s": clock.laps, "warnings": tuple(look.notes),
+                "diagnostics": look.diagnostics, "evaluations": evaluations,
+            }  # fmt: skip
             previous = frame
 
-    def _updated(self, belief: Belief, look: Look, before: FloatArray, rng: np.random.Generator) -> Belief:
-        """Take in what a frame shows."""
+    def _updated(self, belief: Belief, look: Look, before: FloatArray, rng: np.random.Generator) -> tuple[Belief, Peak]:
+        """Take in what a frame shows; the person was in the pose `before` (1, P)."""
         n = before.shape[1]
         mean, covariance = belief.mean[:n], belief.covariance[:n, :n]
         guesses = [self._changes(covariance, own, rng) for own in self._blocks]
@@ -139,10 +139,8 @@ class Kalman:
         )
         gain = np.linalg.solve(covariance + 1e-12 * np.eye(n), belief.covariance[:n]).T  # of all columns by the pose's
         updated = belief.covariance - gain @ (covariance - peak.covariance) @ gain.T
-        return Belief(
-            belief.mean + gain @ (peak.pose - mean), 0.5 * (updated + updated.T), belief.predicted,
-            belief.predicted_covariance, belief.transition, peak,
-        )  # fmt: skip
+        told = replace(belief, mean=belief.mean + gain @ (peak.pose - mean), covariance=0.5 * (updated + updated.T))
+        return told, peak
 
     @cached_property
     def _blocks(self) -> list[IntArray]:
@@ -167,8 +165,7 @@ class Kalman:
         return Step(
             frame=frame, space=self.space, particles=state, poses=poses,
             log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
-            expected_pose=expected, map_pose=expected, ess=float(self.n_particles),
-            evaluations=0.0 if belief.peak is None else float(belief.peak.evaluations), **extra,
+            expected_pose=expected, map_pose=expected, ess=float(self.n_particles), **extra,
         )  # fmt: skip
 
 
@@ -186,7 +183,8 @@ def predict(model: Gaussian, belief: Belief, dt_s: float) -> Belief:
     around = belief.mean + _LEAP * np.concatenate([np.zeros((1, d)), np.eye(d), -np.eye(d)])
     led = model.mean(around, dt_s)
     transition = (led[1 : d + 1] - led[d + 1 :]).T / (2.0 * _LEAP)
-    covariance = transition @ belief.covariance @ transition.T + model.noise_covariance(belief.mean, dt_s)
+    covariance = transition @ belief.covariance @ transition.T
+    covariance += model.noise_covariance(belief.mean, dt_s)
     return Belief(led[0], covariance, led[0], covariance, transition)
 
 
@@ -200,8 +198,5 @@ def smoothed(beliefs: list[Belief]) -> list[Belief]:
         later = told[-1]
         mean = belief.mean + gain @ (later.mean - following.predicted)
         covariance = belief.covariance + gain @ (later.covariance - following.predicted_covariance) @ gain.T
-        told.append(
-            Belief(mean, 0.5 * (covariance + covariance.T), belief.predicted, belief.predicted_covariance,
-                   belief.transition, belief.peak)
-        )  # fmt: skip
+        told.append(replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T)))
     return told[::-1]
