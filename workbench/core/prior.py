@@ -87,6 +87,17 @@ class Density(Protocol):
         priors there are no others, and the states come back as they are."""
 
 
+@runtime_checkable
+class Gaussian(Density, Protocol):
+    """A density with Gaussian noise about its mean, which a Kalman filter needs."""
+
+    def start_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean (D,) and covariance (D, D) of the first states around a starting pose (P,)."""
+
+    def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Return the covariance (D, D) of states `dt_s` seconds after one state (D,), about their mean."""
+
+
 @dataclass(frozen=True, eq=False)
 class Powers:
     """What a prior can do beside drawing. Wrappers pass on those of their base that still hold.

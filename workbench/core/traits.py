@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 DENSITY = "a density that can be evaluated"
+GAUSSIAN = "Gaussian noise about a mean that is linear or nearly so"
 MOTION = "a motion model to fit"
 ACTIVITY = "a motion model of activities, to draw about its fit"
 BODY_PARTS = "columns for joint angles that are drawn independently of each other"

@@ -20,11 +20,12 @@ from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.given import START_POSE
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
-from workbench.datasets.scenes import render
+from workbench.datasets.scenes import occluder, render
 from workbench.datasets.scenes import subject as subjects
 from workbench.datasets.scenes.cache import cached_images, image_key
 from workbench.datasets.scenes.camera import automatic_camera, standing_height
 from workbench.datasets.scenes.miscalibration import calibrated, calibration_error
+from workbench.datasets.scenes.occluder import passing_board
 from workbench.datasets.scenes.splice import splice
 from workbench.datasets.scenes.subject import Subject, subject_of
 from workbench.datasets.scenes.take import Scene, motion_names, rough_pose, start_error
@@ -48,7 +49,8 @@ class Synthetic(Scene):
     None: everything moves. camera: a camera file, of which the first camera is used, and the scene's does not count;
     without one the person is person_px tall half-way through, or smaller where the whole motion would not fit into
     width × height.
-    noise: σ of the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
+    occluder: whether a board passes in front of the person once, drawn by the seed, see `passing_board`. noise: σ of
+    the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
     being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
     KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
     known, for a motion that cannot be found or is too short, and a camera that never sees the person.
@@ -66,6 +68,7 @@ class Synthetic(Scene):
     moving: Sequence[str] | None = None
     camera: str | None = None
     person_px: float = 270.0
+    occluder: bool = False
     noise: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
@@ -184,17 +187,25 @@ class Synthetic(Scene):
         texture = render.clothes(body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
         scene, images = render.Scene(body, camera, texture, background), []
+        board = passing_board(self._seen, self.rate_hz, stream(self.seed, "occluder")) if self.occluder else None
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
             shown = self._subject.shown(scene, (self.first_frame + i) / self.rate_hz)
-            images.append(render.with_noise(render.render(shown, pose), self.noise, sensor))
+            image = render.render(shown, pose)
+            image = image if board is None else board.cover(image, i)
+            images.append(render.with_noise(image, self.noise, sensor))
         return np.stack(images)
+
+    @property
+    def _seen(self) -> FloatArray:
+        """Where the camera sees the joints, (F, J, 2), px."""
+        return self.view_camera.project(joints(self._subject.body.skeleton, self._used_motion.poses))
 
     def _key(self) -> str:
         unseen, seen_by = ("data", "cache", "camera", "keypoint_sigma_px"), self.view_camera
         calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
         size = np.array([seen_by.width, seen_by.height])
-        return image_key(self, unseen, code_digest(render, subjects), self._used_motion, *calibration, size)
+        return image_key(self, unseen, code_digest(render, subjects, occluder), self._used_motion, *calibration, size)
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:

@@ -7,6 +7,7 @@ neither is written twice and a typo or a wrong type in an override is an error t
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, make_dataclass
+from functools import partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -22,7 +23,7 @@ from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
-from workbench.experiment import parts
+from workbench.experiment import parts, strangers
 from workbench.experiment.build import resolved
 from workbench.mocap.names import left_out
 
@@ -68,13 +69,26 @@ class PeopleSchema:
 @dataclass
 class ClipsSchema:
     """Clips of different people. choose: to choose parameters by. report: whose numbers are reported; report_run,
-    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton."""
+    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton.
+    strangers: the first frame of every clip of the protocol of strangers, by activity. half: of those, None for both.
+    """
 
     choose: list[str] = MISSING
     report: list[str] = MISSING
     report_run: list[str] = MISSING
     report_walk_run: list[Any] = MISSING
     report_full: list[str] = MISSING
+    strangers: dict[str, dict[str, int]] = MISSING
+    half: str | None = None
+
+
+@dataclass
+class ProtocolSchema:
+    """What a report divides runs by, see `strangers`. half: of the clips. activity: the clip's. shown: with what."""
+
+    half: str | None = None
+    activity: str | None = None
+    shown: str | None = None
 
 
 @dataclass
@@ -124,6 +138,7 @@ class RunSchema:
     learn: LearnSchema = field(default_factory=LearnSchema)
     people: PeopleSchema = field(default_factory=PeopleSchema)
     clips: ClipsSchema = field(default_factory=ClipsSchema)
+    protocol: ProtocolSchema = field(default_factory=ProtocolSchema)
     paths: PathsSchema = field(default_factory=PathsSchema)
     check: dict[str, ToleranceSchema] = field(default_factory=dict)
     sweep: SweepSchema = field(default_factory=SweepSchema)
@@ -136,7 +151,10 @@ def prepare_hydra() -> None:
         Plugins.instance().register(plugin)
     OmegaConf.register_new_resolver("given", _given, replace=True)
     OmegaConf.register_new_resolver("performers", _performers, replace=True)
+    OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
     OmegaConf.register_new_resolver("each", _each, replace=True)
+    for each in (strangers.hashed, strangers.half_of, strangers.clips_of, strangers.activity_of, strangers.first_frame):
+        OmegaConf.register_new_resolver(each.__name__, each, replace=True)
 
 
 def schema_of(target: Callable[..., object], with_defaults: bool = False) -> type:
@@ -335,10 +353,10 @@ def _given(value: str | None, then: object, otherwise: object) -> object:
     return otherwise if value in (None, "builtin") else then
 
 
-def _performers(*motions: Any) -> list[str]:
+def _performers(*motions: Any, by_style: bool = False) -> list[str]:
     """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
     listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
-    return left_out(str(name) for names in listed for name in names)
+    return left_out((str(name) for names in listed for name in names), by_style)
 
 
 def _each(values: Sequence[str]) -> str:

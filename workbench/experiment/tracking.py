@@ -12,6 +12,7 @@ from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
 from workbench.errors import InputError
 from workbench.evaluation.calibration import expected_calibration_error
+from workbench.evaluation.doubt import group_errors, stated_doubt
 from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.evaluation.step_calibration import pose_ranks
@@ -49,8 +50,10 @@ class Meter:
         self._ranks: list[FloatArray] = []
 
     def errors(self, step: Step) -> dict[str, float]:
-        """The step's errors by name; see `step_errors`, `AccelerationError` and `MarkerOffsets`."""
+        """The step's errors by name, see `step_errors`, `AccelerationError`, `MarkerOffsets` and `group_errors`, and
+        what it says of them itself, see `stated_doubt`."""
         errors = step_errors(step, self._body, self._parameters, self._scale)
+        errors |= stated_doubt(step, self._body.skeleton) | group_errors(step, self._body.skeleton)
         if not self._first:
             self._ranks.append(pose_ranks(step))
         self._first = False

@@ -11,11 +11,13 @@ from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning import activities as activity_models
 from workbench.learning import activity_cycles, cyclic, discrepancy, gaps, walking, windows
+from workbench.learning import linear_motion as linear_motions
 from workbench.learning.activities import ActivityModel, learn_activities
 from workbench.learning.activity_cycles import Followed, followed_person
 from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.discrepancy import learn_discrepancy
 from workbench.learning.gaps import with_gaps
+from workbench.learning.linear_motion import LinearMotion, learn_linear_motion
 from workbench.learning.store import Provenance, Stored, load, save
 from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
 from workbench.learning.windows import Windows, learn_windows
@@ -24,7 +26,7 @@ from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.generated.running import builtin_runs
 from workbench.mocap.library import read_library, write_library
 from workbench.mocap.motion import Motion
-from workbench.mocap.names import clip_name
+from workbench.mocap.names import clip_name, style
 from workbench.mocap.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
 from workbench.streams import stream
 
@@ -111,6 +113,21 @@ def motion_windows(
     return _learned(Windows, "windows", cache, chosen, code, learn, angles=",".join(angles), **options)
 
 
+def linear_motion(
+    *, motions: str = "recorded", data: str | None = None, cache: str = "~/.cache/workbench",
+    leave_out: Sequence[str] = (), activities: Sequence[str] = (), rate_hz: float | None = None,
+    frames_hz: float | None = None,
+) -> LinearMotion:  # fmt: skip
+    """Learn the linear model of all `motions`, see `database_motions` and `learn_linear_motion`.
+
+    rate_hz: None takes the rate of the frames that are to be tracked, frames_hz, or 30 Hz where that is not known.
+    """
+    rate_hz = (frames_hz or WINDOWS_HZ) if rate_hz is None else rate_hz
+    chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
+    code, learn = code_digest(linear_motions), lambda: learn_linear_motion(chosen, rate_hz)
+    return _learned(LinearMotion, "linear", cache, chosen, code, learn, rate_hz=rate_hz)
+
+
 def activity_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     leave_out: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
@@ -164,7 +181,8 @@ def training_motions(
 ) -> tuple[Motion, ...]:
     """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
-    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files or of performers (`mocap.names`).
+    subjects: whose of CMU's, None: all. leave_out: names of clips, of their files, of performers or of styles, see
+    `mocap.names`.
     Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
@@ -180,8 +198,8 @@ def database_motions(
 ) -> tuple[Motion, ...]:
     """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
-    leave_out: names of clips, of their files or of performers (`mocap.names`). activities: keep only these; none keeps
-    all. Raises InputError when they cannot be read or none is left.
+    leave_out: names of clips, of their files, of performers or of styles (`mocap.names`). activities: keep only these;
+    none keeps all. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("recorded", "cmu", "bandai"):
         folder = _folder(motions, data)
@@ -196,12 +214,13 @@ def database_motions(
 
 
 def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequence[str] = ()) -> tuple[Motion, ...]:
-    """Keep those of no clip or subject in `leave_out`, and of some activities or any; InputError when none is left."""
+    """Keep those of no clip, subject or style in `leave_out`, of some activities or any; InputError if none is left."""
     unwanted = {clip_name(name) for name in leave_out}
     kept = tuple(
         motion
         for motion in found
-        if not unwanted & {motion.name, motion.subject} and (not activities or motion.activity in activities)
+        if not unwanted & {motion.name, motion.subject, style(motion.name)}
+        and (not activities or motion.activity in activities)
     )
     if not kept:
         raise InputError(f"motions: none of {len(found)} is left without {leave_out} among the activities {activities}")

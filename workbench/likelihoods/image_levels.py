@@ -7,11 +7,15 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import AnyArray, Float32Array
+from workbench.arrays import AnyArray, BoolArray, Float32Array
 from workbench.core.clip import Clip
 from workbench.core.frame import View
 from workbench.errors import InputError
 
+DIFFERENT = 3.5
+"""Deviations of noise by which a pixel must change to show something else."""
+LEFT, AGREE = 0.15, 0.6
+"""What part of the images must show something else where a person was, and what part of these agree on it."""
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
@@ -53,6 +57,12 @@ class StillScene:
 def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
     """Find the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
     `n_frames` frames of the clip, evenly spread."""
+    seen = spaced_images(clip, n_frames, blur_px)
+    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
+
+
+def spaced_images(clip: Clip, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
+    """Collect every camera's smoothed levels in `n_frames` frames of the clip, evenly spread, the first among them."""
     n = clip.known.n_frames
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
     seen: dict[str, list[Float32Array]] = {}
@@ -60,7 +70,48 @@ def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) 
         if i in used:
             for view in frame.views:
                 seen.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
-    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
+    return seen
+
+
+@dataclass(frozen=True, eq=False)
+class Uncovered:
+    """A scene as far as it is seen without the person. person: (height, width), pixels that the first frame's person
+    covers and that never change, where the scene is theirs. unknown: (height, width), of which nothing is known."""
+
+    scene: StillScene
+    person: BoolArray
+    unknown: BoolArray
+
+
+def uncovered_scene(
+    images: Sequence[Float32Array], inside: BoolArray, near: BoolArray, least_sigma: float
+) -> Uncovered:
+    """Find what is behind a person who may stay where they are for most of F images (height, width, C).
+
+    inside: (height, width), what they cover in the first image; near: what they may, as nobody knows so exactly.
+    Elsewhere, and near them where nothing ever changes, the first image shows the scene, and later ones that agree with
+    it make it more exact. Else it is what later images agree on that differ from the first; where none differ, or they
+    do not agree, it stays unknown.
+    """
+    stack = np.stack(images)
+    noise = float(MAD_TO_SIGMA * np.median(np.abs(stack[1] - stack[0])) / np.sqrt(2.0))
+    apart = np.float32(DIFFERENT * np.sqrt(2.0) * max(noise, 0.5 * least_sigma))
+    alike = (np.abs(stack - stack[0]) <= apart).all(axis=3)
+    levels = (stack * alike[..., None]).sum(axis=0) / alike.sum(axis=0)[..., None]
+    rows, columns = np.nonzero(near)
+    n_changed = (~alike[:, rows, columns]).sum(axis=0)
+    often = n_changed >= max(3, round(LEFT * len(images)))
+    rows, columns, n_changed = rows[often], columns[often], n_changed[often]
+    changed = np.where(alike[:, rows, columns, None], np.nan, stack[:, rows, columns])
+    behind = np.nanmedian(changed, axis=0) if len(rows) else np.zeros((0, levels.shape[2]))
+    agreed = (np.abs(changed - behind) <= apart).all(axis=2).sum(axis=0) >= AGREE * n_changed
+    levels[rows[agreed], columns[agreed]] = behind[agreed]
+    still = alike.mean(axis=0) > 1.0 - LEFT
+    unknown = near & (inside | ~still)
+    unknown[rows[agreed], columns[agreed]] = False
+    person = inside & unknown & still
+    scene = StillScene(levels.astype(np.float32), np.full(levels.shape, max(noise, least_sigma), dtype=np.float32))
+    return Uncovered(scene, person, unknown & ~person)
 
 
 def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
@@ -78,7 +129,11 @@ def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsi
     raises InputError where its camera is none of the scenes'."""
     if view.camera.name not in scenes:
         raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
-    scene = scenes[view.camera.name]
+    return scene_log_ratio(view, scenes[view.camera.name], blur_px, epsilon)
+
+
+def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
+    """Return `log_ratio` of a view before one scene."""
     z = (colour_levels(view, blur_px) - scene.median) / scene.sigma
     normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * z**2
     return np.asarray(-np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))), dtype=np.float32)

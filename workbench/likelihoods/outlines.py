@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import cv2
 import numba
 import numpy as np
 
@@ -27,6 +28,18 @@ def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray,
     sums = np.empty(len(corners))
     _outline_sums(reached, corners, spheres, rim_px, sums)
     return sums
+
+
+def covered(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Tell which pixels of an image of this shape (height, width) are within the union of L outlines (L, 4, 2), px."""
+    image = np.zeros(shape, dtype=np.uint8)
+    for outline, sphere in zip(corners, spheres, strict=True):
+        if sphere:
+            centre, radius = outline.mean(axis=0), float(np.linalg.norm(outline[2] - outline[0])) / 2.0
+            cv2.circle(image, (round(float(centre[0])), round(float(centre[1]))), round(radius), 1, -1)
+        else:
+            cv2.fillConvexPoly(image, np.rint(outline).astype(np.int32), 1)
+    return image.astype(np.bool_)
 
 
 def outline_sums_reference(

@@ -5,21 +5,42 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import ClassVar
 
+import cv2
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.clip import Clip
-from workbench.core.frame import Frame
+from workbench.core.frame import Frame, View
 from workbench.core.given import STILL_BACKGROUND
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
+from workbench.errors import InputError
+from workbench.likelihoods.image_levels import (
+    StillScene,
+    Uncovered,
+    log_ratio,
+    scene_log_ratio,
+    spaced_images,
+    still_scenes,
+    uncovered_scene,
+)
 from workbench.likelihoods.limb_points import limb_points, over_views
 from workbench.likelihoods.looks import PoseLook, Remembering
-from workbench.likelihoods.outlines import CORNERS, outline_sums, running_sums
+from workbench.likelihoods.outlines import CORNERS, covered, outline_sums, running_sums
+
+BESIDE_PX = 17
+"""The outline of the first frame's pose may be off by half of this: start and body are not known exactly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
+
+    area: float
+    uncovered: Uncovered | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +56,11 @@ class Silhouette:
     wider by rim_px on all sides. A: area of the outline of the pose expected one frame earlier, px². Neighbouring
     pixels err together: the whole person counts as k independent ones.
 
+    Who stays where they are for half of the clip is learned as background. standing: what is behind the person is told
+    by where they are in the first frame instead (`image_levels.uncovered_scene`): beside them it is seen there, and
+    behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
+    r, where that is above zero), and where nobody knows r is zero.
+
     epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
@@ -48,6 +74,7 @@ class Silhouette:
     least_sigma: float = 3.0
     n_frames: int = 60
     rim_px: float = 0.4
+    standing: bool = False
 
     def __post_init__(self) -> None:
         check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
@@ -62,32 +89,57 @@ class Silhouette:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
         return self._look({}, previous, frame)
 
-    def _look(self, areas: Mapping[str, float], previous: Frame | None, frame: Frame) -> PoseLook:
+    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> PoseLook:
         judges, notes = [], []
         for view in frame.views:
-            reached, area = running_sums(log_ratio(view, self.scenes, 0.0, self.epsilon)), areas.get(view.camera.name)
-            if area is not None:
-                judges.append(partial(self._log_prob, view.camera, reached, area))
+            known = seen.get(view.camera.name)
+            ratio = self._ratio(known, view)
+            if known is not None:
+                judges.append(partial(self._log_prob, view.camera, running_sums(ratio), known.area))
             elif previous is not None:
                 name = view.camera.name
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
-        judge, measure = partial(over_views, self.body, judges), partial(self._measure, areas, frame)
+        judge, measure = partial(over_views, self.body, judges), partial(self._measure, seen, frame)
         return PoseLook("silhouette", judge, measure, tuple(notes))
+
+    def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
+        if not self.standing:
+            return log_ratio(view, self.scenes, 0.0, self.epsilon)
+        if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
+            return np.zeros(view.image.shape[:2], dtype=np.float32)
+        ratio = scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
+        ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
+        ratio[known.uncovered.unknown] = 0.0
+        return ratio
 
     def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
         return self.k / area * self._sums(camera, reached, frames)
 
-    def _measure(self, areas: Mapping[str, float], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, float]]:
+    def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
-        measured = dict(areas)
+        measured = dict(seen)
         if np.isfinite(pose).all():
             frames = forward(self.body.skeleton, pose[None])
             for view in frame.views:
                 ones = running_sums(np.ones(view.image.shape[:2], dtype=np.float32))
                 (area,) = self._sums(view.camera, ones, frames)
                 if area >= 1.0:
-                    measured[view.camera.name] = float(area)
+                    known = seen.get(view.camera.name)
+                    uncovered = self._uncovered(view, frames) if known is None else known.uncovered
+                    measured[view.camera.name] = Seen(float(area), uncovered)
         return Remembering(measured, self._look)
+
+    def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:
+        """Find the scene behind a person who is first seen in this pose."""
+        if not self.standing:
+            return None
+        corners = limb_points(self.body, CORNERS, view.camera, frames).pixels[0]
+        inside = covered(corners, self.body.limbs.spheres, (view.image.shape[0], view.image.shape[1]))
+        near = cv2.dilate(inside.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)).astype(np.bool_)
+        images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
+        if images is None:
+            raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
+        return uncovered_scene(images, inside, near, self.least_sigma)
 
     def _sums(self, camera: Camera, reached: FloatArray, frames: JointFrames) -> FloatArray:
         corners = limb_points(self.body, CORNERS, camera, frames).pixels

@@ -39,10 +39,19 @@ def performer(name: str) -> str | None:
     return BANDAI.get(clip.partition("_")[0])
 
 
-def left_out(names: Iterable[str]) -> list[str]:
+def style(name: str) -> str | None:
+    """Tell in which style Bandai's clip of that name is performed: "bandai-old" for dataset-1_bow_old_001 and whatever
+    else is so in either data set, whoever performs it; None for other clips."""
+    bandai = re.fullmatch(r"(dataset-\d+)_[^_]+_([^_]+)_\d+", clip_name(name))
+    return f"bandai-{bandai[2]}" if bandai else None
+
+
+def left_out(names: Iterable[str], by_style: bool = False) -> list[str]:
     """Tell whom not to learn from in order to track what has these names: their performers, each once.
 
-    A clip whose name does not tell its performer stands for itself. Generated motions and markers are left aside.
+    by_style: of Bandai's clips their style, in all activities and both data sets, and not all of a data set. A clip
+    whose name does not tell its performer stands for itself. Generated motions and markers are left aside.
     """
     clips = [name for name in names if not name.startswith(GENERATED) and not name.lower().endswith(_MARKERS)]
-    return list(dict.fromkeys(performer(name) or clip_name(name) for name in clips))
+    who = [((style(name) if by_style else None) or performer(name) or clip_name(name)) for name in clips]
+    return list(dict.fromkeys(who))

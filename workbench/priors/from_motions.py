@@ -5,10 +5,18 @@ from inspect import Signature, signature
 from typing import Any, TypeVar, get_type_hints
 
 from workbench.core.traits import Traits
-from workbench.learning.training import activity_model, cyclic_model, gait_model, motion_windows, walking_model
+from workbench.learning.training import (
+    activity_model,
+    cyclic_model,
+    gait_model,
+    linear_motion,
+    motion_windows,
+    walking_model,
+)
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
+from workbench.priors.linear import Linear
 
 P = TypeVar("P")
 
@@ -41,5 +49,7 @@ cyclic = learned("cyclic", cyclic_model, Cyclic)
 """Paper B: the same prior over a model learned from any cyclic motion with gaps."""
 implicit = learned("implicit", motion_windows, Implicit)
 """Paper C: a database of motions as a prior."""
+linear = learned("linear", linear_motion, Linear)
+"""A linear-Gaussian model of all motions."""
 activity = learned("activity", activity_model, Activity)
 """Paper D: one model of walking and running, which least squares fits and a particle filter samples."""

@@ -8,6 +8,7 @@ from workbench.evaluation.intervals import N_RESAMPLES
 from workbench.report import groups as runs
 from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, Statistic, headline, metric_names, statistic
 from workbench.report.people import person_of
+from workbench.report.protocol import divided
 from workbench.report.tables import Table, comma_separated, number
 from workbench.report.variation import short_names, shown
 
@@ -19,12 +20,14 @@ _COLUMNS = ("group", "n", "people", "mean", "sd of people", "sd of runs", f"{LEV
 class Contents:
     """summary: sentences about what was read. problems: a sentence for each run that does not count.
 
-    extremes: every group's best and worst run. chief, others: tables by metric, what everybody asks for and the rest.
+    extremes: every group's best and worst run. divided: tables of a
+    protocol's runs. chief, others: tables by metric, what everybody asks for and the rest.
     """
 
     summary: tuple[str, ...]
     problems: tuple[str, ...]
     extremes: tuple[str, Table] | None
+    divided: tuple[tuple[str, Table], ...]
     chief: tuple[tuple[str, Table], ...]
     others: tuple[tuple[str, Table], ...]
 
@@ -37,6 +40,7 @@ def contents(grouping: Grouping) -> Contents:
         summary=_summary(grouping),
         problems=grouping.problems,
         extremes=_extremes(grouping.groups),
+        divided=tuple(divided({group.label: group.runs for group in grouping.groups})),
         chief=tuple(_metric_table(grouping.groups, name) for name in chief),
         others=tuple(_metric_table(grouping.groups, name) for name in others),
     )

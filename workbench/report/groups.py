@@ -13,6 +13,7 @@ from workbench.evaluation.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.report import variation as varied
 from workbench.report.people import MOTION, keys_of_people, person_of
+from workbench.report.protocol import half_of
 from workbench.report.variation import EXPERIMENT, Settings, Variation
 
 LEVEL = 0.95
@@ -124,7 +125,9 @@ def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Gr
 
 
 def _group(runs: Sequence[Run], settings: Settings, variation: Variation, told: Mapping[Run, tuple[str, int]]) -> Group:
-    """Group runs; told: clip and seed of every run of all groups."""
+    """Group runs; told: clip and seed of every run of all groups. Of a protocol's other half none is missing."""
+    halves = {half_of(run.settings) for run in runs}
+    expected = {shown for run, shown in told.items() if half_of(run.settings) in halves}
     complete: dict[tuple[str, int], Run] = {}
     repeats: list[Run] = []
     for run in sorted(runs, key=lambda run: str(run.properties["run"].get("id", "")), reverse=True):
@@ -137,7 +140,7 @@ def _group(runs: Sequence[Run], settings: Settings, variation: Variation, told: 
         runs=tuple(complete[each] for each in sorted(complete)),
         incomplete=tuple(run for run in runs if run.status != "complete"),
         repeats=tuple(repeats),
-        missing=tuple(sorted(set(told.values()) - {told[run] for run in runs})),
+        missing=tuple(sorted(expected - {told[run] for run in runs})),
     )
 
 

@@ -48,7 +48,7 @@ def terminal(found: Contents) -> str:
     parts = ["\n".join(found.summary)]
     if found.problems:
         parts.append("\n".join(("not counted or missing:", *(f"- {problem}" for problem in found.problems))))
-    parts += [f"{title}\n{text(table)}" for title, table in found.chief]
+    parts += [f"{title}\n{text(table)}" for title, table in (*found.chief, *found.divided)]
     if found.extremes:
         parts.append(f"{found.extremes[0]}\n{text(found.extremes[1])}")
     return "\n".join(map(printable, "\n\n".join(parts).split("\n")))
@@ -65,7 +65,7 @@ def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:
     ]
     if found.extremes:
         parts.append(f"## {_capital(escaped(found.extremes[0]))}\n\n{markdown(found.extremes[1])}")
-    for heading, tables in (("Metrics", found.chief), ("Other metrics", found.others)):
+    for heading, tables in (("Metrics", found.chief), ("Divided", found.divided), ("Other metrics", found.others)):
         if tables:
             parts.append(f"## {heading}")
             parts += [f"### {escaped(name)}\n\n{markdown(table)}" for name, table in tables]
@@ -86,6 +86,8 @@ def as_page(title: str, found: Contents, pictures: list[Picture]) -> str:
         parts.append(f"<h2>{html.escape(_capital(found.extremes[0]))}</h2>\n{markup(found.extremes[1])}")
     if found.chief:
         parts += ["<h2>Metrics</h2>", *(_section(*table) for table in found.chief)]
+    if found.divided:
+        parts += ["<h2>Divided</h2>", *(_section(*table) for table in found.divided)]
     if found.others:
         lesser = "\n".join(_section(*table) for table in found.others)
         parts.append(f"<details><summary>Other metrics</summary>\n{lesser}\n</details>")

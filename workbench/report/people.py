@@ -4,21 +4,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.mocap.names import GENERATED, left_out, performer
+from workbench.report.protocol import SHOWN, half_of
 
 MOTION = "dataset.motion"
+HALF = "protocol.half"
 
 
 def person_of(settings: Mapping[str, Any]) -> str:
     """Name whom a run's configuration shows: who performed the motion; of generated people each seed's is another.
 
-    Empty where there is no motion: a dataset of one's own shows one person.
+    In a protocol that leaves out styles, Bandai's styles are people. Empty where there is no motion: a dataset of one's
+    own shows one person.
     """
     dataset = settings.get("dataset") or {}
     motion = dataset.get("motion")
     if motion is None:
         return ""
     names = list(map(str, motion if isinstance(motion, list) else [motion]))
-    people = left_out(names)
+    people = left_out(names, by_style=half_of(settings) is not None)
     if any(name.startswith(GENERATED) for name in names):
         people.append(f"generated {dataset.get('seed', 0)}")
     return " and ".join(people)
@@ -33,4 +36,5 @@ def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
     people = {performer(motion) for motion in motions}
     if len(people) < 2 or None in people:
         return set()
-    return {MOTION} | {key for row in settings for key in row if key.rpartition(".")[2] == "leave_out"}
+    drawn = set(SHOWN) if any(row.get(HALF) is not None for row in settings) else set()
+    return {MOTION} | drawn | {key for row in settings for key in row if key.rpartition(".")[2] == "leave_out"}

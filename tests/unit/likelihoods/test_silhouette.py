@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from still_clips import by_hand, clip, of_frames, with_block
 
+from workbench.core.clip import Clip
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
+from workbench.likelihoods.image_levels import still_scene, uncovered_scene
 from workbench.likelihoods.outlines import OUTWARDS, outline_sums, outline_sums_reference, running_sums
 from workbench.likelihoods.silhouette import Silhouette
 
@@ -105,3 +107,62 @@ def test_a_camera_that_the_clip_does_not_have_is_an_error():
 def test_constants_out_of_range_are_named(constant, value):
     with pytest.raises(InputError, match=rf"silhouette: {constant} must be .* found"):
         Silhouette(ROD, clip(scenes.flat(1))[0], **{constant: value})
+
+
+def people(*centres, size=(60, 80)):
+    """Images (60, 80, 1) of a block 10 px wide about columns `centres` before a pattern, and where it is in each."""
+    rng = np.random.default_rng(2)
+    wall = rng.uniform(60.0, 120.0, (*size, 1)).astype(np.float32)
+    images, places = [], []
+    for centre in centres:
+        place = np.zeros(size, dtype=bool)
+        place[20:50, centre - 5 : centre + 5] = True
+        noisy = np.where(place[..., None], 200.0, wall) + rng.normal(0.0, 1.0, (*size, 1))
+        images.append(noisy.astype(np.float32))
+        places.append(place)
+    return wall, images, places
+
+
+def test_what_is_behind_somebody_who_moves_on_and_stays_there_is_told_by_the_first_frame():
+    wall, images, places = people(20, *[60] * 19)
+    found = uncovered_scene(images, places[0], places[0], 3.0)
+    assert np.abs(found.scene.median - wall)[~places[0]].max() < 5.0  # of noise 1, one image
+    assert np.abs(found.scene.median - wall)[places[0]].max() < 3.0
+    assert not found.person.any()
+    assert not found.unknown.any()
+    median = still_scene(images, 3.0).median
+    assert np.abs(median - 200.0)[places[1]].max() < 3.0  # which has the person for the wall
+
+
+def test_somebody_who_never_moves_is_the_person_and_what_never_changes_beside_them_the_wall():
+    _, images, places = people(*[40] * 20)
+    near = np.zeros_like(places[0])
+    near[17:53, 32:48] = True
+    found = uncovered_scene(images, places[0], near, 3.0)
+    assert np.array_equal(found.person, places[0])
+    assert not found.unknown.any()
+
+
+def test_where_somebody_sways_nothing_is_known_of_what_is_behind():
+    rng = np.random.default_rng(3)
+    _, images, places = people(*[40] * 20)
+    for image in images:
+        image[places[0]] = rng.uniform(0.0, 255.0, (places[0].sum(), 1))
+    found = uncovered_scene(images, places[0], places[0], 3.0)
+    assert (found.unknown & places[0]).sum() > 0.95 * places[0].sum()
+
+
+def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background():
+    person = Synthetic(
+        n_frames=12, width=160, height=120, person_px=80.0, focal_px=175.0, moving=["left_arm"], exact=True, seed=1
+    )
+    frames, pose = list(person.frames()), person.known.start_pose
+    beside = np.stack([frames[5].truth.pose] * 2)
+    beside[1, :3] += 0.1 * person.view_camera.rotation[0]
+    told = {}
+    for standing in (False, True):
+        term = Silhouette(person.body, Clip(person), standing=standing)
+        look = term.look(None, frames[0]).remember(pose).look(frames[0], frames[5])
+        told[standing] = look.evaluate(beside, beside).log_prob
+    assert told[True][0] > told[True][1] + 5.0
+    assert told[True][0] > 0.0 > told[False][0]

@@ -76,7 +76,7 @@ def _numbers(shown: Shown) -> rrb.Vertical:
         return rrb.Vertical(*above, below, row_shares=[2.4, *[0.8] * shown.activity, 1.4])
     ess = _metric("ess", (0.0, float(shown.n_particles)), f"effective sample size (of {shown.n_particles})")
     above = [rrb.Horizontal(*errors, name="errors")] if errors else []
-    above += [rrb.Horizontal(ess, *coverage, name="certainty")]
+    above += [rrb.Horizontal(ess, *coverage, *_doubts(shown), name="certainty")]
     return rrb.Vertical(*above, rrb.Tabs(*details), row_shares=[*[1.3] * bool(errors), 0.8, 2.0])
 
 
@@ -106,6 +106,12 @@ def _errors(shown: Shown) -> list[rrb.View]:
         ]  # fmt: skip
         views += [_curves(styles.title(first), drawn)] if drawn else []
     return views
+
+
+def _doubts(shown: Shown) -> list[rrb.View]:
+    """Which joints not to trust, as the posterior itself says; thin beside it, where there is truth, their errors."""
+    names = styles.doubts(shown.metrics)
+    return [_curves("do not trust what is high: stated error by joints (mm)", names)] if names else []
 
 
 def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
@@ -160,7 +166,7 @@ def _others(shown: Shown) -> list[rrb.Grid]:
     """The metrics that are shown nowhere else, and the shares of the cues in one plot."""
     shares = styles.shares(shown.metrics)
     elsewhere = {"coverage_90", *styles.errors_mm(shown.metrics), *styles.errors_px(shown.metrics), *shares}
-    elsewhere |= set() if shown.flexions else {"ess"}
+    elsewhere |= set() if shown.flexions else {"ess", *styles.doubts(shown.metrics)}
     together = [_curves("shares of the cues in what tells particles apart", shares)] if shares else []
     views = [*together, *(_metric(name) for name in shown.metrics if name not in elsewhere)]
     return [rrb.Grid(*views, name="more numbers")] if views else []

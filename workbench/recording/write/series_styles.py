@@ -23,6 +23,10 @@ _CURVES = {
 }
 """Metrics that share a plot with others: (name in the legend, colour, width)."""
 
+_DOUBTS = {"root": 0, "head": 1, "arms": 2, "legs": 3}
+_CURVES |= {f"doubt_{group}_mm": (group, colours.PARTS[k], 2.0) for group, k in _DOUBTS.items()}
+_CURVES |= {f"missed_{group}_mm": (f"{group}, in truth", colours.PARTS[k], 0.7) for group, k in _DOUBTS.items()}
+
 _TITLES = {
     "error_abs_mm": "distance from the true joints (mm)",
     "error_rel_mm": "the same, pelvis moved onto pelvis (mm)",
@@ -62,6 +66,11 @@ def errors_px(metrics: Sequence[str]) -> list[str]:
     """Select those of the metrics that are errors in the image, and what they are measured by."""
     found = [name for name in metrics if name.startswith("error") and "px" in name.split("_")]
     return [*found, *(name for name in metrics if found and name == "forearm_px")]
+
+
+def doubts(metrics: Sequence[str]) -> list[str]:
+    """Select what the posterior says of its errors, and these errors, by joint group."""
+    return [name for name in metrics if name.startswith(("doubt_", "missed_"))]
 
 
 def shares(metrics: Sequence[str]) -> list[str]:

@@ -1,0 +1,42 @@
+"""Whoever comes, doing whatever: the tracker that knows no activity, and its protocol, small."""
+
+import json
+
+import pytest
+
+from workbench.cli.report import main as report
+
+SMALL = (
+    "dataset.n_frames=6", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
+    "likelihood.weights.edges=0", "inference.steps=2", "inference.guesses=4", "inference.n_particles=50",
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*px tall instead of")
+def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
+    code, told, folder = run(
+        "out", "experiment=strangers", "dataset.motion=dataset-1_respond_normal_001", f"paths.data={data}",
+        "dataset.occluder=true", *SMALL,
+    )  # fmt: skip
+    assert code == 0, told
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    assert metrics["held"] == 1.0
+    for group in ("root", "head", "arms", "legs"):
+        assert metrics[f"doubt_{group}_mm"] > 0.0
+        assert metrics[f"missed_{group}_mm"] > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*px tall instead of")
+def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capsys):
+    code, told, _ = run(
+        "sweep", "-m", "experiment=strangers", "dataset.motion='05_01','02_01'", "dataset.exact=true", "seed=0",
+        f"paths.data={data}", f"hydra.sweep.dir={tmp_path / 'jobs'}", *SMALL,
+    )  # fmt: skip
+    assert code == 0, told
+    assert report([str(tmp_path / "jobs")]) == 0
+    said = capsys.readouterr().out
+    assert "half=choose" in said
+    assert "half=report" in said
+    assert "Spearman" in said

@@ -1,0 +1,79 @@
+"""What a posterior says of its own errors, by joint group, and how well that tells them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES
+from workbench.core.frame import Frame, Truth
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
+from workbench.evaluation.doubt import area_under_curve, group_errors, joint_groups, spearman, stated_doubt
+
+SKELETON = person(from_height(1.7)).skeleton
+
+
+def step_of(poses, truth=None):
+    n = len(poses)
+    frame = Frame(0, 0.0, (), None if truth is None else Truth(joints=truth))
+    return Step(
+        frame=frame, space=StateSpace.of({}), particles=np.zeros((n, 0)), poses=poses,
+        log_weights=np.full(n, -np.log(n)), ancestors=np.arange(n), expected_pose=poses.mean(axis=0),
+        map_pose=poses[0], ess=float(n), log_evidence=0.0,
+    )  # fmt: skip
+
+
+def test_every_joint_is_in_one_group_at_most_and_the_pelvis_is_the_root():
+    groups = joint_groups(SKELETON)
+    assert set(groups) == {"root", "head", "arms", "legs"}
+    every = np.concatenate(list(groups.values()))
+    assert len(set(every.tolist())) == len(every) == len(SKELETON.names)
+
+
+def test_who_spreads_sideways_by_a_centimetre_doubts_everything_by_as_much():
+    poses = np.zeros((400, len(POSE_NAMES)))
+    poses[:, 0] = np.repeat([-0.01, 0.01], 200)
+    assert stated_doubt(step_of(poses), SKELETON) == pytest.approx(
+        dict.fromkeys(("doubt_root_mm", "doubt_head_mm", "doubt_arms_mm", "doubt_legs_mm"), 10.0)
+    )
+
+
+def test_an_elbow_that_is_not_known_is_doubted_alone():
+    poses = np.zeros((400, len(POSE_NAMES)))
+    poses[:, POSE_NAMES.index("left_elbow_flexion")] = np.linspace(0.2, 1.2, 400)
+    told = stated_doubt(step_of(poses), SKELETON)
+    assert told["doubt_arms_mm"] > 5.0
+    assert told["doubt_legs_mm"] == told["doubt_root_mm"] == 0.0
+
+
+def test_errors_by_group_leave_out_what_is_not_known():
+    from workbench.body.kinematics import joints
+
+    pose = np.zeros((1, len(POSE_NAMES)))
+    truth = joints(SKELETON, pose)[0] + [0.0, 0.03, 0.0]
+    assert group_errors(step_of(pose, truth), SKELETON)["missed_legs_mm"] == pytest.approx(30.0)
+    truth[0] = np.nan
+    assert "missed_root_mm" not in group_errors(step_of(pose, truth), SKELETON)
+    assert group_errors(replace(step_of(pose)), SKELETON) == {}
+
+
+def test_a_doubt_that_orders_errors_has_a_rank_correlation_and_an_area_of_one():
+    stated, errors = np.array([1.0, 2.0, 3.0, 4.0]), np.array([5.0, 20.0, 60.0, 90.0])
+    assert spearman(stated, errors) == pytest.approx(1.0)
+    assert area_under_curve(stated, errors > 50.0) == 1.0
+    assert area_under_curve(-stated, errors > 50.0) == 0.0
+    assert np.isnan(area_under_curve(stated, errors > 500.0))
+    assert np.isnan(spearman(np.ones(4), errors))
+
+
+def test_ranks_are_those_of_scipy_and_the_area_counts_pairs():
+    rng = np.random.default_rng(0)
+    stated, errors = rng.integers(0, 6, 80).astype(float), rng.random(80)
+    assert spearman(stated, errors) == pytest.approx(spearmanr(stated, errors).statistic)
+    wrong = errors > 0.6
+    pairs = np.sign(stated[wrong][:, None] - stated[~wrong])
+    assert area_under_curve(stated, wrong) == pytest.approx(np.mean(0.5 * (pairs + 1.0)))

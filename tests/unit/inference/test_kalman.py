@@ -1,0 +1,164 @@
+"""The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.core.frame import Frame
+from workbench.core.likelihood import Evaluation
+from workbench.errors import InputError
+from workbench.inference.kalman.filter import Kalman, predict, smoothed
+from workbench.inference.kalman.peak import find_peak
+from workbench.learning.linear_motion import LinearMotion
+from workbench.priors.linear import Linear
+from workbench.priors.smooth import Smooth
+
+N = len(POSE_NAMES)
+SIGMA = 0.02
+BODY = SimpleNamespace(skeleton=SimpleNamespace(limits=np.tile([-1e6, 1e6], (N, 1)), dof_names=POSE_NAMES))
+DT_S = 1.0 / 30.0
+
+
+def model(rng):
+    mixed = 0.05 * rng.standard_normal((N, N))
+    gain = np.concatenate([-0.1 * rng.random((N, N - 4)), 0.9 * np.eye(N) + 0.01 * rng.standard_normal((N, N))], axis=1)
+    gain[3] = 0.0  # nobody turns, so that all is linear
+    covariance = mixed @ mixed.T + 0.01 * np.eye(N)
+    covariance[3], covariance[:, 3] = 0.0, 0.0
+    covariance[3, 3] = 1e-12
+    start = np.diag(np.full(N, 0.04))
+    start[3, 3] = 1e-12
+    return LinearMotion(30.0, gain, np.zeros(N), covariance, np.zeros((N, N - 4)), np.zeros(N), start)
+
+
+class Seen:
+    """A likelihood that sees every number of a pose with noise, and counts the first frame too."""
+
+    notes, diagnostics = (), {}
+
+    def __init__(self, marks, frame=None):
+        self.marks, self.at = marks, frame
+
+    def look(self, previous, frame):
+        return Seen(self.marks, frame.index)
+
+    def evaluate(self, previous_pose, pose):
+        return Evaluation(-0.5 * (((pose - self.marks[self.at]) / SIGMA) ** 2).sum(axis=1))
+
+    def remember(self, expected_pose):
+        return self
+
+
+def setting(n_frames=6):
+    rng = np.random.default_rng(1)
+    prior = Linear(model(rng))
+    state = prior.start(np.zeros(N), 1, rng)
+    marks = [state[0, :N]]
+    for _ in range(n_frames - 1):
+        state = prior.step(state, DT_S, rng)
+        marks.append(state[0, :N] + SIGMA * rng.standard_normal(N))
+    frames = [Frame(k, k * DT_S, (), None) for k in range(n_frames)]
+    return prior, np.array(marks), frames
+
+
+def exact(prior, marks):
+    """Mean of all poses (F, N) given the marks of all frames but the first, as one Gaussian."""
+    mean, covariance = prior.start_moments(np.zeros(N))
+    unit = np.eye(2 * N)
+    lead = (prior.mean(unit, DT_S) - prior.mean(np.zeros((1, 2 * N)), DT_S)).T
+    noise, d, frames = prior.noise_covariance(np.zeros(2 * N), DT_S), 2 * N, len(marks)
+    means, joint = [mean], np.zeros((frames * d, frames * d))
+    joint[:d, :d] = covariance
+    for t in range(1, frames):
+        now, before = slice(t * d, (t + 1) * d), slice((t - 1) * d, t * d)
+        means.append(prior.mean(means[-1][None], DT_S)[0])
+        joint[now, : t * d] = lead @ joint[before, : t * d]
+        joint[: t * d, now] = joint[now, : t * d].T
+        joint[now, now] = lead @ joint[before, before] @ lead.T + noise
+    looked = np.concatenate([t * d + np.arange(N) for t in range(1, frames)])
+    gain = joint[:, looked] @ np.linalg.inv(joint[np.ix_(looked, looked)] + SIGMA**2 * np.eye(len(looked)))
+    told = np.concatenate(means) + gain @ (marks[1:].ravel() - np.concatenate(means)[looked])
+    left = joint - gain @ joint[looked]
+    return told.reshape(frames, d)[:, :N], np.diag(left).reshape(frames, d)[:, :N]
+
+
+def run(filter_, frames, seed=0):
+    streams = {name: np.random.default_rng([seed, k]) for k, name in enumerate(("resampling", "prior"))}
+    return list(filter_.run(frames, np.zeros(N), streams))
+
+
+def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
+    prior, marks, frames = setting()
+    steps = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, steps=4, n_particles=4000), frames)
+    means, variances = exact(prior, marks)
+    told = np.array([step.expected_pose for step in steps])
+    assert np.abs(told - means).max() < 2e-4
+    spread = np.array([step.poses.std(axis=0) for step in steps])
+    assert np.allclose(spread, np.sqrt(variances), rtol=0.06, atol=2e-4)  # 4000 draws: 1.1 %, four of 150 deviations
+    forwards = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, steps=4, second_pass=False), frames)
+    assert np.abs(forwards[-1].expected_pose - means[-1]).max() < 2e-4
+    assert np.abs(forwards[1].expected_pose - means[1]).max() > 1e-3  # which knows nothing of later frames
+
+
+def test_steps_come_as_frames_do_without_a_second_pass():
+    prior, marks, frames = setting()
+    seen = []
+
+    def asked():
+        for frame in frames:
+            seen.append(frame.index)
+            yield frame
+
+    streams = {name: np.random.default_rng(0) for name in ("resampling", "prior")}
+    steps = Kalman(prior, Seen(marks), BODY, second_pass=False).run(asked(), np.zeros(N), streams)
+    next(steps)
+    assert seen == [0]
+
+
+def test_a_flatter_likelihood_gives_wider_bands_about_the_same_peak():
+    mean, covariance = np.zeros(3), np.diag([0.01, 0.04, 0.09])
+    limits, none = np.tile([-10.0, 10.0], (3, 1)), ()
+
+    def bowl(poses):
+        return -0.5 * (((poses - [0.1, -0.1, 0.2]) / 0.05) ** 2).sum(axis=1)
+
+    sharp, flat = (find_peak(bowl, mean, covariance, limits, guesses=none, steps=3, flatten=own) for own in (1.0, 0.1))
+    assert np.allclose(sharp.pose, flat.pose)
+    assert np.allclose(sharp.pose, np.array([0.1, -0.1, 0.2]) / (1.0 + 0.0025 / np.diag(covariance)), atol=1e-6)
+    assert np.allclose(np.diag(sharp.covariance), 1.0 / (1.0 / np.diag(covariance) + 400.0))
+    assert np.allclose(np.diag(flat.covariance), 1.0 / (1.0 / np.diag(covariance) + 40.0))
+
+
+def test_the_peak_is_looked_for_within_the_limits_from_the_best_guess():
+    limits = np.array([[-1.0, 0.3], [-1.0, 1.0]])
+
+    def two_hills(poses):
+        near, far = (-0.5 * (((poses - c) / 0.05) ** 2).sum(axis=1) for c in ([0.0, 0.0], [0.5, 0.5]))
+        return np.logaddexp(near, far + 60.0)
+
+    found = find_peak(
+        two_hills, np.zeros(2), 0.09 * np.eye(2), limits, guesses=[np.array([[0.4, 0.5]])], steps=4, flatten=1.0
+    )
+    assert found.pose[0] == pytest.approx(0.3)
+    assert found.pose[1] == pytest.approx(0.5 / (1.0 + 0.0025 / 0.09), abs=0.01)
+
+
+def test_no_gaussian_prior_and_no_start_are_refused():
+    prior, marks, frames = setting()
+    with pytest.raises(InputError, match="needs a pose to start from"):
+        list(Kalman(prior, Seen(marks), BODY).run(frames, None, {}))
+    with pytest.raises(InputError, match="needs a prior with Gaussian noise"):
+        list(Kalman(Smooth(), Seen(marks), BODY).run(frames, np.zeros(N), {}))
+
+
+def test_a_belief_that_nothing_follows_stays_and_a_prediction_widens():
+    prior, _, _ = setting()
+    mean, covariance = prior.start_moments(np.zeros(N))
+    first = SimpleNamespace(mean=mean, covariance=covariance)
+    led = predict(prior, first, DT_S)
+    assert np.trace(led.covariance[:N, :N]) > np.trace(covariance[:N, :N])
+    assert smoothed([led]) == [led]
+    assert len(person_skeleton(from_height(1.7)).limits) == N
