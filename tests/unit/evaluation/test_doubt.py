@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import spearmanr
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
@@ -70,10 +69,21 @@ def test_a_doubt_that_orders_errors_has_a_rank_correlation_and_an_area_of_one():
     assert np.isnan(spearman(np.ones(4), errors))
 
 
-def test_ranks_are_those_of_scipy_and_the_area_counts_pairs():
+def test_of_many_particles_a_few_tell_the_same():
+    rng = np.random.default_rng(0)
+    poses = np.zeros((20_000, len(POSE_NAMES)))
+    poses[:, :3] = 0.02 * rng.standard_normal((20_000, 3))
+    told = stated_doubt(step_of(poses), SKELETON)["doubt_root_mm"]
+    assert told == pytest.approx(20.0 * np.sqrt(8.0 / np.pi), rel=0.06)
+    light = replace(step_of(poses), log_weights=np.where(np.arange(20_000) < 10_000, -np.log(1e4), -np.inf))
+    moved = poses + np.eye(len(POSE_NAMES))[0] * (np.arange(20_000) >= 10_000)[:, None]  # without any weight
+    same = replace(light, poses=moved, expected_pose=light.expected_pose)
+    assert stated_doubt(same, SKELETON) == stated_doubt(light, SKELETON)
+
+
+def test_the_area_counts_pairs():
     rng = np.random.default_rng(0)
     stated, errors = rng.integers(0, 6, 80).astype(float), rng.random(80)
-    assert spearman(stated, errors) == pytest.approx(spearmanr(stated, errors).statistic)
     wrong = errors > 0.6
     pairs = np.sign(stated[wrong][:, None] - stated[~wrong])
     assert area_under_curve(stated, wrong) == pytest.approx(np.mean(0.5 * (pairs + 1.0)))
