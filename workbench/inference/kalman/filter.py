@@ -159,7 +159,10 @@ class Kalman:
 
     def _step(self, frame: Frame, belief: Belief, rng: np.random.Generator, extra: Mapping[str, Any]) -> Step:
         values, vectors = np.linalg.eigh(belief.covariance)
-        white = rng.standard_normal((self.n_particles, len(values)))
+        half = rng.standard_normal(
+            (self.n_particles // 2, len(values))
+        )  # in pairs, so that their mean is the Gaussian's
+        white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])
         state = belief.mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         poses, expected = self.prior.pose(state), self.prior.pose(belief.mean[None])[0]
         return Step(
