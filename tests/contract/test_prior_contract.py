@@ -104,7 +104,9 @@ WITH_DENSITY = [
     name for name in NAMES if not name.startswith(("switching", "flipping", "reweighted")) and "_tree" not in name
 ]
 WITH_ROOT = [name for name in NAMES if "arm" not in name and name not in ("partwise", "reweighted")]
-WITH_NOISE_ALONE = [name for name in NAMES if name not in WITH_DATABASE and not name.startswith("switching")]
+WITH_NOISE_ALONE = [
+    name for name in NAMES if name not in WITH_DATABASE and not name.startswith(("switching", "linear"))
+]
 
 
 @pytest.fixture(scope="module", params=NAMES)

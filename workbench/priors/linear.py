@@ -82,20 +82,25 @@ class Linear:
         return np.concatenate([pose, speeds]), covariance
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
-        """Draw once from p(state_t | state_t−1) for each of (N, D) states; raises InputError for another rate."""
-        self._one_frame(dt_s)
-        drawn = self._speeds(state) + rng.standard_normal((len(state), N_POSE)) @ self._root.T
-        return np.concatenate([moved(state[:, :N_POSE], drawn, self.model.rate_hz), drawn], axis=1)
+        """Draw once from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later.
+
+        Raises InputError when dt_s is not a whole number of the model's frames (to 5 % of one).
+        """
+        for _ in range(self._frames_in(dt_s)):
+            drawn = self._speeds(state) + rng.standard_normal((len(state), N_POSE)) @ self._root.T
+            state = np.concatenate([moved(state[:, :N_POSE], drawn, self.model.rate_hz), drawn], axis=1)
+        return state
 
     def pose(self, state: FloatArray) -> FloatArray:
         """Return the poses (N, P) of states (N, D)."""
         return np.ascontiguousarray(state[:, :N_POSE])
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
-        """Predict where states (N, D) are one frame later when the noise is zero."""
-        self._one_frame(dt_s)
-        speeds = self._speeds(state)
-        return np.concatenate([moved(state[:, :N_POSE], speeds, self.model.rate_hz), speeds], axis=1)
+        """Predict where states (N, D) are `dt_s` seconds later when the noise is zero."""
+        for _ in range(self._frames_in(dt_s)):
+            speeds = self._speeds(state)
+            state = np.concatenate([moved(state[:, :N_POSE], speeds, self.model.rate_hz), speeds], axis=1)
+        return state
 
     def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Return the covariance (D, D) of what is drawn about the mean of one state (D,)."""
@@ -129,9 +134,19 @@ class Linear:
         known = np.concatenate([state[..., POSTURE], state[..., N_POSE:]], axis=-1)
         return np.asarray(np.einsum("vf,...f->...v", self.model.gain, known) + self.model.offset)
 
-    def _one_frame(self, dt_s: float) -> None:
-        if abs(dt_s * self.model.rate_hz - 1.0) > 0.05:
+    def _frames_in(self, dt_s: float) -> int:
+        """Count the model's frames in dt_s seconds; raises InputError unless it is a whole number."""
+        frames = dt_s * self.model.rate_hz
+        if round(frames) < 1 or abs(frames - round(frames)) > 0.05:
             raise InputError(
-                f"prior: frames {dt_s:.4g} s apart are not those of a linear prior learned at "
+                f"prior: frames {dt_s:.4g} s apart are not a whole number of those of a linear prior learned at "
                 f"{self.model.rate_hz:g} Hz; learn it at the video's rate (prior.rate_hz)"
+            )
+        return round(frames)
+
+    def _one_frame(self, dt_s: float) -> None:
+        if self._frames_in(dt_s) != 1:
+            raise InputError(
+                f"prior: the density of a linear prior is that of one frame, 1/{self.model.rate_hz:g} s, "
+                f"found {dt_s:.4g} s"
             )

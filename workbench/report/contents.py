@@ -8,7 +8,7 @@ from workbench.evaluation.intervals import N_RESAMPLES
 from workbench.report import groups as runs
 from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, Statistic, headline, metric_names, statistic
 from workbench.report.people import person_of
-from workbench.report.protocol import divided
+from workbench.report.protocol import divided, half_of
 from workbench.report.tables import Table, comma_separated, number
 from workbench.report.variation import short_names, shown
 
@@ -64,6 +64,8 @@ def _summary(grouping: Grouping) -> tuple[str, ...]:
     if following := grouping.variation.following:
         more = f" and {len(following) - _MOST_FOLLOWING} more" if len(following) > _MOST_FOLLOWING else ""
         said.append(f"With them change: {', '.join(following[:_MOST_FOLLOWING])}{more}.")
+    if halves := sorted({str(half_of(run.settings)) for run in grouping.runs} - {"None"}):
+        said.append(f"They are of these halves of the protocol's clips: {', '.join(halves)}.")
     versions = sorted({str(run.provenance.get("workbench", "unknown")) for run in grouping.runs})
     if len(versions) > 1:
         said.append(f"The runs are of different versions of the workbench: {', '.join(versions)}.")

@@ -58,6 +58,8 @@ def test_it_says_what_it_is_and_refuses_other_rates(prior):
     assert isinstance(prior.powers.density, Gaussian)
     assert prior.parameters == POSE_NAMES
     with pytest.raises(InputError, match=r"learned at 30 Hz"):
-        prior.step(prior.start(np.zeros(N_POSE), 2, np.random.default_rng(0)), 0.1, np.random.default_rng(0))
+        prior.step(prior.start(np.zeros(N_POSE), 2, np.random.default_rng(0)), 0.05, np.random.default_rng(0))
+    with pytest.raises(InputError, match="that of one frame"):
+        prior.noise_covariance(np.zeros(2 * N_POSE), 2.0 * DT_S)
     with pytest.raises(InputError, match="noise"):
         Linear(prior.model, noise=0.0)

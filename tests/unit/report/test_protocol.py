@@ -69,6 +69,7 @@ def test_tables_divide_runs_by_what_was_shown():
     rows = {row[:3]: row for row in found.divided[0][1].rows}
     assert rows["half=report", "bow", "2"][found.divided[0][1].header.index("error_abs_mm")] == "70.00"
     assert rows["half=report", "walk", "2"][3] == "1.000"
+    assert "They are of these halves of the protocol's clips: choose, report." in found.summary
     for told in (terminal(found), as_markdown("strangers", found, [])):
         assert "by activity" in told
         assert "Spearman" in told

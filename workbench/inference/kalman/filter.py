@@ -159,13 +159,15 @@ class Kalman:
 
     def _step(self, frame: Frame, belief: Belief, rng: np.random.Generator, extra: Mapping[str, Any]) -> Step:
         values, vectors = np.linalg.eigh(belief.covariance)
-        white = rng.standard_normal((self.n_particles, len(values)))
+        half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's
+        white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])
         state = belief.mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        nearest = int(np.argmin((white**2).sum(axis=1)))
         poses, expected = self.prior.pose(state), self.prior.pose(belief.mean[None])[0]
         return Step(
             frame=frame, space=self.space, particles=state, poses=poses,
             log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
-            expected_pose=expected, map_pose=expected, ess=float(self.n_particles), **extra,
+            expected_pose=expected, map_pose=poses[nearest], ess=float(self.n_particles), **extra,
         )  # fmt: skip
 
 
