@@ -84,7 +84,7 @@ def check(capsys, *arguments, suspicious=False):
 def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
     code, told = check(capsys, walk.parent, suspicious=True)
     assert code == 0, told
-    assert told.splitlines()[1].split() == [str(walk), "all", "36", "exact", "ok"]
+    assert told.splitlines()[1].split() == [str(walk), "all", "44", "exact", "ok"]
     assert not list(Path.cwd().iterdir())  # nothing is left behind
 
 
@@ -98,7 +98,7 @@ def test_a_constant_that_moved_by_one_percent_fails_and_names_metric_and_frame(w
     assert "FAILED poses first differ in frame 1: " in poses
     assert poses.endswith(" mm")
     suite = ET.parse(junit).getroot()
-    assert (suite.get("tests"), suite.get("errors")) == ("36", "0")
+    assert (suite.get("tests"), suite.get("errors")) == ("44", "0")
     failures = {case.get("name"): case[0].get("message") for case in suite if len(case)}
     assert len(failures) == int(suite.get("failures")) > 0
     assert "first differs in frame 1" in failures["error_abs_mm"]
@@ -109,7 +109,7 @@ def test_two_recordings_are_compared_without_running(walk, capsys, tmp_path, mon
     other = shutil.copy(walk, tmp_path / "other.rrd")
     code, told = check(capsys, walk, other, "-v")
     assert code == 0, told
-    assert told.count(f"{walk} → {other}") == 36
+    assert told.count(f"{walk} → {other}") == 44
     code, told = check(capsys, walk, other, "--update")
     assert (code, "compared without running" in told) == (2, True)
 
@@ -178,7 +178,7 @@ def test_both_runs_are_recorded_beside_each_other(walk, capsys, tmp_path):
 def test_seeds_compare_distributions(walk, capsys):
     code, told = check(capsys, walk, "--seeds", "4")
     assert code == 0, told
-    assert f"{walk}  all 32" in told
+    assert f"{walk}  all 40" in told
     code, told = check(capsys, walk, "--seeds", "4", "prior.start_position=0.5")
     assert code == 1
     assert "means of 1 and 4 seeds lie too far apart" in told
