@@ -143,18 +143,21 @@ def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp
 def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp_path):
     path = Path(shutil.copy(walk, tmp_path / "walk.rrd"))
     before = read(path).result["error_abs_mm"]
-    code, told = check(capsys, path, "prior.sigma_phase=0.012", "--update")
+    code, told = check(capsys, path, "prior.sigma_phase=0.012", "--update", "--why", "phases\nspread more")
     assert code == 0
+    reasons = (tmp_path / "reasons.md").read_text()
+    assert reasons.splitlines()[-1].endswith(": walk: phases spread more")
     after = read(path).result["error_abs_mm"]
     (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
     assert line.split()[2:4] == [f"{before:.6g}", f"{after:.6g}"]
     assert read(path).settings["prior"]["sigma_phase"] == 0.012
     assert path.stat().st_size < walk.stat().st_size
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["here", "walk.rrd"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["here", "reasons.md", "walk.rrd"]
     assert check(capsys, path)[0] == 0
     renewed = path.read_bytes()
-    assert "nothing moved" in check(capsys, path, "--update")[1]
+    assert "nothing moved" in check(capsys, path, "--update", "--why", "for nothing")[1]
     assert path.read_bytes() == renewed
+    assert (tmp_path / "reasons.md").read_text() == reasons
 
 
 def test_a_run_that_crashes_renews_nothing(walk, capsys, tmp_path, monkeypatch):
@@ -328,6 +331,7 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["WALK", "--seeds", "1"], "--seeds: expected 2 or more, found 1"),
         (["WALK", "--seeds", "3", "--update"], "--seeds compares many runs"),
         (["WALK", "--seeds", "3", "--paired"], "say one of them"),
+        (["WALK", "--why", "because"], "it goes with --update"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "+prior.x=1"], "expected key=value with one value"),
         (["WALK", "seed=1,2"], "expected key=value with one value"),

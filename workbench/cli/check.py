@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -37,6 +38,8 @@ from workbench.report.tables import Table, printable, text
 
 _COLUMNS = ("recording", "metric", "was", "is", "tolerance", "verdict")
 _NUMBERS = frozenset(("was", "is"))
+REASONS = "reasons.md"
+"""Beside renewed recordings: why they were."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +74,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
         if (arguments.seeds is not None or arguments.paired) and (arguments.update or arguments.record is not None):
             raise InputError("--seeds compares many runs with many: it goes with neither --update nor --record")
+        if arguments.why is not None and not arguments.update:
+            raise InputError("--why says why recordings are renewed: it goes with --update")
         if arguments.seeds is not None and arguments.paired:
             raise InputError("--paired takes the recorded seeds, --seeds others: say one of them")
         keep = arguments.keep
         with nullcontext(keep) if keep else TemporaryDirectory(prefix="workbench-check-") as folder:
             checks = _checks(arguments, Path(folder))
             print(moved(checks) if arguments.update else table(checks, arguments.verbose))
-            code = _renew(checks) if arguments.update else exit_code(checks)
+            code = _renew(checks, arguments.why) if arguments.update else exit_code(checks)
             if arguments.junit is not None:
                 write_junit(arguments.junit, checks)
             if arguments.record is not None:
@@ -185,11 +190,11 @@ def _pairs(group: Sequence[Run], overrides: Sequence[str], own: DictConfig, fold
     return Check(name, compare_paired(group, new, n_judged))
 
 
-def _renew(checks: Sequence[Check]) -> int:
+def _renew(checks: Sequence[Check], why: str | None) -> int:
     """Put what the runs came to in place of the recordings; the exit code. What was refused or crashed stays.
 
     So does, byte for byte, what came out the same and has no pictures: a recording kept with the code costs room in
-    every version of it.
+    every version of it. why: goes into the file REASONS beside those whose numbers moved.
     """
     for check in checks:
         if check.refused is not None:
@@ -199,9 +204,25 @@ def _renew(checks: Sequence[Check]) -> int:
         elif not (check.unmoved and exactly_comparable(check.was, check.now) and is_condensed(check.was)):
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
+    if why is not None:
+        _keep_reason([check for check in checks if check.now is not None and any(map(_moved, check.findings))], why)
     if any(check.refused is not None for check in checks):
         return 2
     return 1 if any(check.now is None for check in checks) else 0
+
+
+def _keep_reason(moved: Sequence[Check], why: str) -> None:
+    """Add a line to REASONS in every folder of the recordings whose numbers moved: the date, their names, and why."""
+    names: dict[Path, list[str]] = {}
+    for check in moved:
+        if check.was is not None:
+            names.setdefault(check.was.path.parent, []).append(check.was.path.stem)
+    for folder, renewed in names.items():
+        file = folder / REASONS
+        before = file.read_text(encoding="utf-8") if file.is_file() else "# Why these recordings were renewed\n\n"
+        with whole_file(file) as part:
+            line = f"- {date.today()}: {', '.join(sorted(renewed))}: {' '.join(why.split())}\n"
+            part.write_text(before + line, encoding="utf-8")
 
 
 def _record(path: Path, checks: Sequence[Check]) -> None:
@@ -292,6 +313,7 @@ def _parser() -> argparse.ArgumentParser:
         "--paired", action="store_true", help="run the recorded seeds and judge the differences, run by run"
     )
     parser.add_argument("--update", action="store_true", help="put the new runs in place of the recordings")
+    parser.add_argument("--why", metavar="REASON", help=f"with --update: kept in {REASONS} beside them")
     parser.add_argument("--record", metavar="DIFF.rrd", type=Path, help="write both runs beside each other")
     parser.add_argument("--junit", metavar="OUT.xml", type=Path, help="write the outcome for a build server")
     parser.add_argument("--keep", metavar="FOLDER", type=Path, help="keep the new runs there")
