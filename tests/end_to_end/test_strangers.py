@@ -29,14 +29,14 @@ def test_a_stranger_behind_a_board_is_tracked_and_says_how_sure(run, data):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*px tall instead of")
-def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capsys):
+def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capfd):
     code, told, _ = run(
         "sweep", "-m", "experiment=strangers", "dataset.motion='05_01','02_01'", "dataset.exact=true", "seed=0",
         f"paths.data={data}", f"hydra.sweep.dir={tmp_path / 'jobs'}", *SMALL,
     )  # fmt: skip
     assert code == 0, told
     assert report([str(tmp_path / "jobs")]) == 0
-    said = capsys.readouterr().out
+    said = capfd.readouterr().out
     assert "half=choose" in said
     assert "half=report" in said
     assert "Spearman" in said

@@ -8,6 +8,7 @@ import hashlib
 from collections.abc import Mapping
 
 from workbench.errors import InputError
+from workbench.mocap.names import clip_name
 
 HALVES = ("report", "choose")
 """Of the clips, by the hash of their names: whose numbers are reported, and those to choose parameters by."""
@@ -24,9 +25,9 @@ def hashed(text: str, *options: object) -> object:
     return options[int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % len(options)]
 
 
-def half_of(clip: str) -> str:
-    """Tell which of HALVES a clip belongs to."""
-    return HALVES[hashlib.sha256(clip.encode()).digest()[0] % 2]
+def half_of(clip: object) -> str:
+    """Tell which of HALVES a clip belongs to, by its name or what a command line takes for it, see `clip_name`."""
+    return HALVES[hashlib.sha256(clip_name(str(clip)).encode()).digest()[0] % 2]
 
 
 def clips_of(activities: Activities, half: str | None = None) -> list[str]:
@@ -37,11 +38,12 @@ def clips_of(activities: Activities, half: str | None = None) -> list[str]:
     return [clip for clip in every if half in (None, half_of(clip))]
 
 
-def activity_of(activities: Activities, clip: str) -> str | None:
+def activity_of(activities: Activities, clip: object) -> str | None:
     """Name what the person does in a clip; None for a clip that is not listed."""
-    return next((name for name, clips in activities.items() if clip in clips), None)
+    return next((name for name, clips in activities.items() if clip_name(str(clip)) in clips), None)
 
 
-def first_frame(activities: Activities, clip: str) -> int:
+def first_frame(activities: Activities, clip: object) -> int:
     """Tell the first frame shown of a clip, at 30 Hz; 0 of one that is not listed."""
-    return next((int(clips[clip]) for clips in activities.values() if clip in clips), 0)
+    name = clip_name(str(clip))
+    return next((int(clips[name]) for clips in activities.values() if name in clips), 0)
