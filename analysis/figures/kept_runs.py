@@ -6,17 +6,13 @@ holds is not run again; it does not know the code, so that a change of that want
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from hydra import compose, initialize_config_module
 from tqdm import tqdm
 
-from workbench.experiment.assembly import assemble
-from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Meter, track
+from analysis.figures.unrecorded import composed, finished
 
 Numbers = Mapping[str, float]
 
@@ -47,18 +43,12 @@ def every_run(
 def measured(run: Run, names: Sequence[str]) -> dict[str, float]:
     """Track as the run says and give its numbers of these names, NaN where it has none; nothing is recorded.
 
-    The scene is another for every seed, whatever the experiment says. `prepare_hydra` comes first.
+    The scene is another for every seed, whatever the experiment says.
     """
     said = [f"seed={run.seed}", f"dataset.seed={run.seed}", f"dataset.motion='{run.clip}'"]
     chosen = [f"experiment={run.experiment}", *said, *run.overrides]
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=chosen)
-    parts = assemble(config, lambda stage: nullcontext())
-    summary, meter = Summary(experiment=run.experiment, seed=run.seed, recording=Path()), Meter(parts)
-    for step, errors in track(parts, run.seed, meter):
-        summary.add(step, errors)
-    summary.over_run = meter.over_run
-    return {name: summary.metrics.get(name, float("nan")) for name in names}
+    metrics = finished(composed(chosen), run.experiment).metrics
+    return {name: metrics.get(name, float("nan")) for name in names}
 
 
 def numbers_of(runs: Iterable[Run], out: Path, names: Sequence[str]) -> dict[Run, Numbers]:
@@ -87,8 +77,7 @@ def read_kept(out: Path) -> dict[Run, Numbers]:
 
 def spread(runs: Mapping[Run, Numbers], name: str, form: str) -> str:
     """Give the mean over people of their means over seeds, ± the deviation between people, and after a comma the mean
-    deviation between one person's seeds; as far as there are several; – for what
-    is not known of all."""
+    deviation between one person's seeds; as far as there are several; – for what is not known of all."""
     people: dict[str, list[float]] = {}
     for run, numbers in runs.items():
         people.setdefault(run.clip, []).append(numbers[name])
@@ -102,5 +91,4 @@ def spread(runs: Mapping[Run, Numbers], name: str, form: str) -> str:
 
 def people(which: str, data: Path) -> list[str]:
     """Give the clips of a list in conf/config.yaml, "choose" or "report"."""
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        return list(compose("config", overrides=[f"paths.data={data}"]).clips[which])
+    return list(composed([f"paths.data={data}"]).clips[which])

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, people, spread
 from workbench.evaluation.step_calibration import GROUPS
-from workbench.experiment.schema import prepare_hydra
 
 START = ("prior.base.start_position=0.03", "prior.base.start_rotation=0.05")
 """How far off the start is told, m and rad, where a filter begins with it."""
@@ -59,7 +58,6 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--frames", type=int, default=30)
     chosen = parser.parse_args()
-    prepare_hydra()
     same = [f"paths.data={chosen.data}", f"dataset.n_frames={chosen.frames}"]
     rows = {row: tracked for row, tracked in ROWS.items() if row.startswith(chosen.rows)}
     runs = every_run(rows, chosen.people or people("report", chosen.data), chosen.seeds, same)

@@ -14,26 +14,19 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_module
-from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from threadpoolctl import threadpool_limits
 
 from analysis.figures import people
 from analysis.figures.people import Clips, OverPeople, report_clips, shown
 from analysis.figures.recordings import AS_IT_STANDS, Source, chosen, what_matters
+from analysis.figures.unrecorded import composed, finished
 from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
-from workbench.experiment.assembly import assemble
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Meter, track
 
 PAPERS = ("literal", "ours")
 N_SEEDS, N_SEEDS_QUICK, N_SEEDS_PEOPLE = 10, 2, 2
@@ -84,7 +77,7 @@ def over_people(experiment: str, paper: str, source: Source, n_seeds: int = N_SE
 
     Raises InputError for an experiment that cannot be run or shows what nobody to report does.
     """
-    config = _composed([*chosen(experiment), *source.variants(experiment, paper)[-1]])
+    config = composed([*chosen(experiment), *source.variants(experiment, paper)[-1]])
     runs: dict[Clips, Sequence[Mapping[str, float]]] = {}
     for k, clips in enumerate(report_clips(config)):
         seeds = range(k * NEXT_PERSON, k * NEXT_PERSON + n_seeds)
@@ -97,26 +90,17 @@ def _replicates(
 ) -> Replicates:
     """Run an experiment, with more overrides, with these seeds, or take what was kept."""
     overrides = [*chosen(experiment), *source.variants(experiment, paper)[-1], *more]
-    config = _composed(overrides)
+    config = composed(overrides)
     file = _file(experiment, paper, config, source.folder)
     own_seed = "seed" in (config.dataset or {})
     kept: dict[str, dict[str, float]] = json.loads(file.read_text()) if file.is_file() else {}
     for seed in seeds:
         if str(seed) not in kept:
             apart = [f"dataset.seed={APART + seed}"] if own_seed else []
-            kept[str(seed)] = _run(_composed([*overrides, f"seed={seed}", *apart]), experiment)
+            kept[str(seed)] = _run(composed([*overrides, f"seed={seed}", *apart]), experiment)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(json.dumps(kept, indent=1))
     return Replicates(tuple(kept[str(seed)] for seed in seeds))
-
-
-def _composed(overrides: Sequence[str]) -> DictConfig:
-    prepare_hydra()
-    try:
-        with initialize_config_module("workbench.conf", version_base="1.3"):
-            return compose("config", overrides=list(overrides))
-    except HydraException as error:
-        raise InputError(" ".join(str(error).split())) from error
 
 
 def _file(experiment: str, paper: str, config: DictConfig, folder: Path) -> Path:
@@ -130,13 +114,7 @@ def _run(config: DictConfig, experiment: str) -> dict[str, float]:
     """One run's metrics; `held` by the last frames' errors in space where there are no images."""
     if config.study is not None:
         raise InputError(f"{experiment}: a study has no replicates")
-    summary = Summary(experiment=experiment, seed=int(config.seed), recording=Path("none"))
-    with threadpool_limits(limits=1, user_api="blas"):
-        parts = assemble(config, lambda stage: nullcontext())
-        meter = Meter(parts)
-        for step, errors in track(parts, int(config.seed), meter):
-            summary.add(step, errors)
-    summary.over_run = meter.over_run
+    summary = finished(config, experiment)
     off_mm = np.mean(summary.per_frame.get("error_abs_mm", [np.nan])[-LAST_FRAMES:])
     return {"held": float(off_mm < HELD_MM), **summary.metrics}
 
@@ -206,7 +184,7 @@ def _readings(experiments: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _in_a_paper(experiment: str) -> bool:
     try:
-        _composed([*chosen(experiment), "paper=literal"])
+        composed([*chosen(experiment), "paper=literal"])
     except InputError as error:
         if "is in none of the papers" in str(error):
             return False

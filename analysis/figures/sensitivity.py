@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, spread
-from workbench.experiment.schema import prepare_hydra
 
 EXACT = "dataset.exact=true"
 ROWS: Mapping[str, Sequence[str]] = {
@@ -56,7 +55,6 @@ def main() -> int:
     parser.add_argument("--particles", type=int, default=300)
     parser.add_argument("--frames", type=int, default=30)
     chosen = parser.parse_args()
-    prepare_hydra()
     same = [f"paths.data={chosen.data}", f"inference.n_particles={chosen.particles}"]
     same += [f"dataset.n_frames={chosen.frames}"]
     rows = {row: ("walk_best", overrides) for row, overrides in ROWS.items()}

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of, people, spread
-from workbench.experiment.schema import prepare_hydra
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,6 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--frames", type=int, default=25)
     chosen = parser.parse_args()
-    prepare_hydra()
     same = [f"paths.data={chosen.data}", f"dataset.n_frames={chosen.frames}"]
     clips = chosen.people or people("choose", chosen.data)
     for title, choice in CHOICES.items():

@@ -29,14 +29,11 @@ def identity(config: DictConfig) -> str:
     paths.data; of a whole database every motion file and index counts, read or not. Versions of other packages are not
     part of it; summary.json lists them. Raises InputError for a file that cannot be read.
     """
-    plain: Any = OmegaConf.to_container(config, resolve=True)
-    places = plain.get("paths") or {}
-    data = None if places.get("data") is None else Path(places["data"]).expanduser()
-    chosen = {key: value for key, value in plain.items() if key not in NO_PART}
+    chosen, data, places = _told(config)
     chosen["recorder"] = {key: value for key, value in (chosen.get("recorder") or {}).items() if key != "live"}
     try:
         code = [_code(package) for package in packages() if package == OURS or f"'{package}." in str(chosen)]
-        content = {"config": _by_content(chosen, data, {None, *places.values()}), "code": code}
+        content = {"config": _by_content(chosen, data, {None, *places}), "code": code}
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -47,16 +44,21 @@ def input_files(config: DictConfig) -> dict[str, str]:
 
     Raises InputError for a file that cannot be read.
     """
-    plain: Any = OmegaConf.to_container(config, resolve=True)
-    places = plain.get("paths") or {}
-    data = None if places.get("data") is None else Path(places["data"]).expanduser()
-    chosen = {key: value for key, value in plain.items() if key not in NO_PART}
+    chosen, data, places = _told(config)
     try:
-        found = {name: _contents(name, data) for name in _texts(chosen, set(places.values()))}
+        found = {name: _contents(name, data) for name in _texts(chosen, places)}
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from None
     digests = {name: hashlib.sha256(json.dumps(files).encode()) for name, files in found.items() if files}
     return {name: digest.hexdigest() for name, digest in digests.items()}
+
+
+def _told(config: DictConfig) -> tuple[dict[str, Any], Path | None, set[str | None]]:
+    """What a configuration says of what comes out, the folder with recordings, and the texts that are only places."""
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    places = plain.get("paths") or {}
+    data = None if places.get("data") is None else Path(places["data"]).expanduser()
+    return {key: value for key, value in plain.items() if key not in NO_PART}, data, set(places.values())
 
 
 def _texts(value: Any, places: Set[str | None]) -> set[str]:

@@ -9,9 +9,8 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.discrepancy import Discrepancy
+from workbench.core.discrepancy import Discrepancy, widening
 from workbench.core.prior import Powers, Prior
-from workbench.core.strangers import widening
 from workbench.core.traits import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
 from workbench.errors import InputError
 from workbench.priors.appended import Appended

@@ -1,5 +1,6 @@
 """Make room: runs without their images, packed into one file, or gone. Nothing outside the folders that were named."""
 
+import os
 import shutil
 import tarfile
 from collections.abc import Iterable, Sequence
@@ -62,7 +63,7 @@ def archive(entries: Sequence[Entry], file: Path) -> None:
     if file.exists():
         raise InputError(f"{file}: is there already")
     folders = [Path(entry.path).resolve() for entry in entries]
-    shared = _shared(folders)
+    shared = os.path.commonpath([folder.parent for folder in folders])
     with whole_file(file) as part, tarfile.open(part, "w:gz") as tar:
         for folder in folders:
             tar.add(folder, arcname=str(folder.relative_to(shared)))
@@ -88,8 +89,3 @@ def _within(path: Path, place: Path) -> bool:
 def _runs_inside(folder: Path) -> list[Path]:
     """Find the runs below a run's own folder, which should be none."""
     return [run for inner in sorted(folder.iterdir()) if inner.is_dir() for run in runs_in(inner)]
-
-
-def _shared(folders: Sequence[Path]) -> Path:
-    parents = [set(folder.parents) for folder in folders]
-    return max(set.intersection(*parents), key=lambda parent: len(parent.parts))

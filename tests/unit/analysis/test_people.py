@@ -111,7 +111,7 @@ def test_everybody_is_run_once_with_seeds_of_their_own(monkeypatch, tmp_path):
         return {"held": 1.0, "error_abs_mm": float(config.seed)}
 
     monkeypatch.setattr(replicates, "_run", run)
-    monkeypatch.setattr(replicates, "_composed", composed)
+    monkeypatch.setattr(replicates, "composed", composed)
     source = Source(tmp_path, "somewhere", quick=True)
     for _ in range(2):  # what is kept is not run again
         found = replicates.over_people("walk_straight", "ours", source, n_seeds=2)

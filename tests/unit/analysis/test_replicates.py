@@ -72,5 +72,5 @@ def test_what_cannot_be_run_is_refused_in_one_sentence(tmp_path):
 def test_a_run_without_images_holds_by_its_last_joints():
     """A person who is fitted to points, without a motion model, at a tiny size."""
     small = ["dataset.n_frames=3", "dataset.n_points=60", "inference.n_particles=10", "dataset.motion=builtin"]
-    found = replicates._run(replicates._composed(["experiment=points_no_model", *small]), "points_no_model")
+    found = replicates._run(replicates.composed(["experiment=points_no_model", *small]), "points_no_model")
     assert found["held"] == float(found["error_abs_mm"] < replicates.HELD_MM)  # of the last two

@@ -10,11 +10,11 @@ from scipy.interpolate import make_interp_spline
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.discrepancy import widening
 from workbench.core.given import PHASE_ENDS
 from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
-from workbench.core.strangers import widening
 from workbench.core.traits import MOTION, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.fit.correlation import effective_share, error_correlation

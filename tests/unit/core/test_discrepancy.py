@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from workbench.core.strangers import widening
+from workbench.core.discrepancy import widening
 
 
 def test_the_next_person_is_as_far_off_as_students_distribution_says():

@@ -1,0 +1,38 @@
+"""Runs of which nothing is kept but their numbers."""
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from threadpoolctl import threadpool_limits
+
+from workbench.errors import InputError
+from workbench.experiment.assembly import assemble
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.summary import Summary
+from workbench.experiment.tracking import Meter, track
+
+
+def composed(overrides: Sequence[str]) -> DictConfig:
+    """Compose the configuration that `workbench` would run; raises InputError for overrides that it refuses."""
+    prepare_hydra()
+    try:
+        with initialize_config_module("workbench.conf", version_base="1.3"):
+            return compose("config", overrides=list(overrides))
+    except HydraException as error:
+        raise InputError(" ".join(str(error).split())) from error
+
+
+def finished(config: DictConfig, experiment: str) -> Summary:
+    """Track as a configuration says, on one BLAS thread as `workbench` does, and sum up; raises InputError likewise."""
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=Path("none"))
+    with threadpool_limits(limits=1, user_api="blas"):
+        parts = assemble(config, lambda stage: nullcontext())
+        meter = Meter(parts)
+        for step, errors in track(parts, int(config.seed), meter):
+            summary.add(step, errors)
+    summary.over_run = meter.over_run
+    return summary
