@@ -8,7 +8,7 @@ from workbench.cli.report import main as report
 
 SMALL = (
     "dataset.n_frames=6", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
-    "likelihood.weights.edges=0", "inference.steps=2", "inference.guesses=4", "inference.n_particles=50",
+    "inference.n_particles=50",
 )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 how well that tells where it is wrong."""
 
 import numpy as np
-from scipy.stats import rankdata, spearmanr
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.kinematics import joints
@@ -56,7 +56,7 @@ def spearman(stated: FloatArray, errors: FloatArray) -> float:
     """Return the correlation of the ranks of two series (n,), Spearman's; NaN where one does not vary."""
     if len(stated) < 2 or min(np.ptp(stated), np.ptp(errors)) == 0.0:
         return float("nan")
-    return float(spearmanr(stated, errors).statistic)
+    return float(scipy.stats.spearmanr(stated, errors).statistic)
 
 
 def area_under_curve(stated: FloatArray, wrong: BoolArray) -> float:
@@ -66,5 +66,5 @@ def area_under_curve(stated: FloatArray, wrong: BoolArray) -> float:
     n_right = len(wrong) - n_wrong
     if not (n_wrong and n_right):
         return float("nan")
-    rank_sum = float(rankdata(stated)[wrong].sum())
+    rank_sum = float(scipy.stats.rankdata(stated)[wrong].sum())
     return (rank_sum - 0.5 * n_wrong * (n_wrong + 1)) / (n_wrong * n_right)

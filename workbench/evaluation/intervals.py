@@ -1,7 +1,7 @@
 """How sure a mean over a few repetitions is."""
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from workbench.arrays import FloatArray
 
@@ -58,5 +58,5 @@ def mean_interval(old: FloatArray, new: FloatArray, level: float) -> float:
     """
     n, k = len(old), len(new)
     squares = float(((old - old.mean()) ** 2).sum() + ((new - new.mean()) ** 2).sum())
-    reach = stats.t.ppf(0.5 + 0.5 * level, n + k - 2) * np.sqrt(squares / (n + k - 2) * (1.0 / n + 1.0 / k))
+    reach = scipy.stats.t.ppf(0.5 + 0.5 * level, n + k - 2) * np.sqrt(squares / (n + k - 2) * (1.0 / n + 1.0 / k))
     return float(reach + _ROUNDING * abs(old.mean()))

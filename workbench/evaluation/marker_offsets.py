@@ -28,6 +28,10 @@ class MarkerOffsets:
     estimated once, and those frames are not counted. What the estimate gets wrong alike in all of them is taken for an
     offset as well: the error without it stands beside error_abs_mm and does not replace it.
 
+    error_abs_offsets_removed_mm, error_rel_offsets_removed_mm: the same over all frames with offsets that are the
+    medians over all of them, of error_abs_mm and, after moving pelvis onto pelvis, of error_rel_mm: the least that a
+    joint's definition leaves, as the offsets are fitted to the errors that are counted.
+
     moving: as for `errors.step_errors`, whose joints are measured.
     """
 
@@ -35,6 +39,7 @@ class MarkerOffsets:
         self._skeleton, self._measured = skeleton, moved_joints(skeleton, moving)
         self._since = np.full(len(skeleton.names), np.nan)
         self._seen: dict[int, list[FloatArray]] = {joint: [] for joint in self._measured}
+        self._apart: dict[str, list[FloatArray]] = {"abs": [], "rel": []}
         self.offsets = np.full((len(skeleton.names), 3), np.nan)
         """(J, 3), m, in the parents' frames; NaN for joints that are not measured or not yet known."""
 
@@ -44,6 +49,16 @@ class MarkerOffsets:
         offsets = {f"offset_{self._skeleton.names[joint]}_mm": self.offsets[joint] for joint in self._measured}
         return {name: 1e3 * float(np.linalg.norm(xyz)) for name, xyz in offsets.items() if np.isfinite(xyz).all()}
 
+    @property
+    def removed_mm(self) -> dict[str, float]:
+        """Return error_abs_offsets_removed_mm and error_rel_offsets_removed_mm of all frames so far; of none, none."""
+        errors: dict[str, float] = {}
+        for kind, apart in self._apart.items():
+            known = [row[np.isfinite(row).all(axis=1)] for row in np.swapaxes(apart, 0, 1)] if apart else []
+            left = [np.linalg.norm(row - np.median(row, axis=0), axis=1) for row in known if len(row)]
+            errors |= {f"error_{kind}_offsets_removed_mm": 1e3 * float(np.concatenate(left).mean())} if left else {}
+        return errors
+
     def add(self, step: Step) -> dict[str, float]:
         """Return the error in this frame, over the joints that it knows and whose offset frames before it gave."""
         truth = step.frame.truth
@@ -51,7 +66,10 @@ class MarkerOffsets:
             return {}
         frames = forward(self._skeleton, step.expected_pose[None])
         limbs, places = frames.rotations[0, self._skeleton.parents], frames.positions[0]
-        self._estimate(step.frame.time_s, np.einsum("jba,jb->ja", limbs, truth.joints - places))
+        apart = truth.joints - places
+        self._estimate(step.frame.time_s, np.einsum("jba,jb->ja", limbs, apart))
+        for kind, each in (("abs", apart), ("rel", apart - apart[0])):
+            self._apart[kind].append(np.einsum("jba,jb->ja", limbs, each)[self._measured])
         moved = places + np.einsum("jab,jb->ja", limbs, self.offsets)
         error = 1e3 * float(mean_distance(moved[self._measured], truth.joints[self._measured]))
         return {"error_offset_free_mm": error} if np.isfinite(error) else {}

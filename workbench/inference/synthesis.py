@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.kinematics import joints
@@ -15,9 +15,10 @@ from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.given import LEAD_IN
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Prior
 from workbench.core.step import Step
-from workbench.core.traits import ALL_JOINTS, FOLLOWERS, START, Traits, offering
+from workbench.core.traits import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
 from workbench.errors import InputError
 from workbench.learning.windows import Windows
 
@@ -58,6 +59,7 @@ class Recorded(Prior, Protocol):
         """Return this prior, drawing from the windows kept (n,) alone."""
 
 
+@keeps_keys
 class Synthesis:
     """Draws one motion from a prior, a frame at a time: an inference that looks at no image.
 
@@ -84,7 +86,7 @@ class Synthesis:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a start and of a prior, to look ahead in where asked for; it plants a person's feet."""
         ahead = (FOLLOWERS,) if keys.get("look_ahead") else ()
-        return offering(dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
+        return offering(EVEN_WEIGHTS, FIT, dataset=START, prior=ahead, known=LEAD_IN, without=ALL_JOINTS)
 
     finds_start: ClassVar[bool] = False
 
@@ -281,4 +283,4 @@ def _backwards(poses: FloatArray, rate_hz: float, wanted_hz: float) -> FloatArra
         return poses
     times = np.arange(len(poses)) / rate_hz
     wanted = np.arange(int(np.floor(times[-1] * wanted_hz + 1e-9)) + 1) / wanted_hz
-    return np.asarray(CubicSpline(times, poses)(wanted))
+    return np.asarray(scipy.interpolate.CubicSpline(times, poses)(wanted))

@@ -1,6 +1,6 @@
 """Images as likelihoods look at them: smoothed grey or colour levels, and how these differ from a still background."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from workbench.arrays import AnyArray, BoolArray, Float32Array
 from workbench.core.clip import Clip
-from workbench.core.frame import View
+from workbench.core.frame import Frame, View
 from workbench.errors import InputError
 
 DIFFERENT = 3.5
@@ -63,14 +63,18 @@ def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) 
 
 def spaced_images(clip: Clip, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
     """Collect every camera's smoothed levels in `n_frames` frames of the clip, evenly spread, the first among them."""
+    seen: dict[str, list[Float32Array]] = {}
+    for frame in spaced_frames(clip, n_frames):
+        for view in frame.views:
+            seen.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
+    return seen
+
+
+def spaced_frames(clip: Clip, n_frames: int) -> Iterator[Frame]:
+    """Go through `n_frames` frames of the clip, evenly spread, the first among them."""
     n = clip.known.n_frames
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())
-    seen: dict[str, list[Float32Array]] = {}
-    for i, frame in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)):
-        if i in used:
-            for view in frame.views:
-                seen.setdefault(view.camera.name, []).append(colour_levels(view, blur_px))
-    return seen
+    yield from (f for i, f in enumerate(tqdm(clip, "background", n, unit="frame", disable=None)) if i in used)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
-from workbench.body.lanes import FAST, LANES
+from workbench.body.lanes import FAST, LANES, inlined
 from workbench.body.limbs import Body
 from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
 from workbench.threads import over_threads
@@ -83,7 +83,7 @@ def _levels_at(image: Any, pixels: Any, levels: Any) -> None:
         levels[i] = bilinear(image, pixels[i, 0], pixels[i, 1])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def bilinear(image: Any, x: float, y: float) -> Any:
     """The value of the image at a point between the centres of its pixels."""
     column, row = np.uint32(x), np.uint32(y)  # unsigned indices spare numba's test for negative ones

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
-from workbench.body.lanes import FAST
+from workbench.body.lanes import FAST, inlined
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
@@ -101,7 +101,7 @@ def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums:
         sums[i] = total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
     ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
@@ -118,7 +118,7 @@ def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
     """Add to every row where it meets a disc, and return the first and the last row that may."""
     x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
@@ -134,7 +134,7 @@ def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any
     return low, high
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
     """Find the spans of a quadrangle."""
     low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
@@ -150,7 +150,7 @@ def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tu
     return low, high
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _rows(above: float, below: float, height: int) -> tuple[int, int]:
     """The rows of the image between two heights; the last is before the first where there are none."""
     low, high = max(np.ceil(above), 0.0), min(np.floor(below), height - 1.0)
@@ -159,7 +159,7 @@ def _rows(above: float, below: float, height: int) -> tuple[int, int]:
     return int(low), int(high)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: Any, rights: Any) -> None:
     """Put a span into its row, from the left to the right by where spans begin."""
     left, right = max(left + 0.5, 0.0), min(right + 0.5, float(width))  # from the image's left edge
@@ -173,7 +173,7 @@ def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: An
     counts[row] += 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
     """The row's sum over the union of its spans."""
     total, end = 0.0, 0.0
@@ -185,7 +185,7 @@ def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
     return total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _until(reached: Any, x: float) -> Any:
     """The sum of the row from its left edge to x."""
     first = min(int(x), reached.shape[0] - 2)

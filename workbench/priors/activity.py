@@ -7,6 +7,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
@@ -18,6 +19,7 @@ N_PHASES = 64
 LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists
 
 
+@keeps_keys
 class Activity(AllFree):
     """A prior over states {α, μ, speed of μ, root, root's velocity} of paper D's motion model, D = d + 11.
 

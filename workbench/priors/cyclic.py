@@ -8,11 +8,12 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.signal import resample
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.given import ROTATION
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
@@ -27,6 +28,7 @@ TRANSITIONS = ("stationary", "A", "B")
 ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 
 
+@keeps_keys
 class Cyclic(AllFree):
     """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
 
@@ -93,7 +95,7 @@ class Cyclic(AllFree):
         self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
-        self._table = np.ascontiguousarray(resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
+        self._table = np.ascontiguousarray(scipy.signal.resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
 
     @property

@@ -13,6 +13,7 @@ from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.turns import wrapped
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior, propose
 from workbench.core.traits import (
     ACTIVITY,
@@ -36,6 +37,7 @@ LIMBS = (
 """Side, upper joint, lower joint, and whether the lower joint bends forwards (1) or backwards (−1)."""
 
 
+@keeps_keys
 class Flipping:
     """Another prior, under which forearms and calves may turn over from towards the camera to away from it:
 

@@ -10,6 +10,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.given import REST, TRAJECTORY
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior
 from workbench.core.traits import DENSITY, KEYPOINTS, Traits, needs_of_all, offering
 from workbench.priors.appended import Appended
@@ -23,6 +24,7 @@ class Trajectory:
     poses: FloatArray
 
 
+@keeps_keys
 class Following(Appended):
     """Another prior's parameters, with all others as a known trajectory has them: an arm of somebody who balances.
 

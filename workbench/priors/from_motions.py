@@ -15,7 +15,6 @@ from workbench.learning.training import (
 )
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
-from workbench.priors.implicit import Implicit
 from workbench.priors.linear import Linear
 
 P = TypeVar("P")
@@ -47,9 +46,17 @@ gait = learned("gait", gait_model, Cyclic)
 """Paper A's, with how the root sways in a cycle learned, too, so that less is left to noise."""
 cyclic = learned("cyclic", cyclic_model, Cyclic)
 """Paper B: the same prior over a model learned from any cyclic motion with gaps."""
-implicit = learned("implicit", motion_windows, Implicit)
-"""Paper C: a database of motions as a prior."""
 linear = learned("linear", linear_motion, Linear)
 """A linear-Gaussian model of all motions."""
 activity = learned("activity", activity_model, Activity)
 """Paper D: one model of walking and running, which least squares fits and a particle filter samples."""
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Make `implicit`, paper C's database of motions as a prior, when it is asked for: its import takes longest."""
+    if name != "implicit":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from workbench.priors.implicit import Implicit
+
+    made = globals()[name] = learned(name, motion_windows, Implicit)
+    return made

@@ -10,6 +10,7 @@ import numpy as np
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.given import REST
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, FOLLOWERS, Traits, offering
@@ -30,6 +31,7 @@ PREDICTIONS = ("copy", "increment", "blend")
 MOST_EXAMPLES = 2000
 
 
+@keeps_keys
 class Implicit:
     """The implicit prior over states {pose, c, what the last d − 1 rows add to the next coefficients} (C, section 4).
 

@@ -9,11 +9,11 @@ import numba
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.body.lanes import inlined
 from workbench.errors import InputError
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, Prediction
 from workbench.priors.implicit_search import (
-    FASTMATH,
     PROBES,
     KdTree,
     check_probes,
@@ -211,7 +211,7 @@ def _gathered(ways: Any, found: Any) -> Any:
     return near
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@inlined
 def _fill_terms(near: Any, n_noisy: int, white: Any, log_prob: Any, terms: Any) -> None:
     """The log terms of the mixture without their constant."""
     n_found = near.shape[1]

@@ -23,9 +23,10 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.body.lanes import FAST, inlined, inlined_exactly
 from workbench.errors import InputError
 
 LANES = 32
@@ -35,7 +36,6 @@ PROBES = 16  # probes that a thread takes at a time
 STRIDE = 4
 """Coefficients are padded with zeros to a multiple of this, as many as are added up in one pass over the lanes."""
 LARGEST = 1e15  # of a probe's coefficients, so that no squared distance overflows
-FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
     check_probes(tree, probe[None], beta, epsilon)
     n = len(tree.order)
     weights, found = np.empty(n), np.empty(n, dtype=np.int64)
-    n_found, visited, _, _ = _open(
+    n_found, visited = _open_one(
         tree.coefficients, tree.leaf_boxes, tree.group_boxes, padded(probe[None])[0], n, beta, epsilon, weights, found
     )
     distribution = np.zeros(n)
@@ -157,7 +157,7 @@ def found_distribution_reference(
         scanned.append(leaf)
 
     def log_mass() -> float:
-        return float(logsumexp(-exponents))
+        return float(scipy.special.logsumexp(-exponents))
 
     groups, leaves = (
         (np.maximum(np.maximum(boxes[:, :, 0] - p, p - boxes[:, :, 1]), 0.0) ** 2).sum(axis=1).ravel() / (2.0 * beta)
@@ -173,21 +173,21 @@ def found_distribution_reference(
     bins = ((leaves[near] - low) * scale).astype(np.int64)
     left = np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
     for i in np.unique(bins):
-        if logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
+        if scipy.special.logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
             break
         farthest = np.log(2.0 * n / epsilon) - log_mass()
         for leaf in near[bins == i]:
             if leaf != scanned[0]:
                 scan(leaf)
     distribution = np.empty(n)
-    distribution[tree.order] = np.exp(-exponents - logsumexp(-exponents))
+    distribution[tree.order] = np.exp(-exponents - scipy.special.logsumexp(-exponents))
     return distribution, sum(min(LANES, n - leaf * LANES) for leaf in scanned)
 
 
 def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -> FloatArray:
     """log p(c_i | c_t), (n,), by looking at every entry (C, eq. 6); probe: (b,), all whitened."""
     exponents = -((coefficients - probe.astype(np.float64)) ** 2).sum(axis=1) / (2.0 * beta)
-    return exponents - logsumexp(exponents)
+    return exponents - scipy.special.logsumexp(exponents)
 
 
 def group_equal(probes: FloatArray) -> tuple[IntArray, IntArray]:
@@ -272,7 +272,7 @@ def _nearest(
             entries[k] = found[log_prob[:n_found].argmax()]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@inlined_exactly
 def found_entries(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, beta: float, epsilon: float,
     log_prob: Any, found: Any,
@@ -288,6 +288,15 @@ def found_entries(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _open_one(
+    coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
+    weights: Any, found: Any,
+) -> tuple[int, int]:  # fmt: skip
+    n_found, visited, _, _ = _open(coefficients, leaf_boxes, group_boxes, probe, n, beta, epsilon, weights, found)
+    return n_found, visited
+
+
+@inlined_exactly
 def _open(
     coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
     weights: Any, found: Any,
@@ -326,7 +335,7 @@ def _open(
     return n_found, n_visited, mass, base
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@inlined_exactly
 def _near_leaves(leaf_boxes: Any, groups: Any, probe: Any, low: Any, reach: Any, beta: float, base: float) -> Any:
     """The leaves whose boxes are within `reach` of the probe (squared), sorted into BINS between `low` and `reach`.
 
@@ -357,12 +366,12 @@ def _near_leaves(leaf_boxes: Any, groups: Any, probe: Any, low: Any, reach: Any,
     return leaves, ends, left
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@inlined_exactly
 def _bin(square: Any, low: Any, per_square: Any) -> int:
     return int(max((square - low) * per_square, np.float32(0.0)))  # rounding may put a leaf before its group
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@inlined_exactly
 def _take(
     squares: Any, leaf: Any, beta: float, farthest: Any, base: float, mass: float, n_found: int, weights: Any,
     found: Any,
@@ -384,7 +393,7 @@ def _take(
     return base, mass, n_found
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@inlined
 def _squares(coefficients: Any, leaf: Any, probe: Any, squares: Any) -> None:
     """|c_i − c_t|² of the leaf's entries; four coefficients a pass, as one would spend its time on loads and stores."""
     for lane in range(LANES):
@@ -397,7 +406,7 @@ def _squares(coefficients: Any, leaf: Any, probe: Any, squares: Any) -> None:
             squares[lane] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@inlined
 def _box_squares(boxes: Any, group: Any, probe: Any, squares: Any) -> None:
     """The squared distances from the probe to the LANES boxes of a group, 0 inside."""
     for lane in range(LANES):
@@ -412,6 +421,6 @@ def _box_squares(boxes: Any, group: Any, probe: Any, squares: Any) -> None:
             squares[lane] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
 def _gap(low: Any, value: Any, high: Any) -> Any:
     return max(max(low - value, value - high), np.float32(0.0))

@@ -11,15 +11,16 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.body.lanes import inlined
 from workbench.errors import InputError
-from workbench.priors.implicit_search import FASTMATH, exact_log_prob
+from workbench.priors.implicit_search import exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
-TABLE = ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, to be interpolated linearly
+TABLE = scipy.special.ndtr(np.linspace(-TABLE_END, TABLE_END, 513))  # Φ, to be interpolated linearly
 TABLE_ERROR = 2e-5  # above what the interpolation is wrong by: h² / 8 times the largest |Φ''|, 0.242, is 1.7e-5
 NEGLIGIBLE = 40.0  # entries whose log odds are lower by this than the nearest one's add nothing to a float64
 
@@ -99,7 +100,7 @@ def draw_reference(
         for level in range(tree.depth):
             middle = (low + high) // 2
             left, right = tree.starts[middle] - tree.starts[low], tree.starts[high] - tree.starts[middle]
-            odds = ndtr((probe[level] - tree.splits[node]) / np.sqrt(beta))
+            odds = scipy.special.ndtr((probe[level] - tree.splits[node]) / np.sqrt(beta))
             goes_right = right > 0 and (left == 0 or uniform[level] < odds)
             node = 2 * node + 1 + goes_right
             low, high = (middle, high) if goes_right else (low, middle)
@@ -121,7 +122,7 @@ def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussi
         left, right = np.diff(bounds).reshape(-1, 2).T > 0
         offset = (probe[level] - tree.splits[(1 << level) - 1 : (2 << level) - 1]) / np.sqrt(beta)
         with np.errstate(divide="ignore"):
-            odds = np.log(np.stack([ndtr(-offset), ndtr(offset)], axis=1))
+            odds = np.log(np.stack([scipy.special.ndtr(-offset), scipy.special.ndtr(offset)], axis=1))
         odds[left & ~right] = (0.0, -np.inf)
         odds[right & ~left] = (-np.inf, 0.0)
         whole = (whole[:, None] + odds).ravel()
@@ -201,7 +202,7 @@ def _equal(a: Any, b: Any) -> bool:
     return same
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FASTMATH)
+@inlined
 def _leaf_odds(rows: Any, first: int, size: int, probe: Any, beta: float, odds: Any) -> None:
     """The running sum of exp(−|c_i − c_t|² / 2β) over a leaf's entries, relative to the nearest."""
     nearest = np.inf

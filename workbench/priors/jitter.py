@@ -10,6 +10,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.discrepancy import Discrepancy, widening
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior
 from workbench.core.traits import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPARABLE, Traits
 from workbench.errors import InputError
@@ -20,6 +21,7 @@ SIGMA, KEEP = 0.02, 0.9
 """Of a base that has not learned what it misses: 0.046 rad, 2.6°, in the long run."""
 
 
+@keeps_keys
 class Jitter(Appended):
     """The pose of another prior plus an offset δ for each of k joint angles, which returns to zero:
 

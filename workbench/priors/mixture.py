@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Density, Powers, Prior, Smoothness, propose
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
@@ -19,6 +20,7 @@ from workbench.errors import InputError
 from workbench.priors.density import REFERENCE_RATE_HZ
 
 
+@keeps_keys
 class Mixture:
     """K priors over one common state, each of which moves its share of the particles.
 
@@ -135,7 +137,7 @@ class MixtureDensity:
 
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast."""
-        return logsumexp(self._log_terms(previous, state, dt_s), axis=0)
+        return scipy.special.logsumexp(self._log_terms(previous, state, dt_s), axis=0)
 
     def complete(self, previous: FloatArray, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """The states (N, D) with k drawn from its posterior ∝ π_k p_k, and then what follows from others by prior k.
@@ -173,6 +175,7 @@ class Enterable(Protocol):
         """The states (N, D) of poses (N, P) that move with velocities (N, P), m/s and rad/s."""
 
 
+@keeps_keys
 class Switching:
     """K priors with states z of their own, among which a particle switches (Isard & Blake, ICCV 1998).
 

@@ -9,12 +9,14 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.given import REST
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Density, Powers, Prior, propose
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
 from workbench.priors.mixture import common_smoothness, side_by_side
 
 
+@keeps_keys
 class Partwise:
     """The product of priors that each move parameters of their own, such as databases of the upper and lower body:
 

@@ -6,16 +6,17 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.special import log_ndtr, ndtri_exp
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
 from workbench.core.given import REST
+from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import BODY_PARTS, DENSITY, LIMB_COLUMNS, SEPARABLE, Traits, offering
+from workbench.core.traits import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.errors import InputError
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
 
@@ -36,6 +37,7 @@ SIGMA_VELOCITY = MappingProxyType({
 """σ^V per frame at 30 Hz, m/s or rad/s: how much velocities change between frames in 24 of CMU's clips, half walks."""
 
 
+@keeps_keys
 class Smooth(AllFree):
     """Constant velocity within hard limits for k of the pose's P parameters (paper A, section 6.1):
 
@@ -64,10 +66,11 @@ class Smooth(AllFree):
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare a density, independent columns for every joint, and that what is not among the parameters stays."""
-        return offering(
-            DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, given=(REST,) if keys.get("parameters") is not None else ()
-        )
+        """Declare a density and independent columns for every joint; that what is not among the parameters stays, or,
+        where all move, noise that is Gaussian within the limits."""
+        some = keys.get("parameters") is not None
+        own = (REST,) if some else ()
+        return offering(DENSITY, SEPARABLE, BODY_PARTS, LIMB_COLUMNS, *(() if some else (GAUSSIAN,)), given=own)
 
     def __init__(
         self, *, parameters: Sequence[str] | None = None,
@@ -152,6 +155,22 @@ class Smooth(AllFree):
         moved[:, velocity] = np.exp(-self.damping * dt_s) * state[:, velocity]
         return moved
 
+    def start_moments(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean (D,) and covariance (D, D) of what `start` draws, but for the limits and what starts anywhere."""
+        mean = self.enter(pose[None], np.zeros((1, len(POSE_NAMES))))[0]
+        moving = self.space.slices["pose"]
+        mean[moving] = np.clip(mean[moving], *self.limits.T)
+        return mean, self._diagonal(self.start_pose * self.sigma, self.start_velocity * self.sigma_velocity)
+
+    def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
+        """Covariance (D, D) of what is drawn about the mean of one state (D,), but for the limits."""
+        growth = np.sqrt(dt_s * REFERENCE_RATE_HZ)
+        return self._diagonal(growth * self.sigma, growth * self.sigma_velocity)
+
+    def _diagonal(self, moving: FloatArray, velocity: FloatArray) -> FloatArray:
+        """The covariance (D, D) of deviations (k,) and (k,), none of what is held."""
+        return np.diag(np.concatenate([moving, velocity, np.zeros(len(self.space) - 2 * len(moving))]) ** 2)
+
     def log_transition(self, previous: FloatArray, state: FloatArray, dt_s: float) -> FloatArray:
         """log p(state | previous), (...), of states (..., D) that broadcast: −∞ beyond a limit."""
         moving, velocity, held = (self.space.slices[name] for name in ("pose", "velocity", "held"))
@@ -177,8 +196,8 @@ def truncated_normal(
     """
     a, b, upper = _lower_tail(mean, deviation, low, high)
     u = np.where(upper, 1.0 - uniforms, uniforms)
-    log_b = log_ndtr(b)
-    z = ndtri_exp(log_b + np.log(u + (1.0 - u) * np.exp(log_ndtr(a) - log_b)))
+    log_b = scipy.special.log_ndtr(b)
+    z = scipy.special.ndtri_exp(log_b + np.log(u + (1.0 - u) * np.exp(scipy.special.log_ndtr(a) - log_b)))
     return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
@@ -192,7 +211,7 @@ def log_truncated_normal(
     scale = np.maximum(deviation, LEAST_SCALE)
     a, b, _ = _lower_tail(mean, deviation, low, high)
     with np.errstate(divide="ignore"):  # limits further than FAR leave no mass between them
-        log_mass = log_ndtr(b) + np.log(-np.expm1(log_ndtr(a) - log_ndtr(b)))
+        log_mass = scipy.special.log_ndtr(b) + np.log(-np.expm1(scipy.special.log_ndtr(a) - scipy.special.log_ndtr(b)))
     density = -0.5 * ((values - mean) / scale) ** 2 - np.log(np.sqrt(2.0 * np.pi) * scale) - log_mass
     density = np.where(deviation > 0.0, density, np.where(values == np.clip(mean, low, high), 0.0, -np.inf))
     return np.where((low <= values) & (values <= high), density, -np.inf)

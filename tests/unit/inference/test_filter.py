@@ -28,7 +28,7 @@ from workbench.core.likelihood import Evaluation
 from workbench.errors import InputError
 from workbench.inference.particles.auxiliary import Auxiliary
 from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, n_ancestors
+from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, traced
 from workbench.inference.particles.weights import RESAMPLING, effective_sample_size
 from workbench.priors.density import log_normal
 
@@ -310,8 +310,8 @@ def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_pr
 
 def test_ancestors_are_counted_over_several_frames():
     first, second = np.array([0, 0, 1, 2]), np.array([1, 1, 0, 3])
-    assert n_ancestors([first]) == 3.0
-    assert n_ancestors([first, second]) == 2.0  # 0 of 0 and 1, and 2 of 3
+    origins = traced(traced(np.empty((0, 4), dtype=np.int32), first), second)
+    assert origins.tolist() == [[1, 1, 0, 3], [0, 0, 0, 2]]
     steps = run(50, 0, simulate(15, 0))
     lived = np.arange(50)
     for step in steps[5:]:

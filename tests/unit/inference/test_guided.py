@@ -15,8 +15,8 @@ N = 200_000
 
 
 @pytest.fixture(scope="module")
-def prior(tmp_path_factory):
-    return Activity(activity_model(cache=str(tmp_path_factory.mktemp("cache")), n_components=2))
+def prior(cache):
+    return Activity(activity_model(cache=str(cache), n_components=2))
 
 
 def proposal(prior, share, shift=0.5):

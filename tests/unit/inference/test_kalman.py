@@ -8,8 +8,11 @@ import pytest
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Evaluation
+from workbench.core.likelihood import Evaluation, Slope
+from workbench.core.memory import Past
 from workbench.errors import InputError
+from workbench.experiment.tracking import rng_streams
+from workbench.inference.kalman.climb import climb, tails
 from workbench.inference.kalman.filter import Kalman, predict, smoothed
 from workbench.inference.kalman.peak import find_peak
 from workbench.learning.linear_motion import LinearMotion
@@ -18,6 +21,7 @@ from workbench.priors.smooth import Smooth
 
 N = len(POSE_NAMES)
 SIGMA = 0.02
+PERSON = person_skeleton(from_height(1.75))
 BODY = SimpleNamespace(skeleton=SimpleNamespace(limits=np.tile([-1e6, 1e6], (N, 1)), dof_names=POSE_NAMES))
 DT_S = 1.0 / 30.0
 
@@ -151,14 +155,147 @@ def test_no_gaussian_prior_and_no_start_are_refused():
     with pytest.raises(InputError, match="needs a pose to start from"):
         list(Kalman(prior, Seen(marks), BODY).run(frames, None, {}))
     with pytest.raises(InputError, match="needs a prior with Gaussian noise"):
-        list(Kalman(Smooth(), Seen(marks), BODY).run(frames, np.zeros(N), {}))
+        list(Kalman(Smooth(parameters=["left_arm"]), Seen(marks), BODY).run(frames, np.zeros(N), {}))
+
+
+def test_constant_velocity_is_a_gaussian_prior():
+    """Its moments are those of what it draws, where no limit is near."""
+    prior, rng = Smooth(), np.random.default_rng(0)
+    middle = np.zeros(N)
+    middle[6:] = 0.5 * (prior.limits[6:].sum(axis=1))
+    mean, covariance = prior.start_moments(middle)
+    drawn = prior.start(middle, 20000, rng)
+    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=5.0 * np.sqrt(np.diag(covariance) / 20000).max())
+    np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.05)
+    state = np.concatenate([middle, np.zeros(N)])
+    noise = prior.noise_covariance(state, DT_S)
+    stepped = prior.step(np.repeat(state[None], 20000, axis=0), DT_S, rng)
+    np.testing.assert_allclose(stepped.std(axis=0), np.sqrt(np.diag(noise)), rtol=0.05)
+    assert np.count_nonzero(noise - np.diag(np.diag(noise))) == 0
 
 
 def test_a_belief_that_nothing_follows_stays_and_a_prediction_widens():
     prior, _, _ = setting()
     mean, covariance = prior.start_moments(np.zeros(N))
-    first = SimpleNamespace(mean=mean, covariance=covariance)
+    first = SimpleNamespace(mean=mean, covariance=covariance, doubt=np.ones(N))
     led = predict(prior, first, DT_S)
     assert np.trace(led.covariance[:N, :N]) > np.trace(covariance[:N, :N])
     assert smoothed([led]) == [led]
     assert len(person_skeleton(from_height(1.7)).limits) == N
+
+
+class Bowl:
+    """A look whose log likelihood is that of seeing every number at `marks` (P,) with noise, at two smoothings."""
+
+    levels, judges, notes, diagnostics = 2, True, (), {}
+
+    def __init__(self, marks, sigma):
+        self.marks, self.sigma = marks, sigma
+
+    def slope(self, pose, level):
+        apart = (pose - self.marks) / self.sigma
+        return Slope(-0.5 * float(apart @ apart), -apart / self.sigma, np.eye(len(pose)) / self.sigma**2)
+
+    evaluate = remember = None
+
+
+def spread(rng, n=4):
+    root = rng.standard_normal((n, n))
+    return 0.01 * root @ root.T + 0.001 * np.eye(n)
+
+
+def test_with_thin_tails_the_climb_ends_at_the_gaussian_posterior():
+    rng = np.random.default_rng(2)
+    mean, covariance, marks = rng.standard_normal(4), spread(rng), rng.standard_normal(4)
+    free = np.tile([-1e6, 1e6], (4, 1))
+    peak = climb(Bowl(marks, 0.2), mean, covariance, free, limbs=np.array([0, 0, 1, 1]), sudden=1e-12, flatten=1.0)
+    precision = np.linalg.inv(covariance)
+    expected = np.linalg.inv(precision + np.eye(4) / 0.04)
+    np.testing.assert_allclose(peak.covariance, expected, rtol=1e-6)
+    np.testing.assert_allclose(peak.pose, expected @ (precision @ mean + marks / 0.04), atol=1e-5)
+    apart = marks - mean
+    total = covariance + 0.04 * np.eye(4)
+    height = -0.5 * apart @ np.linalg.solve(total, apart) - 0.5 * np.linalg.slogdet(total / 0.04)[1]
+    assert peak.log_evidence == pytest.approx(height, abs=1e-4)  # but for the bowl's constant
+
+
+def test_a_limb_that_moves_suddenly_is_let_go_alone():
+    mean, covariance, marks = np.zeros(4), 1e-4 * np.eye(4), np.array([0.1, 0.1, 0.01, 0.0])  # ten deviations
+    free, limbs = np.tile([-1e6, 1e6], (4, 1)), np.array([0, 0, 1, 1])
+    sudden, steady = (
+        climb(Bowl(marks, 0.01), mean, covariance, free, limbs=limbs, sudden=sudden, flatten=1.0)
+        for sudden in (0.05, 1e-12)
+    )
+    np.testing.assert_allclose(steady.pose, 0.5 * marks, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(sudden.pose[:2], 0.09, rtol=1e-2)  # nine tenths, as of a deviation three times as wide
+    np.testing.assert_allclose(sudden.pose[2:], 0.5 * marks[2:], rtol=0.03, atol=1e-6)
+    assert sudden.covariance[0, 0] > 1.5 * steady.covariance[0, 0]
+    np.testing.assert_allclose(sudden.covariance[2, 2], steady.covariance[2, 2], rtol=0.03)
+
+
+def test_the_precision_of_tails_is_their_slope():
+    rng = np.random.default_rng(5)
+    prior = tails(rng.standard_normal(4), spread(rng), np.array([0, 0, 1, 1]), 0.05)
+    for far in (0.1, 0.3, 1.0):
+        pose = prior.mean + far * rng.standard_normal(4)
+        slope = -prior.precision(pose) @ (pose - prior.mean)
+        steps = 1e-6 * np.eye(4)
+        expected = [(prior.height(pose + step) - prior.height(pose - step)) / 2e-6 for step in steps]
+        np.testing.assert_allclose(slope, expected, rtol=1e-4)
+    assert prior.height(prior.mean) == 0.0
+
+
+def test_a_climb_stays_within_limits():
+    limits = np.array([[-0.1, 0.1]] * 4)
+    peak = climb(
+        Bowl(np.full(4, 3.0), 0.1), np.zeros(4), 0.04 * np.eye(4), limits, limbs=np.arange(4), sudden=0.05, flatten=1.0
+    )
+    assert (np.abs(peak.pose) <= 0.1).all()
+
+
+class Misfit(Seen):
+    """Knows its slope, and fits what the left knee moves badly, or nothing."""
+
+    levels, judges = 1, True
+
+    def __init__(self, marks, knee, frame=None):
+        super().__init__(marks, frame)
+        self.knee = knee
+
+    def look(self, previous, frame):
+        return Misfit(self.marks, self.knee, frame.index)
+
+    def slope(self, pose, level):
+        miss = (pose - self.marks[self.at]) / SIGMA
+        return Slope(-0.5 * float(miss @ miss), -miss / SIGMA, np.eye(N) / SIGMA**2)
+
+    def misfit(self, pose):
+        return np.where(np.array(PERSON.names) == "left_knee", self.knee, 0.7)
+
+
+def test_what_fits_badly_is_told_with_wider_bands_about_the_same_pose():
+    (prior, marks, frames), body = setting(), SimpleNamespace(skeleton=PERSON)
+    well, badly = (run(Kalman(prior, Misfit(marks, knee), body, n_particles=20000), frames)[-1] for knee in (0.7, 3.7))
+    wider = badly.poses.std(axis=0) / well.poses.std(axis=0)
+    expected = np.where(np.array(POSE_NAMES) == "left_knee_flexion", 4.0, 1.0)
+    np.testing.assert_allclose(wider, expected, rtol=0.05)  # of 20000 draws: six deviations
+    np.testing.assert_allclose(badly.expected_pose, well.expected_pose, atol=1e-12)
+
+
+def test_it_goes_on_from_any_frame_to_the_same_bits():
+    prior, marks, frames = setting()
+    kalman = Kalman(prior, Seen(marks), BODY, second_pass=False, n_particles=10)
+    whole = list(kalman.run(frames, marks[0], rng_streams(0)))
+    assert kalman.continues
+    for k in range(1, len(frames)):
+        past = Past(np.stack([step.memory.expected for step in whole[:k]]), whole[k - 1].memory)
+        found = list(kalman.run(frames, past, rng_streams(7)))
+        assert len(found) == len(frames) - k
+        for one, other in zip(found, whole[k:], strict=True):
+            np.testing.assert_array_equal(one.particles, other.particles)
+            np.testing.assert_array_equal(one.memory.arrays["covariance"], other.memory.arrays["covariance"])
+            assert one.log_evidence == other.log_evidence
+    both = Kalman(prior, Seen(marks), BODY)
+    assert not both.continues
+    with pytest.raises(InputError, match="second_pass=false"):
+        list(both.run(frames, past, rng_streams(0)))

@@ -24,12 +24,11 @@ PARTICLES = 150
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
+def scene(cache):
     numba.set_num_threads(1)  # for so few points more than one costs more than it saves
-    cache = str(tmp_path_factory.mktemp("cache"))
     size = {"width": 160, "height": 120, "person_px": 65.0, "focal_px": 175.0}
     dataset = Synthetic(n_frames=CUT + LEFT_OUT + AFTER, keypoint_sigma_px=1.0, exact=True, **size)
-    prior = walking(motions="builtin", cache=cache, n_components=3, sigma_rotation=(0.0, 0.0, 0.0))
+    prior = walking(motions="builtin", cache=str(cache), n_components=3, sigma_rotation=(0.0, 0.0, 0.0))
     shown = []
     for frame in dataset.frames():
         if not CUT <= frame.index < CUT + LEFT_OUT:

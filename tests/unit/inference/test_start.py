@@ -82,7 +82,7 @@ def test_a_motion_is_fitted_to_marks_without_looking_at_a_frame():
     assert apart_px(pose, truth[0]) < 2.0  # the pull of style and lean against marks of 4 px
     assert errors_mm(SKELETON, pose[None], truth) < 50.0  # mostly depth, which one camera hardly sees
     assert said.startswith("start fitted to the marks: ")
-    assert f"px left, phase {phases[0] % 1.0:.1f}" in said
+    assert f"px, phase {phases[0] % 1.0:.1f}" in said
     assert "cycles/s" not in said  # of which one frame says nothing
 
 
@@ -95,7 +95,7 @@ def test_marks_of_several_frames_tell_the_pace_of_the_phase():
     assert fit.rate_hz == pytest.approx(0.95, abs=0.05)
     assert np.array_equal(pose, fit.pose)
     assert said == (
-        f"start fitted to the marks: {2.0 * fit.error_px:.1f} px left, phase {fit.phase:.2f}, "
+        f"start fitted to the marks: residual {2.0 * fit.error_px:.1f} px, phase {fit.phase:.2f}, "
         f"heading {np.degrees(fit.heading):.0f}°, {fit.rate_hz:.2f} cycles/s"
     )
     assert errors_mm(SKELETON, pose[None], truth[:1]) < 50.0
@@ -117,7 +117,7 @@ def test_the_example_that_made_the_marks_is_found_and_placed(which, distortion):
     assert apart_px(poses, truth, camera)[0] < 2.0
     assert errors_mm(SKELETON, poses[:1], truth[None]) < 30.0
     assert 1 <= len(poses) <= 8
-    assert said.endswith(f"px left by the best of {len(poses)} of the prior's examples")
+    assert said.endswith(f"px by the best of {len(poses)} of the prior's examples")
     np.testing.assert_array_equal(np.isin(poses[:, 10], known[:, 10]), True)  # angles are those of examples
 
 
@@ -161,7 +161,7 @@ def test_without_motion_or_examples_a_pose_within_the_limits_is_fitted(several):
     assert apart_px(poses[:1], truth[0]) < 5.0
     low, high = SKELETON.limits.T
     assert np.abs(poses - np.clip(poses, low, high)).max() < 0.1
-    assert said.endswith(f"px left by the best of {len(poses)} of the poses that they allow")
+    assert said.endswith(f"px by the best of {len(poses)} of the poses that they allow")
 
 
 def test_too_few_marks_are_refused():

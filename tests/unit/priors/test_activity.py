@@ -11,8 +11,8 @@ DT = 1 / 14
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    return activity_model(cache=str(tmp_path_factory.mktemp("cache")), n_components=3)
+def model(cache):
+    return activity_model(cache=str(cache), n_components=3)
 
 
 def states(prior, n, seed=0):
@@ -80,8 +80,8 @@ def test_the_start_lies_at_the_pose_that_the_model_can_take(model):
     assert set(np.unique(cloud[:, prior.space.slices["phase_speed"]])) <= set(model.cycle_rate_hz)
 
 
-def test_what_the_model_does_not_say_stays(model, tmp_path):
-    legs = activity_model(cache=str(tmp_path), n_components=2, angles=["lower_body"])
+def test_what_the_model_does_not_say_stays(model, cache):
+    legs = activity_model(cache=str(cache), n_components=2, angles=["lower_body"])
     prior = Activity(legs)
     pose = np.linspace(0.1, 0.2, len(POSE_NAMES))
     state = prior.step(prior.start(pose, 10, np.random.default_rng(6)), DT, np.random.default_rng(7))

@@ -32,8 +32,8 @@ NAMED = ["walking", "activity", "smooth", "jitter", "jitter smooth", "partwise",
 
 
 @pytest.fixture(scope="module")
-def priors(tmp_path_factory):
-    folder = str(tmp_path_factory.mktemp("cache"))
+def priors(cache):
+    folder = str(cache)
     walking = from_motions.walking(motions="builtin", cache=folder, n_components=3, sigma_rotation=(0.0, 0.01, 0.01))
     return {
         "walking": walking,

@@ -23,8 +23,8 @@ HALVES = {"a": 0.5, "b": 0.5}
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return str(tmp_path_factory.mktemp("cache"))
+def folder(cache):
+    return str(cache)
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +33,9 @@ def windows():
 
 
 @pytest.mark.parametrize("name", ["walking", "gait", "cyclic"])
-def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(cache, name):
+def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(folder, name):
     """To the difference of its cubic splines and the prior's linear interpolation, 1e-3 rad."""
-    prior = getattr(from_motions, name)(motions="builtin", cache=cache)
+    prior = getattr(from_motions, name)(motions="builtin", cache=folder)
     motion, rng = prior.powers.motion, np.random.default_rng(0)
     state = prior.start(builtin_motions()[0].poses[0], 50, rng)
     alpha, phase = state[:, prior.space.slices["coefficients"]], state[:, prior.space.slices["phase"]][:, 0]
@@ -46,15 +46,15 @@ def test_the_motion_of_a_cyclic_prior_is_what_it_decodes_to(cache, name):
     assert prior.powers.motion is motion  # so that its splines are made once
 
 
-def test_the_motion_of_an_activity_prior_is_its_model(cache):
-    model = activity_model(cache=cache, n_components=2)
+def test_the_motion_of_an_activity_prior_is_its_model(folder):
+    model = activity_model(cache=folder, n_components=2)
     assert Activity(model).powers.motion is model
 
 
-def test_a_penalty_is_as_given_and_else_the_default(cache):
-    model = activity_model(cache=cache, n_components=2)
+def test_a_penalty_is_as_given_and_else_the_default(folder):
+    model = activity_model(cache=folder, n_components=2)
     made = {
-        "walking": lambda **options: from_motions.walking(motions="builtin", cache=cache, **options),
+        "walking": lambda **options: from_motions.walking(motions="builtin", cache=folder, **options),
         "activity": lambda **options: Activity(model, **options),
         "smooth": Smooth,
     }
@@ -72,8 +72,8 @@ def test_wrong_penalties_are_refused(penalty, message):
         Smooth(penalty=penalty)
 
 
-def test_wrappers_pass_on_what_still_holds(cache, windows):
-    walking = from_motions.walking(motions="builtin", cache=cache)
+def test_wrappers_pass_on_what_still_holds(folder, windows):
+    walking = from_motions.walking(motions="builtin", cache=folder)
     jitter = Jitter(walking)
     assert jitter.powers.motion is walking.powers.motion
     assert jitter.powers.smoothness is None

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.prior import PACE_HZ, MotionModel, Smoothness
 from workbench.core.residual import Loss, ResidualFunction, scaled
@@ -16,16 +16,19 @@ from workbench.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change."""
+    """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change.
+    stand: (T, 2) which ankles stand, see `standing_feet`; None where nobody looked."""
 
     residuals: Sequence[ResidualFunction]
     times_s: FloatArray
     loss: Loss
     smoothness: Smoothness = Smoothness()  # noqa: RUF009 - frozen
+    stand: BoolArray | None = None
 
     def some(self, frames: IntArray) -> "FitData":
         """Take the frames of these indices."""
-        return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames])
+        stand = None if self.stand is None else self.stand[frames]
+        return replace(self, residuals=[self.residuals[t] for t in frames], times_s=self.times_s[frames], stand=stand)
 
     def weighing(self, share: float) -> "FitData":
         """Let every residual count for this share, beside what is known of how poses change."""

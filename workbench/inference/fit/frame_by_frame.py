@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from tqdm import tqdm
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.body.turns import nearest_turn
+from workbench.clock import working_s
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import MOTION, Traits, offering
@@ -59,7 +59,7 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
     a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither points
     nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their limits: a
     straight arm's twist, which no point tells, may have gone round."""
-    clock, poses, covariances, searches = perf_counter(), [start], [], list[Minimum]()
+    clock, poses, covariances, searches = working_s(), [start], [], list[Minimum]()
     middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
     for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
         searches.append(fit_frame(decoder, residual, data.loss, poses[-1], prior=prior, max_iterations=40))
@@ -68,7 +68,7 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
     iterations = np.mean([search.iterations for search in searches])
     costs = tuple(search.costs[-1] for search in searches)
     fit = fit_of(decoder, data, np.array(poses[1:]), np.array(covariances), float(iterations), costs)
-    return replace(fit, timing_s={"least_squares": perf_counter() - clock})
+    return replace(fit, timing_s={"least_squares": working_s() - clock})
 
 
 def pose_prior(decoder: MotionDecoder) -> Gaussian:

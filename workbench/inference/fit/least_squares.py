@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,18 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
 from workbench.body.surface import attach, person_surface, residual_jacobian, residuals
+from workbench.clock import working_s
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.given import PHASE_ENDS
+from workbench.core.keys import keeps_keys
 from workbench.core.likelihood import Likelihood
 from workbench.core.observations import Observed, kinds_seen, observe
 from workbench.core.prior import Powers, Prior, Smoothness
 from workbench.core.residual import ResidualLikelihood
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.core.traits import RESIDUALS, Traits, needs_of_all, offering
+from workbench.core.traits import EVEN_WEIGHTS, FIT, RESIDUALS, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.fit.motion_fit import MotionFit
 from workbench.inference.fit.smooth_fit import SmoothFit
@@ -31,6 +32,7 @@ FEW_INLIERS = 0.3
 """Where fewer of a frame's points and keypoints are near the body, the step says so."""
 
 
+@keeps_keys
 class LeastSquares:
     """Fit a person to all frames: an inference that yields its steps after solving.
 
@@ -49,9 +51,10 @@ class LeastSquares:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of residuals, and what the problem needs: by itself it may take the phases of the ends."""
+        """Declare even weights about one fit, the need of residuals, and what the problem needs: by itself it may take
+        the phases of the ends."""
         fit, problem = offering(likelihood=RESIDUALS), keys["problem"] or offering(known=PHASE_ENDS)
-        return Traits(needs=needs_of_all({"fit": fit, "problem": problem}))
+        return Traits(frozenset({EVEN_WEIGHTS, FIT}), needs_of_all({"fit": fit, "problem": problem}))
 
     def __init__(
         self, body: Body, likelihood: Likelihood | ResidualLikelihood, prior: Prior | None = None,
@@ -121,11 +124,11 @@ class LeastSquares:
         frames, kind = forward(self.skeleton, pose[None]), self.observables.kind
         arguments = (self.skeleton, self.surface, pose, points, kind, attach(self.surface, frames, points, kind))
         residual_jacobian(*arguments)  # the first call compiles; the fit itself searches and differentiates at once
-        began = perf_counter()
+        began = working_s()
         residuals(*arguments)
-        between = perf_counter()
+        between = working_s()
         residual_jacobian(*arguments)
-        return {"residual": between - began, "residual_jacobian": perf_counter() - between}
+        return {"residual": between - began, "residual_jacobian": working_s() - between}
 
     def _activity(self, step: Step) -> tuple[str | None, dict[str, float]]:
         """Tell the activity of the step's coefficients among the model's, and the probability of each. Paper D, section

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
@@ -24,43 +24,54 @@ N_LOCAL = 1 + N_ROOT
 """Unknowns that every frame has to itself: phase and root."""
 Row: TypeAlias = tuple[IntArray, FloatArray]
 """Columns and values of one row of R."""
+Tie: TypeAlias = ResidualFunction
+"""Residuals, whitened and made robust, of the poses (2 P,) of one frame and the next, and their derivative (K, 2 P)."""
 
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """F = Σ_t Σ_k ρ(r_tk) + ½ |R x|² over unknowns x (n,) (paper D, eq. 11, with regularisation R).
+    """F = Σ_t Σ_k ρ(r_tk) + ½ |R x|² + ½ Σ s² over unknowns x (n,) (paper D, eq. 11, with regularisation R and ties s).
 
     residuals: one function per frame. columns: (T, D) the unknowns that make up the state {α, μ, root} of each frame;
     frames of one style share those of α. penalty: (m, n) R. pattern: where the normal equations are not zero, with
-    the cells `frame_cells` (T, D, D) of the frames' blocks and `penalty_cells`, `penalty_entries` those of RᵀR.
+    the cells `frame_cells` (T, D, D) of the frames' blocks and `penalty_cells`, `penalty_entries` those of RᵀR. ties:
+    of poses of one frame, whose number comes with them, and the next; `tie_cells` (K, 2 D, 2 D) those of their blocks.
     """
 
     decoder: Decoder
     residuals: Sequence[ResidualFunction]
     loss: Loss
     columns: IntArray
-    penalty: csr_array
+    penalty: "scipy.sparse.csr_array"
     pattern: Pattern
     frame_cells: IntArray
     penalty_cells: IntArray
     penalty_entries: FloatArray
+    ties: Sequence[tuple[int, Tie]]
+    tie_cells: IntArray
 
     @staticmethod
-    def of(decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int) -> "FitProblem":
+    def of(
+        decoder: Decoder, data: FitData, columns: IntArray, rows: Sequence[Row], n_border: int,
+        ties: Sequence[tuple[int, Tie]] = (),
+    ) -> "FitProblem":  # fmt: skip
         """Pose the problem with the penalty of `rows`; the last n_border unknowns belong to all frames."""
         n = int(columns.max()) + 1
         places = np.concatenate([np.empty(0, int), *(np.full(len(at), k) for k, (at, _) in enumerate(rows))])
         at = np.concatenate([np.empty(0, int), *(row[0] for row in rows)])
         values = np.concatenate([np.empty(0), *(row[1] for row in rows)])
-        penalty = csr_array((values, (places, at)), shape=(len(rows), n))
+        penalty = scipy.sparse.csr_array((values, (places, at)), shape=(len(rows), n))
         square = (penalty.T @ penalty).tocoo()
         i, j = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        every = np.concatenate([i.ravel(), square.row]), np.concatenate([j.ravel(), square.col])
+        first = np.array([t for t, _ in ties], dtype=np.intp)
+        tied = np.hstack([columns[first], columns[first + 1]])
+        k, m = np.broadcast_arrays(tied[:, :, None], tied[:, None, :])
+        every = np.concatenate([i.ravel(), square.row, k.ravel()]), np.concatenate([j.ravel(), square.col, m.ravel()])
         banded = (every[0] < n - n_border) & (every[1] < n - n_border)
         pattern = Pattern(n - n_border, n_border, int(np.abs(every[0] - every[1])[banded].max()))
         return FitProblem(
             decoder, data.residuals, data.loss, columns, penalty, pattern,
-            pattern.place(i, j), pattern.place(square.row, square.col), square.data,
+            pattern.place(i, j), pattern.place(square.row, square.col), square.data, ties, pattern.place(k, m),
         )  # fmt: skip
 
     def unknowns(self, states: FloatArray) -> FloatArray:
@@ -80,11 +91,19 @@ class FitProblem:
             # a matrix's product with itself takes half the work of one with another
             gradients[t], blocks[t] = slopes.T @ (size * misses), slopes.T @ slopes
             cost += float(rho.sum())
+        diagonals, tied = np.diagonal(blocks, axis1=1, axis2=2).copy(), np.empty(self.tie_cells.shape)
+        for k, (t, tie) in enumerate(self.ties):
+            misses, slopes = tie(poses[t : t + 2].ravel())
+            slopes = np.hstack([half @ decoding[t + n] for n, half in enumerate(np.hsplit(slopes, 2))])
+            tied[k] = slopes.T @ slopes
+            gradients[t : t + 2] += (slopes.T @ misses).reshape(2, -1)
+            diagonals[t : t + 2] += np.diagonal(tied[k]).reshape(2, -1)
+            cost += 0.5 * float(misses @ misses)
         rough = self.penalty @ x
         gradient = np.bincount(self.columns.ravel(), gradients.ravel()) + self.penalty.T @ rough
-        cells = np.concatenate([self.frame_cells.ravel(), self.penalty_cells])
-        normal = self.pattern.fill(cells, np.concatenate([blocks.ravel(), self.penalty_entries]))
-        trust = np.bincount(self.columns.ravel(), np.diagonal(blocks, axis1=1, axis2=2).ravel())
+        cells = np.concatenate([self.frame_cells.ravel(), self.penalty_cells, self.tie_cells.ravel()])
+        normal = self.pattern.fill(cells, np.concatenate([blocks.ravel(), self.penalty_entries, tied.ravel()]))
+        trust = np.bincount(self.columns.ravel(), diagonals.ravel())
         return Quadratic(cost + 0.5 * float(rough @ rough), gradient, normal, np.asarray(trust, dtype=np.float64))
 
 

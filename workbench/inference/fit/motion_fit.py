@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.clock import working_s
 from workbench.core.discrepancy import widening
 from workbench.core.given import PHASE_ENDS
 from workbench.core.observations import kinds_seen
@@ -125,7 +125,7 @@ def fit_sequence(
     last frame, cycles, between which they are linear at first (paper D, section 4); None finds them, see `phase_grid`.
     plain: see `fit_problem`. missed, shared: as for `fit_from`.
     """
-    clock, far, times_s = perf_counter(), coarse or data, data.times_s
+    clock, far, times_s = working_s(), coarse or data, data.times_s
     roots = decoder.rest[None, :N_ROOT] if roots is None else roots
     if phases is None:
         states = find_states(decoder, far, roots)
@@ -133,7 +133,7 @@ def fit_sequence(
         part = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9)
         mu = phases[0] + (phases[1] - phases[0]) * part
         states = global_motion(decoder, far, decoder.states(np.zeros(decoder.n_style), mu, roots[0]))
-    started = perf_counter()
+    started = working_s()
     fit = fit_from(decoder, data, frames_per_style, states, max_iterations, missed=missed, plain=plain, shared=shared)
     return replace(fit, timing_s={"start": started - clock, **fit.timing_s})
 
@@ -149,7 +149,7 @@ def fit_from(
     then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
     that the model does not have. shared: what observations are off by together, and poses with them (`motion.misled`).
     """
-    started = perf_counter()
+    started = working_s()
     problem = fit_problem(decoder, data.weighing(share), frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)
     fit = fit_of(decoder, data, states, covariances, search.iterations, search.costs)
@@ -160,7 +160,7 @@ def fit_from(
         causes.append(fit.pose_jacobian @ misled(problem, search, shared))
     if causes:
         fit = fit.missing(np.concatenate(causes, axis=2))
-    return replace(fit, timing_s={"least_squares": perf_counter() - started})
+    return replace(fit, timing_s={"least_squares": working_s() - started})
 
 
 def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> FloatArray:
@@ -171,4 +171,4 @@ def find_states(decoder: MotionDecoder, data: FitData, roots: FloatArray) -> Flo
     states = follow(decoder, far, find_phase(decoder, far, roots))
     if len(states) == 1:
         return np.repeat(states, len(times_s), axis=0)
-    return np.asarray(make_interp_spline(far.times_s, states, k=1)(times_s))
+    return np.asarray(scipy.interpolate.make_interp_spline(far.times_s, states, k=1)(times_s))

@@ -1,18 +1,19 @@
 """The problem of poses that move smoothly and stay within the body's limits, without a motion model."""
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
+from workbench.clock import working_s
 from workbench.core.given import GROUND_HEIGHT
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.prior import PACE_HZ, MotionModel
@@ -33,7 +34,10 @@ from workbench.inference.fit.residuals import (
     views_residual,
 )
 from workbench.inference.fit.solver import Minimum
+from workbench.inference.fit.standing import standing_feet, standing_height, ties_of_feet
 from workbench.inference.fit.task import Fit, Task, fit_of
+
+log = logging.getLogger(__name__)
 
 LIMIT_SIGMA_RAD = 0.05
 FOLLOW_SIGMA = 0.5
@@ -41,6 +45,8 @@ FOLLOW_SIGMA = 0.5
 FAR_LOSS = Loss("huber", 3.0)
 BALANCE_LOSS = Loss("huber", 1.0)
 """Balance is a habit: who jumps or leans on something is out of it by more than its deviation says."""
+GROUND_LOSS = Loss("huber", 2.0)
+"""People jump, and there are steps."""
 LEANING_SIGMA_RAD = np.inf
 """Deviation of pitch and roll beside what is usual, which says it all."""
 FLIP_ROUNDS, HOPELESS, FLIP_GAIN = 2, 2.0, 0.5
@@ -62,7 +68,7 @@ N_HYPOTHESES = 3
 @dataclass(frozen=True)
 class SmoothFit:
     """Fit smooth poses to all frames at once, see `fit_smooth`. ground_m: height of a standing person's ankles in the
-    world, m, to which the lower foot is tied; None: to none."""
+    world, m, to which the lower foot is tied; None: where one camera sees feet that stand, they tell it themselves."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -77,12 +83,12 @@ class SmoothFit:
 
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
-        clock, data, skeleton = perf_counter(), task.data(LEANING_SIGMA_RAD), task.skeleton
+        clock, data, skeleton = working_s(), task.data(LEANING_SIGMA_RAD), task.skeleton
         poses, covariances, search = fit_smooth(
             skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m
         )
         fit = fit_of(PoseDecoder(skeleton), data, poses, covariances, search.iterations, search.costs)
-        return replace(fit, timing_s={"least_squares": perf_counter() - clock})
+        return replace(fit, timing_s={"least_squares": working_s() - clock})
 
 
 def _starts(task: Task, start: FloatArray | None) -> FloatArray:
@@ -104,21 +110,38 @@ def fit_smooth(
     the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first
     frame, of which the one wins that all frames together like best, and what is then found frame by frame, at first
     with a loss that sees any distance: an arm that one which redescends has lost in one frame would be an outlier in
-    all that follow. That search looks at frames 1 / PACE_HZ apart. Where all is seen by one camera, which cannot tell
-    which way limbs point, they are turned over, see `flips`. ground_m: see `bounded`.
+    all that follow. That search looks at frames 1 / PACE_HZ apart. Feet that stand keep their place, see `standing`.
+    Where all is seen by one camera, which cannot tell which way limbs point, they are turned over, see `flips`, and the
+    feet that stand are brought to one floor, at their median height, unless ground_m is known, see `bounded`.
     """
-    far = replace(data, loss=FAR_LOSS).spaced(bool(kinds_seen([frame])) for frame in seen)
-    decoder, near = PoseDecoder(skeleton), bounded(skeleton, far, ground_m)
-    poses, cost = candidates(decoder, near, starts, max_iterations)[0]
+    stand = standing_feet(skeleton, seen, data.times_s)
+    decoder, data = PoseDecoder(skeleton), replace(data, stand=stand)
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
-    if len(cameras) == 1 and "points" not in kinds_seen(seen):
-        poses = _turned_over(smooth_problem(decoder, near), skeleton, next(iter(cameras.values())), poses, cost)
+    alone = next(iter(cameras.values())) if len(cameras) == 1 and "points" not in kinds_seen(seen) else None
+    far = replace(data, loss=FAR_LOSS).spaced(bool(kinds_seen([frame])) for frame in seen)
+    poses = _searched(decoder, bounded(skeleton, far, ground_m), starts, alone, max_iterations)
     if len(poses) > 1:
-        poses = np.asarray(make_interp_spline(far.times_s, poses, k=1)(data.times_s))
+        poses = np.asarray(scipy.interpolate.make_interp_spline(far.times_s, poses, k=1)(data.times_s))
     else:
         poses = poses[[0] * len(data.times_s)]
     problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
-    return fit_motion(problem, poses, max_iterations=max_iterations)
+    fitted = fit_motion(problem, poses, max_iterations=max_iterations)
+    if alone is None or ground_m is not None or not stand.any():
+        return fitted
+    ground_m = standing_height(skeleton, fitted[0], stand)
+    log.info("the feet stand at %.2f m, as the person's size tells", ground_m)
+    problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
+    return fit_motion(problem, fitted[0], max_iterations=max_iterations)
+
+
+def _searched(
+    decoder: PoseDecoder, data: FitData, starts: FloatArray, alone: Camera | None, max_iterations: int
+) -> FloatArray:
+    """Find poses (T, P) from the likeliest of `starts` (n, P), turned over where one camera, `alone`, sees all."""
+    poses, cost = candidates(decoder, data, starts, max_iterations)[0]
+    if alone is None:
+        return poses
+    return _turned_over(smooth_problem(decoder, data), decoder.skeleton, alone, poses, cost)
 
 
 def candidates(
@@ -139,7 +162,7 @@ def bounded(skeleton: Skeleton, data: FitData, ground_m: float | None = None) ->
     own = [limit_residual(skeleton, LIMIT_SIGMA_RAD), usual_residual(skeleton)]
     if set(JOINT_NAMES) <= set(skeleton.names):
         own += [robust(balance_residual(skeleton), BALANCE_LOSS)]
-        own += [ground_residual(skeleton, ground_m)] if ground_m is not None else []
+        own += [robust(ground_residual(skeleton, ground_m), GROUND_LOSS)] if ground_m is not None else []
     residuals = [stacked([robust(residual, data.loss), *own]) for residual in data.residuals]
     return replace(data, residuals=residuals, loss=SQUARED)
 
@@ -157,8 +180,9 @@ def smooth_problem(decoder: PoseDecoder, data: FitData) -> FitProblem:
     columns = np.arange(n_frames * n_dofs).reshape(n_frames, n_dofs)
     deviations = np.array([*smoothness.second_differences[1:], *[smoothness.angle] * (n_dofs - N_ROOT)])
     rows = second_differences(columns, PACE_HZ * data.times_s, deviations)
-    nothing = [(columns[0, :1], np.zeros(1))]  # one or two frames have no second differences
-    return FitProblem.of(decoder, data, columns, rows or nothing, n_border=0)
+    none = [(columns[0, :1], np.zeros(1))]  # one or two frames have no second differences
+    ties = [] if data.stand is None else ties_of_feet(decoder.skeleton, data.stand, data.times_s)
+    return FitProblem.of(decoder, data, columns, rows or none, n_border=0, ties=ties)
 
 
 def _follow(decoder: PoseDecoder, data: FitData, start: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded, solve_triangular
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 
@@ -69,13 +69,13 @@ class Arrowhead:
         added = np.broadcast_to(damping, self.pattern.shape[1:])
         band = self.cells[: width + 1, :n_band].copy()
         band[0] += added[:n_band]
-        root = cholesky_banded(band, lower=True, check_finite=False)
+        root = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
         border = self.cells[width + 1 :, :n_band]
         if not self.pattern.n_border:
             return Factor(self.pattern, root, border.T, border)
-        reduced = cho_solve_banded((root, True), border.T, check_finite=False)
+        reduced = scipy.linalg.cho_solve_banded((root, True), border.T, check_finite=False)
         schur = self.cells[width + 1 :, n_band:] + np.diag(added[n_band:]) - border @ reduced
-        corner = np.tril(cho_factor(schur, lower=True, check_finite=False)[0])
+        corner = np.tril(scipy.linalg.cho_factor(schur, lower=True, check_finite=False)[0])
         return Factor(self.pattern, root, reduced, corner)
 
 
@@ -92,10 +92,12 @@ class Factor:
     def solve(self, right: FloatArray) -> FloatArray:
         """Return x (n,) of A x = right (n,), or several as columns (n, k)."""
         n_band = self.pattern.n_band
-        x: FloatArray = cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
+        x: FloatArray = scipy.linalg.cho_solve_banded((self.root, True), right[:n_band], check_finite=False)
         if not self.pattern.n_border:
             return x
-        shared = cho_solve((self.corner, True), right[n_band:] - self.reduced.T @ right[:n_band], check_finite=False)
+        shared = scipy.linalg.cho_solve(
+            (self.corner, True), right[n_band:] - self.reduced.T @ right[:n_band], check_finite=False
+        )
         return np.concatenate([x - self.reduced @ shared, shared])
 
     def covariances(self, columns: IntArray) -> FloatArray:
@@ -111,7 +113,7 @@ class Factor:
         if not self.pattern.n_border:
             return blocks
         # [x, shared] has the covariance [B⁻¹ + V S⁻¹ Vᵀ, −V S⁻¹; −S⁻¹ Vᵀ, S⁻¹] with V = B⁻¹Cᵀ
-        shared = cho_solve((self.corner, True), np.eye(self.pattern.n_border))
+        shared = scipy.linalg.cho_solve((self.corner, True), np.eye(self.pattern.n_border))
         spread = np.concatenate([-self.reduced, np.eye(self.pattern.n_border)])[columns]
         blocks += spread @ shared @ spread.transpose(0, 2, 1)
         return blocks
@@ -134,7 +136,9 @@ def selected_inverse(root: FloatArray) -> FloatArray:
         factor = np.zeros((len(columns) + width, len(columns)))
         factor[rows, columns] = root[:, first:end]
         factor[n - first :] = 0.0
-        inverted = solve_triangular(factor[: len(columns)], np.eye(len(columns)), lower=True, check_finite=False)
+        inverted = scipy.linalg.solve_triangular(
+            factor[: len(columns)], np.eye(len(columns)), lower=True, check_finite=False
+        )
         gain = factor[len(columns) :] @ inverted
         beside = -beyond @ gain
         block = np.concatenate([inverted.T @ inverted - gain.T @ beside, beside])

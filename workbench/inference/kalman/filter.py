@@ -4,21 +4,25 @@ likelihoods that are only known by their values."""
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.limbs import Body
-from workbench.core.checks import UNIT, at_least, check
+from workbench.body.skeleton import POSE_NAMES
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Likelihood, Look
+from workbench.core.likelihood import Likelihood, Look, Relearning, SlopedLook
+from workbench.core.memory import Memory, Past, recalled, streams_now
 from workbench.core.prior import Gaussian, Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.core.traits import GAUSSIAN, START, Traits, offering
+from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
+from workbench.inference.kalman.climb import FARTHER, climb
 from workbench.inference.kalman.peak import Peak, find_peak
+from workbench.inference.particles.move import Streams
 from workbench.inference.particles.target import Stopwatch
 from workbench.inference.particles.weights import even_log_weights
 
@@ -27,7 +31,8 @@ BLOCKS = (
     ("right_hip", "right_knee"), ("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow"), ("root", "neck"),
 )  # fmt: skip
 """What parameters that are guessed together begin with, in turn."""
-FARTHER = 3.0
+BASE_DOUBT = 0.3
+"""By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
 _LEAP = 1e-5
 """Over which the prior's mean is differentiated, m, rad and their speeds."""
 
@@ -35,13 +40,18 @@ _LEAP = 1e-5
 @dataclass(frozen=True, eq=False)
 class Belief:
     """N(mean (D,), covariance (D, D)) of the state in one frame, and what was believed before the frame was seen, with
-    the derivatives (D, D) of that by the state before."""
+    the derivatives (D, D) of that by the state before. doubt: (P,), by how much wider the pose's numbers are told."""
 
     mean: FloatArray
     covariance: FloatArray
     predicted: FloatArray
     predicted_covariance: FloatArray
     transition: FloatArray
+    doubt: FloatArray
+
+
+Filtered: TypeAlias = tuple[Frame, Belief, dict[str, Any]]
+"""A frame, what is believed of it, and what else its step tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +61,20 @@ class Kalman:
     The prior leads the Gaussian of the frame before on to N(m, P), by its mean's derivatives and its noise. The frame's
     peak is then looked for by Newton steps on log N(pose; m, P) + log p(frame | pose) (`peak.find_peak`), from the best
     of m and `guesses` changes of one limb after the other, and P is narrowed by the likelihood's curvature there.
-    Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp.
+    Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp. A likelihood
+    that knows its derivatives is climbed by these instead, from m, with Student's t in place of the Gaussian (`climb`).
 
-    second_pass: when all frames are seen, go back over them, so that each is told what followed; else every frame is
-    told as soon as it is seen. steps: of Newton. flatten: power of the likelihood that narrows P: below 1, bands are
-    wider, and the next frame's search goes farther. n_particles: draws that stand for the Gaussian, with even weights.
-    Raises InputError for a prior without Gaussian noise and numbers out of range.
+    second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
+    likelihood that learns from tracked clips (`Relearning`) looks at all of them again. Else every frame is told as
+    soon as it is seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the
+    likelihood that narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much
+    wider the draws are than the Gaussian, which knows nothing of what model and cues have in common from frame to
+    frame; where the likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not
+    know a loss. n_particles: draws, with even weights. Raises InputError for a prior without Gaussian noise and numbers
+    out of range.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=START, prior=GAUSSIAN, likelihood=())
+    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
 
     prior: Prior
     likelihood: Likelihood
@@ -68,53 +83,77 @@ class Kalman:
     n_particles: int = 500
     steps: int = 3
     guesses: int = 40
+    sudden: float = 0.05
     flatten: float = 0.05
+    widen: float = 1.0
     second_pass: bool = True
 
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(2), steps=at_least(1), guesses=at_least(0), flatten=UNIT)
+        check("inference", self, sudden=INSIDE_UNIT, widen=POSITIVE)
 
     @property
     def space(self) -> StateSpace:
         """Return the prior's."""
         return self.prior.space
 
-    def run(
-        self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
-    ) -> Iterator[Step]:
+    @property
+    def continues(self) -> bool:
+        """Whether it goes on from a `Past`: without a second pass, which needs all frames."""
+        return not self.second_pass
+
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, after the last frame where there is a second pass; the first gives the start
-        distribution around the pose `start` (P,) or, of several (n, P), around the first. Raises InputError without."""
+        distribution around the pose `start` (P,) or, of several (n, P), around the first; or the steps of the frames
+        after a `Past`. Raises InputError without a start, and for a past where there is a second pass."""
         if start is None:
             raise InputError("inference: a Kalman filter needs a pose to start from, found none")
-        model = gaussian_of(self.prior)
-        filtered = self._filtered(model, frames, np.atleast_2d(start)[0], rng_streams["resampling"])
         if not self.second_pass:
-            for frame, belief, extra in filtered:
-                yield self._step(frame, belief, rng_streams["prior"], extra)
+            for frame, belief, extra in self._filtered(self.likelihood, frames, start, rng_streams):
+                step = self._step(frame, belief, rng_streams["prior"], extra)
+                log_evidence = np.array([step.log_evidence])
+                arrays = {"mean": belief.mean, "covariance": belief.covariance, "log_evidence": log_evidence}
+                yield replace(step, memory=Memory(arrays, step.expected_pose, streams_now(rng_streams)))
             return
-        seen = list(filtered)
-        clock = Stopwatch()
+        if isinstance(start, Past):
+            raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
+        seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
+        if isinstance(self.likelihood, Relearning):
+            again = [frame for frame, _, _ in seen]
+            likelihood = self.likelihood.relearned(again[0], self._poses(seen))
+            seen = list(self._filtered(likelihood, again, start, rng_streams))
         beliefs = smoothed([belief for _, belief, _ in seen])
-        clock.lap("second pass")
         for (frame, _, extra), belief in zip(seen, beliefs, strict=True):
             yield self._step(frame, belief, rng_streams["prior"], extra)
 
+    def _poses(self, seen: list[Filtered]) -> dict[int, FloatArray]:
+        """The expected poses (P,) of all frames, by their indices."""
+        means = np.stack([belief.mean for belief in smoothed([belief for _, belief, _ in seen])])
+        poses = self.prior.pose(means)
+        return {frame.index: pose for (frame, _, _), pose in zip(seen, poses, strict=True)}
+
     def _filtered(
-        self, model: Gaussian, frames: Iterable[Frame], start: FloatArray, rng: np.random.Generator
-    ) -> Iterator[tuple[Frame, Belief, dict[str, Any]]]:
-        likelihood, previous, log_evidence = self.likelihood, None, 0.0
-        mean, covariance = model.start_moments(start)
-        belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)))
+        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams
+    ) -> Iterator[Filtered]:
+        model, previous, log_evidence, frames = gaussian_of(self.prior), None, 0.0, iter(frames)
+        if isinstance(start, Past):
+            likelihood, previous = recalled(likelihood, frames, start.expected)
+            start.memory.restore(rng_streams)
+            size, (log_evidence,) = len(self.space), start.memory.array("log_evidence", 1)
+            mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
+        else:
+            mean, covariance = model.start_moments(np.atleast_2d(start)[0])
+        belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0
             look = likelihood.look(previous, frame)
-            if previous is not None:
+            if previous is not None or (isinstance(look, SlopedLook) and look.judges):
                 before = self.prior.pose(belief.mean[None])
-                predicted = predict(model, belief, frame.time_s - previous.time_s)
+                predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
-                belief, peak = self._updated(predicted, look, before, rng)
+                belief, peak = self._updated(predicted, look, before, rng_streams["resampling"])
                 log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
             likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
             clock.lap("likelihood")
@@ -128,19 +167,40 @@ class Kalman:
         """Take in what a frame shows; the person was in the pose `before` (1, P)."""
         n = before.shape[1]
         mean, covariance = belief.mean[:n], belief.covariance[:n, :n]
-        guesses = [self._changes(covariance, own, rng) for own in self._blocks]
+        limits = self.body.skeleton.limits
+        if isinstance(look, SlopedLook):
+            peak = climb(look, mean, covariance, limits, limbs=self._limbs, sudden=self.sudden, flatten=self.flatten)
+            doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
+        else:
+            peak, doubt = self._searched(look, mean, covariance, before, rng), np.ones(n)
+        gain = np.linalg.solve(covariance + 1e-12 * np.eye(n), belief.covariance[:n]).T  # of all columns by the pose's
+        updated = belief.covariance - gain @ (covariance - peak.covariance) @ gain.T
+        told = replace(belief, covariance=0.5 * (updated + updated.T), doubt=doubt)
+        return replace(told, mean=belief.mean + gain @ (peak.pose - mean)), peak
+
+    def _searched(
+        self, look: Look, mean: FloatArray, covariance: FloatArray, before: FloatArray, rng: np.random.Generator
+    ) -> Peak:
+        """Find the peak of a likelihood that is only known by its values."""
 
         def log_likelihood(poses: FloatArray) -> FloatArray:
             return look.evaluate(np.repeat(before, len(poses), axis=0), poses).log_prob
 
+        guesses = [self._changes(covariance, own, rng) for own in self._blocks]
         limits = self.body.skeleton.limits
-        peak = find_peak(
+        return find_peak(
             log_likelihood, mean, covariance, limits, guesses=guesses, steps=self.steps, flatten=self.flatten
         )
-        gain = np.linalg.solve(covariance + 1e-12 * np.eye(n), belief.covariance[:n]).T  # of all columns by the pose's
-        updated = belief.covariance - gain @ (covariance - peak.covariance) @ gain.T
-        told = replace(belief, mean=belief.mean + gain @ (peak.pose - mean), covariance=0.5 * (updated + updated.T))
-        return told, peak
+
+    @cached_property
+    def _limbs(self) -> IntArray:
+        """Which limb each of a pose's numbers (P,) moves: 0 for the root, and one for all that hangs on each of its
+        joints."""
+        parents, limb = self.body.skeleton.parents, np.zeros(len(self.body.skeleton.parents), dtype=np.int64)
+        for joint, parent in enumerate(parents):
+            if parent >= 0:
+                limb[joint] = limb[parent] if parents[parent] >= 0 else limb.max() + 1
+        return np.asarray(limb[self.body.skeleton.dof_joints])
 
     @cached_property
     def _blocks(self) -> list[IntArray]:
@@ -158,7 +218,8 @@ class Kalman:
         return changes
 
     def _step(self, frame: Frame, belief: Belief, rng: np.random.Generator, extra: Mapping[str, Any]) -> Step:
-        values, vectors = np.linalg.eigh(belief.covariance)
+        widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
+        values, vectors = np.linalg.eigh(widths[:, None] * belief.covariance * widths)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's
         white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])
         state = belief.mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
@@ -172,10 +233,14 @@ class Kalman:
 
 
 def gaussian_of(prior: Prior) -> Gaussian:
-    """Return the prior's density; raises InputError where its noise is not Gaussian."""
-    density = prior.powers.density
-    if not isinstance(density, Gaussian):
-        raise InputError(f"inference: a Kalman filter needs a prior with Gaussian noise, such as linear, found {prior}")
+    """Return the prior's density; raises InputError where its noise is not Gaussian, or its states do not begin with
+    the pose."""
+    density, names = prior.powers.density, prior.space.names
+    if not isinstance(density, Gaussian) or names[: len(POSE_NAMES)] != POSE_NAMES:
+        raise InputError(
+            "inference: a Kalman filter needs a prior with Gaussian noise that moves the whole pose, such as linear, "
+            f"found {type(prior).__name__}"
+        )
     return density
 
 
@@ -187,7 +252,7 @@ def predict(model: Gaussian, belief: Belief, dt_s: float) -> Belief:
     transition = (led[1 : d + 1] - led[d + 1 :]).T / (2.0 * _LEAP)
     covariance = transition @ belief.covariance @ transition.T
     covariance += model.noise_covariance(belief.mean, dt_s)
-    return Belief(led[0], covariance, led[0], covariance, transition)
+    return Belief(led[0], covariance, led[0], covariance, transition, belief.doubt)
 
 
 def smoothed(beliefs: list[Belief]) -> list[Belief]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from workbench.core.checks import UNIT, check
 from workbench.inference.particles.move import DensityMove, Streams
@@ -38,7 +38,7 @@ class Auxiliary(DensityMove):
         ahead = target.evaluate(target.density.mean(parents.state, target.dt_s), np.arange(target.n))
         bonus = lookahead_log_weight(ahead.log_prob, self.flatten)
         first_stage = parents.log_weights + bonus
-        log_sum = float(logsumexp(first_stage))
+        log_sum = float(scipy.special.logsumexp(first_stage))
         chosen = systematic(np.exp(first_stage - log_sum), rng_streams["resampling"])
         target.clock.lap("resampling")
         state, correction = target.propose(chosen, rng_streams["prior"])

@@ -1,17 +1,17 @@
 """The particle filter: sequential importance resampling (Doucet, de Freitas & Gordon 2001), whatever moves it."""
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import AnyArray, FloatArray, IntArray
 from workbench.body.turns import nearest_turn
 from workbench.core.checks import at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Likelihood
+from workbench.core.memory import Memory, Past, recalled, streams_now
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
@@ -21,7 +21,7 @@ from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.move import Move, Streams
 from workbench.inference.particles.target import Moved, Particles, Stopwatch, Target
 from workbench.inference.particles.weights import DegenerateWeights as DegenerateWeights
-from workbench.inference.particles.weights import effective_sample_size, even_log_weights
+from workbench.inference.particles.weights import effective_sample_size, even_log_weights, systematic
 
 LOOKED_BACK = 10
 """Frames over which the diagnostic `ancestors_10` follows the particles back: their weights may be even and they all
@@ -53,6 +53,7 @@ class ParticleFilter:
 
     kind: ClassVar[Literal["filtered"]] = "filtered"
     finds_start: ClassVar[bool] = False
+    continues: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(1), on_degenerate=one_of("recover", "stop"))
@@ -67,16 +68,20 @@ class ParticleFilter:
         """Replace parts, such as the prior, the move or n_particles."""
         return replace(self, **parts)
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame; the first gives the start distribution around the pose `start` (P,), unweighted, or
-        in even parts around each of the poses (n, P).
+        in even parts around each of the poses (n, P); or the steps of the frames after a `Past`, whose particles are
+        resampled where there are more or fewer than n_particles (ancestors are then among those resampled).
 
         rng_streams: generators named "start", "resampling" and "prior". Raises InputError without a start, and
         DegenerateWeights as configured.
         """
-        likelihood, log_evidence = self.likelihood, 0.0
-        lineage: deque[IntArray] = deque(maxlen=LOOKED_BACK)
+        likelihood, log_evidence, frames = self.likelihood, 0.0, iter(frames)
+        origins: AnyArray = np.empty((0, self.n_particles), dtype=np.int32)
         previous: Frame | None = None
+        if isinstance(start, Past):
+            likelihood, previous = recalled(likelihood, frames, start.expected)
+            moved, origins, log_evidence = self._restored(start.memory, rng_streams)
         for frame in frames:
             clock = Stopwatch()
             look = likelihood.look(previous, frame)
@@ -87,33 +92,60 @@ class ParticleFilter:
             else:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
-            lineage.append(moved.particles.ancestors)
-            counted = {"ancestors_10": n_ancestors(lineage)}
+            origins = traced(origins, moved.particles.ancestors)
+            counted = {"ancestors_10": float(len(np.unique(origins[-1])))}
             diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
             moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
             step = particle_step(frame, self.space, moved, log_evidence, clock)
             likelihood = look.remember(step.expected_pose)
             clock.lap("likelihood")
-            yield replace(step, timing_s=clock.laps)
+            memory = self._memory(moved.particles, origins, log_evidence, step.expected_pose, rng_streams)
+            yield replace(step, timing_s=clock.laps, memory=memory)
             previous = frame
 
-    def _start(self, poses: FloatArray | None, rng: np.random.Generator) -> Moved:
+    def _start(self, poses: FloatArray | Past | None, rng: np.random.Generator) -> Moved:
         """Return even particles around poses (P,) or (n, P). Names in `run` would hold them until the last frame."""
-        if poses is None:
+        if poses is None or isinstance(poses, Past):
             raise InputError("inference: a particle filter needs a pose to start from, found none")
         state = start_around(self.prior, np.atleast_2d(poses), self.n_particles, rng)
         even, own = even_log_weights(self.n_particles), np.arange(self.n_particles)
         diagnostics, warnings = self.move.first(self.n_particles)
         return Moved(Particles(state, self.prior.pose(state), even, own), diagnostics=diagnostics, warnings=warnings)
 
+    def _memory(
+        self, particles: Particles, origins: AnyArray, log_evidence: float, expected: FloatArray, rng_streams: Streams
+    ) -> Memory:
+        """Return what the filter goes on from after a frame."""
+        arrays = {
+            "state": particles.state, "poses": particles.poses, "log_weights": particles.log_weights,
+            "origins": origins, "log_evidence": np.array([log_evidence]),
+        }  # fmt: skip
+        parents = particles.ancestors if self.move.gathers else None
+        return Memory(arrays, expected, streams_now(rng_streams), parents)
 
-def n_ancestors(lineage: Sequence[IntArray]) -> float:
-    """Return how many particles before the first step of `lineage`, ancestors (N,) of steps in order, live on."""
-    origins = lineage[-1]
-    for ancestors in reversed(list(lineage)[:-1]):
-        origins = ancestors[origins]
-    return float(len(np.unique(origins)))
+    def _restored(self, memory: Memory, rng_streams: Streams) -> tuple[Moved, AnyArray, float]:
+        """Return particles, their origins and the log evidence as a memory has them, and set the streams. Poses that it
+        does not have are what the prior makes of its states."""
+        memory.restore(rng_streams)
+        state, log_weights = memory.array("state", None, len(self.space)), memory.array("log_weights", None)
+        n, (log_evidence,) = len(log_weights), memory.array("log_evidence", 1)
+        poses = memory.array("poses", n, None) if "poses" in memory.arrays else self.prior.pose(state)
+        particles, origins = Particles(state, poses, log_weights, np.arange(n)), memory.array("origins", None, n)
+        if len(state) != n:
+            raise InputError(f"checkpoint: expected {n} states, as there are weights, found {len(state)}")
+        if n != self.n_particles:
+            picked = systematic(np.exp(log_weights), rng_streams["resampling"], self.n_particles)
+            particles = Particles(state[picked], poses[picked], even_log_weights(self.n_particles), picked)
+            origins = origins[:, picked]
+        return Moved(particles), origins, float(log_evidence)
+
+
+def traced(origins: AnyArray, ancestors: IntArray) -> AnyArray:
+    """Return which particle (K + 1, N), LOOKED_BACK rows at most, each one comes from, one frame before it, two, and so
+    on, after origins (K, N) of particles whose children have ancestors (N,) among them."""
+    parents = ancestors.astype(np.int32)[None]
+    return np.concatenate([parents, origins[: LOOKED_BACK - 1, ancestors]])
 
 
 def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.core.checks import INSIDE_UNIT, UNIT, at_least, check
@@ -179,7 +178,7 @@ class Guide:
         pull = ahead * precision + flatten * quadratic.gradient
         self._means = pull @ covariance  # (N, D'), beside x
         log_parents = log_weights + 0.5 * (pull * self._means).sum(axis=1) - 0.5 * (ahead**2 * precision).sum(axis=1)
-        self.log_parents: FloatArray = log_parents - logsumexp(log_parents)
+        self.log_parents: FloatArray = log_parents - scipy.special.logsumexp(log_parents)
 
     def draw(self, states: FloatArray, parents: IntArray, rng: np.random.Generator) -> FloatArray:
         """Draw the columns that have noise anew, in states (M, D) of these parents (M,)."""
@@ -191,6 +190,6 @@ class Guide:
     def log_density(self, states: FloatArray, parents: IntArray) -> FloatArray:
         """Return log q, (M,), of parents (M,) together with states (M, D)."""
         off = self._prediction.difference(self._x, states) - self._means[parents]
-        white = solve_triangular(self._root, off.T, lower=True)
+        white = scipy.linalg.solve_triangular(self._root, off.T, lower=True)
         constant = float(np.log(np.sqrt(2.0 * np.pi) * np.diag(self._root)).sum())
         return self.log_parents[parents] - 0.5 * (white**2).sum(axis=0) - constant

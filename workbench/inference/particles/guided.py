@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -73,6 +73,8 @@ class Hybrid(Wrapper):
     share: float = 0.7
     widen: float = 6.0
 
+    continues: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         super().__post_init__()
         driven_prior(self.prior)
@@ -99,7 +101,8 @@ class Hybrid(Wrapper):
             warnings[0] = (*warnings[0], UNGUIDED)
         guided = self.filter.rebuilt(prior=guides[0], move=Surrounded(self.move, guide_move))
         for step, more in zip(guided.run(frames, fit.poses[0], rng_streams), warnings, strict=True):
-            yield replace(step, warnings=step.warnings + more, evaluations=step.evaluations + fit.iterations)
+            more_evaluations = step.evaluations + fit.iterations
+            yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, memory=None)
 
 
 def driven_prior(prior: Prior) -> Driven:

@@ -24,6 +24,10 @@ class Move(Protocol):
     def proposes(self) -> bool:
         """Tell whether it draws from the prior's own proposal, where there is one."""
 
+    @property
+    def gathers(self) -> bool:
+        """Tell whether of the parents' states it looks at those alone that have offspring."""
+
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without what it needs, and too few particles."""
 
@@ -41,6 +45,7 @@ class DensityMove:
     traits: ClassVar[Traits] = offering(prior=DENSITY)
 
     proposes: ClassVar[bool] = False
+    gathers: ClassVar[bool] = False
     least_particles: ClassVar[int] = 1
     first_diagnostics: ClassVar[Mapping[str, float]] = {}
     first_warnings: ClassVar[tuple[str, ...]] = ()
@@ -64,6 +69,8 @@ class Surrounded:
     move: Move
     around: Callable[[Move, Target, Streams], Moved]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+    gathers: ClassVar[bool] = False  # as nobody knows what is done around it
 
     @property
     def proposes(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from workbench.arrays import IntArray
 from workbench.body.skeleton import parameters as named_parameters
@@ -75,7 +75,7 @@ class Partitioned(DensityMove):
             state[:, columns] = prior.step(parents.state[chosen], target.dt_s, rng)[:, columns]
             judged = lookahead_log_weight(target.evaluate(state, chosen).log_prob, self.flatten)
             log_weights = even + judged - previous_judged
-            gained = float(logsumexp(log_weights))
+            gained = float(scipy.special.logsumexp(log_weights))
             picked = systematic(np.exp(log_weights - gained), resampling)
             state, chosen, previous_judged, log_gain = state[picked], chosen[picked], judged[picked], log_gain + gained
             target.clock.lap("resampling")

@@ -13,6 +13,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
+from workbench.core.memory import Past
 from workbench.core.step import Step
 from workbench.core.traits import KEYPOINTS, Traits, needs_of_all, offering
 from workbench.errors import InputError
@@ -71,10 +72,14 @@ class Restarting(Wrapper):
         super().__post_init__()
         check("inference", self, share=INSIDE_UNIT, drop=POSITIVE, patience=at_least(1))
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
-        move = Surrounded(self.move, partial(self._around, []), {"restarted": 0.0})
-        return self.filter.rebuilt(move=move).run(frames, start, rng_streams)
+        gains: list[float] = []
+        if isinstance(start, Past) and "gains" in start.memory.arrays:  # not after a filter alone
+            gains = start.memory.array("gains", None).tolist()
+        move = Surrounded(self.move, partial(self._around, gains), {"restarted": 0.0})
+        for step in self.filter.rebuilt(move=move).run(frames, start, rng_streams):
+            yield replace(step, memory=step.memory and step.memory.plus(gains=np.array(gains)))
 
     def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> Moved:
         """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""

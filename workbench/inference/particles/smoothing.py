@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import accumulate
-from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,9 +11,11 @@ from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.turns import nearest_turn
+from workbench.clock import working_s
 from workbench.core.checks import at_least, check
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
+from workbench.core.memory import Past
 from workbench.core.step import Step
 from workbench.core.traits import DENSITY, Traits, needs_of_all, offering
 from workbench.inference.particles.move import Move, Streams, Surrounded
@@ -51,10 +52,13 @@ class FixedLag(Wrapper):
         super().__post_init__()
         check("inference", self, lag=at_least(1), least_ancestors=at_least(1))
 
-    def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, each once `lag` more frames are seen; log_evidence is the filter's for that frame.
-        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors."""
+        rng_streams: as for the filter. ess and the diagnostic `distinct` count ancestors. A step's memory is of its own
+        frame: who goes on from it filters the `lag` frames after it again."""
         window, ahead = deque[Step](), 0
+        if isinstance(start, Past) and "ahead" in start.memory.arrays:  # not after a filter alone
+            ahead = min(int(start.memory.array("ahead", 1)[0]), self.lag)
         for step in self.filter.run(frames, start, rng_streams):
             window.append(step)
             if len(window) > self.lag:
@@ -84,7 +88,9 @@ class FixedLag(Wrapper):
             parents = parents[step.ancestors]
         weights = (first, *later)[ahead].log_weights
         looked_back = _replaced(first, lineages[ahead], weights, parents, int(np.argmax(weights)))
-        return replace(looked_back, diagnostics={**looked_back.diagnostics, "lag": float(ahead)}), ahead
+        diagnostics, memory = {**looked_back.diagnostics, "lag": float(ahead)}, first.memory
+        memory = memory and memory.plus(ahead=np.array([ahead]))
+        return replace(looked_back, diagnostics=diagnostics, memory=memory), ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +132,7 @@ class BackwardSimulation(Wrapper):
     least_ancestors: int = 50
 
     kind: ClassVar[Kind] = "smoothed"
+    continues: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -145,6 +152,7 @@ class BackwardSimulation(Wrapper):
             return move(target, rng_streams)
 
         forward = self.filter.rebuilt(move=Surrounded(self.move, keep_look)).run(frames, start, rng_streams)
+        forward = (replace(step, memory=None) for step in forward)  # no path goes on, and it would be kept for all
         steps = list(tqdm(forward, desc="filter", unit="frame", disable=None, leave=False))
         yield from reversed(list(self._backwards(steps, looks, rng_streams["resampling"])))
 
@@ -153,7 +161,7 @@ class BackwardSimulation(Wrapper):
         even = even_log_weights(self.n_paths)
         score, stretch, chosen = np.zeros(self.n_paths), list[tuple[Step, IntArray]](), np.zeros(0, dtype=np.int64)
         for t in tqdm(range(len(steps) - 1, -1, -1), desc="backwards", unit="frame", disable=None, leave=False):
-            began = perf_counter()
+            began = working_s()
             if stretch:
                 chosen, gained, step, later = self._one_back(steps[t], *stretch[-1], looks[t], rng)
                 score, stretch[-1] = score + gained, (later, stretch[-1][1])
@@ -161,7 +169,7 @@ class BackwardSimulation(Wrapper):
                 yield from self._told(stretch, score)
                 step, score, stretch = steps[t], np.zeros(self.n_paths), []
                 chosen = systematic(np.exp(step.log_weights), rng, self.n_paths)
-            spent = {**step.timing_s, "smoothing": perf_counter() - began}
+            spent = {**step.timing_s, "smoothing": working_s() - began}
             stretch.append((replace(step, timing_s=spent), chosen))
         yield from self._told(stretch, score)
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.clock import working_s
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.prior import Density, Prior, propose
@@ -23,11 +23,11 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.laps: dict[str, float] = {}
-        self._last = perf_counter()
+        self._last = working_s()
 
     def lap(self, stage: str) -> None:
         """Count the time since the last lap for this stage."""
-        now = perf_counter()
+        now = working_s()
         self.laps[stage] = self.laps.get(stage, 0.0) + now - self._last
         self._last = now
 

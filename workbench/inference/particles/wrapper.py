@@ -1,15 +1,18 @@
 """What stands around a particle filter: it runs the filter and makes something else of its steps."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
+from workbench.arrays import FloatArray
+from workbench.core.frame import Frame
+from workbench.core.memory import Past
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
-from workbench.core.step import Inference
+from workbench.core.step import Inference, Step
 from workbench.core.traits import Traits
 from workbench.errors import InputError
-from workbench.inference.particles.move import Move
+from workbench.inference.particles.move import Move, Streams
 
 Kind: TypeAlias = Literal["filtered", "restarted", "smoothed"]
 """What steps are: those of a filter whose particles come from their ancestors by the prior; of one some of whose
@@ -27,9 +30,14 @@ class Filter(Inference, Protocol):
     def n_particles(self) -> int | None: ...
     @property
     def kind(self) -> Kind: ...
+    @property
+    def continues(self) -> bool: ...
 
     def rebuilt(self, **parts: Any) -> Self:
         """Replace parts of the particle filter, such as the prior, the move or n_particles."""
+
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, or for those after a past, see `Continuing`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +86,11 @@ class Wrapper:
     def finds_start(self) -> bool:
         """Tell whether the filter finds the first pose itself."""
         return self.filter.finds_start
+
+    @property
+    def continues(self) -> bool:
+        """Tell whether the filter can go on from a past; what has to see all frames first cannot."""
+        return self.filter.continues
 
     def rebuilt(self, **parts: Any) -> Self:
         """Replace parts of the particle filter, such as the prior, the move or n_particles."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import descendants, forward, joint_jacobian
@@ -34,6 +34,8 @@ AVERAGE_M, HEIGHT_SIGMA, GIVEN_SIGMA = 1.70, 0.06, 0.01
 PROPORTION_SIGMA = 0.05
 """Of the logarithm of a length over the height: people differ by some 4 %, and detectors' joints are not
 anatomists'."""
+WIDTHS, WIDTH_SIGMA = ("shoulders", "hips"), 0.1
+"""Detectors' hips and shoulders are 30 to 50 mm from anatomists' (Needham et al. 2021), which is more of a width."""
 UPPER_ARM, FOREARM = 0.162, 0.154
 """Over the height, between joints' centres (de Leva 1996), as detectors see them; from_height's is measured from the
 shoulder's top."""
@@ -78,7 +80,7 @@ def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8
         raise InputError("body: expected keypoints in the dataset's frames to measure the person by, found none")
     measured = measure(seen, height_m)
     lengths = ", ".join(f"{name} {100.0 * getattr(measured.shape, name):.1f}" for name in LENGTHS[4:])
-    log.info("limbs measured in %d frames, %.1f px left: %s cm", len(seen), measured.error_px, lengths)
+    log.info("limbs measured in %d frames, residual %.1f px: %s cm", len(seen), measured.error_px, lengths)
     return person(measured.shape)
 
 
@@ -87,13 +89,14 @@ def measure(
 ) -> Measured:
     """Return lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
-    The logarithms of the height and of every length over it are normal, see AVERAGE_M and PROPORTION_SIGMA; joints have
-    the deviation keypoint_sigma, in the person's heights in the image, over the root of their weight.
+    The logarithms of the height and of every length over it are normal, see AVERAGE_M, PROPORTION_SIGMA and
+    WIDTH_SIGMA; joints have the deviation keypoint_sigma, in the person's heights in the image, over the root of their
+    weight.
     """
     sigma_px = keypoint_sigma * person_px(seen[0])
     start = np.zeros(1 + len(LENGTHS))
     start[0] = 0.0 if height_m is None else np.log(height_m / AVERAGE_M)
-    spread = np.full(len(start), PROPORTION_SIGMA)
+    spread = np.array([WIDTH_SIGMA if name in WIDTHS else PROPORTION_SIGMA for name in ("height", *LENGTHS)])
     spread[0] = HEIGHT_SIGMA if height_m is None else GIVEN_SIGMA
     poses = _first_poses(person_skeleton(shape_of(start)), seen, sigma_px)
     usual = posture_prior(person_skeleton(shape_of(start)))
@@ -110,7 +113,7 @@ def measure(
     def slopes(x: FloatArray) -> FloatArray:
         return np.vstack([project(x)[1], np.diag(whitening)[tied]])
 
-    x = least_squares(
+    x = scipy.optimize.least_squares(
         misses, np.concatenate([start, poses.ravel()]), slopes, loss="huber", f_scale=KEYPOINT_LOSS.scale,
         x_scale="jac", max_nfev=50,
     ).x  # fmt: skip

@@ -88,7 +88,7 @@ def _from_marks(
         fit = start_from_marks(powers.motion, skeleton, camera, marks)
         pace = "" if np.isnan(fit.rate_hz) else f", {fit.rate_hz:.2f} cycles/s"
         error, heading = fit.error_px / scale, np.degrees(fit.heading)
-        return fit.pose, f"{error:.1f} px left, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"
+        return fit.pose, f"residual {error:.1f} px, phase {fit.phase:.2f}, heading {heading:.0f}°{pace}"
     seen = usable_marks(skeleton, camera, marks)
     if powers.examples is not None:
         poses, of = start_from_examples(powers.examples(), skeleton, seen[0]), "the prior's examples"
@@ -97,4 +97,4 @@ def _from_marks(
         poses = allowed_poses(skeleton, [(seen[k],) for k in soon], marks.times_s[soon])
         of = "the poses that they allow"
     error = error_px(skeleton, seen[:1], poses[:1]) / scale
-    return poses, f"{error:.1f} px left by the best of {len(poses)} of {of}"
+    return poses, f"residual {error:.1f} px by the best of {len(poses)} of {of}"

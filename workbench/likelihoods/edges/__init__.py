@@ -10,7 +10,7 @@ import numpy as np
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
-from workbench.body.lanes import FAST
+from workbench.body.lanes import FAST, inlined
 from workbench.body.limbs import Body
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
@@ -108,19 +108,19 @@ def _response_sums(gradient: Any, ridges: Any, pixels: Any, counts: Any, table: 
             sums[i, limb] = total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _way(pixels: Any, i: int, limb: int, first: int, last: int) -> tuple[float, float]:
     dx = np.float64(pixels[i, limb, last, 0]) - np.float64(pixels[i, limb, first, 0])
     return dx, np.float64(pixels[i, limb, last, 1]) - np.float64(pixels[i, limb, first, 1])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _edge_bin(gradient: Any, x: float, y: float, tx: float, ty: float) -> int:
     edge = abs(tx * bilinear(gradient[1], x, y) - ty * bilinear(gradient[0], x, y))
     return _bin(edge, EDGE_RANGE[0], EDGE_RANGE[1])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _ridge_bin(ridges: Any, scale: int, x: float, y: float, tx: float, ty: float) -> int:
     xx, xy = bilinear(ridges[scale, 0], x, y), bilinear(ridges[scale, 1], x, y)
     yy = bilinear(ridges[scale, 2], x, y)
@@ -129,6 +129,6 @@ def _ridge_bin(ridges: Any, scale: int, x: float, y: float, tx: float, ty: float
     return _bin(abs(across) - abs(along), RIDGE_RANGE[0], RIDGE_RANGE[1])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@inlined
 def _bin(value: float, low: float, high: float) -> int:
     return int(min(max((value - low) / (high - low) * BINS, 0.0), BINS - 1.0))

@@ -65,7 +65,7 @@ def edge_model(cache: str) -> EdgeModel:
     provenance = Provenance({}, {"scenes": SCENES, "frames": FRAMES, "bins": BINS, "seed": _FIRST_SEED}, (), code)
     path = Path(cache).expanduser() / "models" / f"edges-{provenance.key[:16]}.h5"
     if path.is_file():
-        return load(EdgeModel, path)
+        return load(EdgeModel, path, own=True)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
     model = learn_edges(rendered_people(rng), rng)

@@ -7,7 +7,7 @@ n sample points per limb.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.limbs import Limbs
@@ -171,7 +171,7 @@ def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
 def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
     """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
     places = np.where(inside_image(image, points)[..., None], points, -1.0)
-    return map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
+    return scipy.ndimage.map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

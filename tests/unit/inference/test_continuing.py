@@ -1,0 +1,161 @@
+"""A filter that goes on from the memory of a frame: bit by bit what it would have been, with every move and wrapper."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_gaussian import MEAN0, LinearPrior, LookOf, Memoryless, Position, frames, simulate, streams
+
+from workbench.core.memory import Past
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Continuing
+from workbench.errors import InputError
+from workbench.inference.particles.annealed import Annealed
+from workbench.inference.particles.auxiliary import Auxiliary
+from workbench.inference.particles.bootstrap import Bootstrap
+from workbench.inference.particles.filter import LOOKED_BACK, ParticleFilter
+from workbench.inference.particles.gauss_newton import GaussNewton
+from workbench.inference.particles.partitioned import Partitioned
+from workbench.inference.particles.restarting import REFERENCE_FRAMES, Restarting
+from workbench.inference.particles.smoothing import BackwardSimulation, FixedLag
+from workbench.inference.particles.tempered_smc import TemperedSMC
+
+T, N = LOOKED_BACK + 4, 40
+MOVES = {
+    "bootstrap": Bootstrap(ess_threshold=0.5),
+    "auxiliary": Auxiliary(),
+    "partitioned": Partitioned(parts=["lower_body", "upper_body"]),
+    "gauss_newton": GaussNewton(),
+    "tempered_smc": TemperedSMC(),
+    "annealed": Annealed(),
+}
+WRAPPERS = {
+    "filter": lambda plain: plain,
+    "restarting": lambda plain: Restarting(plain),
+    "fixed_lag": lambda plain: FixedLag(plain, lag=3, least_ancestors=10),
+    "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
+}
+
+
+class TwoJoints(LinearPrior):
+    """The columns called after joints, so that they are of two parts of the body."""
+
+    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
+
+
+class Drifting(Memoryless):
+    """Measurements that are off by what the likelihood has learned of the poses expected so far."""
+
+    def __init__(self, measured, learned=0.0):
+        self.measured, self.learned = measured, learned
+
+    def log_prob(self, previous, frame, previous_pose, pose):
+        return Position(self.measured - self.learned).log_prob(previous, frame, previous_pose, pose)
+
+    def look(self, previous, frame):
+        look = LookOf(self, previous, frame)
+        look.remember = lambda expected: Drifting(self.measured, 0.9 * self.learned + 0.1 * expected[0])
+        return look
+
+
+def inference(wrapper, move, n=N, measured=None):
+    measured = simulate(T, seed=3) if measured is None else measured
+    return WRAPPERS[wrapper](ParticleFilter(TwoJoints(), Drifting(measured), move=MOVES[move], n_particles=n))
+
+
+def past(steps):
+    """What a run goes on from after these steps."""
+    return Past(np.stack([step.memory.expected for step in steps]), steps[-1].memory)
+
+
+def assert_same_bits(found, expected):
+    assert [step.frame.index for step in found] == [step.frame.index for step in expected]
+    for one, other in zip(found, expected, strict=True):
+        for name in ("particles", "poses", "log_weights", "ancestors", "expected_pose", "map_pose"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert repr((one.ess, one.log_evidence)) == repr((other.ess, other.log_evidence))
+        assert (one.diagnostics, one.warnings) == (other.diagnostics, other.warnings)
+
+
+@pytest.mark.parametrize("move", MOVES)
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+def test_from_any_frame_on_the_bits_are_the_runs(wrapper, move):
+    one = inference(wrapper, move)
+    assert isinstance(one, Continuing)
+    assert one.continues
+    whole = list(one.run(frames(T), MEAN0, streams(0)))
+    for k in (1, 2, T // 2, T - 2, T - 1, T):
+        found = list(one.run(frames(T), past(whole[:k]), streams(7)))  # whose streams are set to where the run's were
+        assert_same_bits(found, whole[k:])
+
+
+@pytest.mark.parametrize("wrapper", ["filter", "fixed_lag"])
+@pytest.mark.parametrize("move", MOVES)
+def test_states_without_offspring_do_not_matter_where_a_memory_says_so(wrapper, move):
+    one = inference(wrapper, move)
+    whole = list(one.run(frames(T), MEAN0, streams(0)))
+    gathered = whole[4].memory.parents
+    assert (gathered is None) == (move != "bootstrap")
+    if gathered is not None:
+        before = past(whole[:4])
+        state = np.full_like(before.memory.arrays["state"], 1e9)
+        state[gathered] = before.memory.arrays["state"][gathered]
+        thinned = replace(before, memory=before.memory.plus(state=state, poses=state))
+        assert_same_bits(list(one.run(frames(T), thinned, streams(7))), whole[4:])
+
+
+def test_what_restarting_has_seen_goes_on_too():
+    measured = simulate(REFERENCE_FRAMES + 12, seed=3)
+    measured[REFERENCE_FRAMES + 4 :] += 50.0  # lost from here on
+    one = inference("restarting", "bootstrap", measured=measured)
+    whole = list(one.run(frames(len(measured)), MEAN0, streams(0)))
+    anew = [step.frame.index for step in whole if step.diagnostics["restarted"]]
+    assert anew
+    for k in (1, anew[0] - 1, anew[0], anew[0] + 1):
+        assert_same_bits(list(one.run(frames(len(measured)), past(whole[:k]), streams(7))), whole[k:])
+
+
+def test_another_future_begins_with_the_same_particles():
+    whole = list(inference("filter", "bootstrap").run(frames(T), MEAN0, streams(0)))
+    before = past(whole[:5])
+    fresh = replace(before, memory=replace(before.memory, streams={}))
+    other = next(inference("filter", "bootstrap").run(frames(T), fresh, streams(1)))
+    assert other.frame.index == 5
+    assert not (other.particles == whole[5].particles).any()
+    for n in (15, 400):
+        found = next(inference("fixed_lag", "auxiliary", n).run(frames(T), before, streams(1)))
+        assert len(found.particles) == n
+        assert found.expected_pose == pytest.approx(whole[5].expected_pose, abs=0.3)
+
+
+def test_who_sees_all_frames_first_cannot_go_on():
+    one = BackwardSimulation(inference("filter", "bootstrap"), n_paths=N)
+    assert not one.continues
+    assert all(step.memory is None for step in one.run(frames(4), MEAN0, streams(0)))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"state": None}, "an array state"),
+        ({"state": np.zeros((N, 3))}, "shape"),
+        ({"state": np.zeros((N + 1, 2))}, "as there are weights"),
+        ({"log_weights": np.zeros((N, 1))}, "log_weights with 1 axes"),
+        ({"log_evidence": np.zeros(2)}, "log_evidence of shape"),
+    ],
+)
+def test_a_memory_that_is_none_of_a_filter_is_refused(arrays, words):
+    whole = list(inference("filter", "bootstrap").run(frames(2), MEAN0, streams(0)))
+    memory = whole[0].memory
+    kept = {name: value for name, value in {**memory.arrays, **arrays}.items() if value is not None}
+    damaged = Past(memory.expected[None], replace(memory, arrays=kept))
+    with pytest.raises(InputError, match=words):
+        list(inference("filter", "bootstrap").run(frames(2), damaged, streams(0)))
+
+
+@pytest.mark.parametrize("state", [{}, {"bit_generator": "PCG64", "state": 3}, {"bit_generator": "MT19937"}])
+def test_streams_that_cannot_be_set_are_refused(state):
+    whole = list(inference("filter", "bootstrap").run(frames(2), MEAN0, streams(0)))
+    damaged = past([replace(whole[0], memory=replace(whole[0].memory, streams={"prior": state}))])
+    with pytest.raises(InputError, match="random stream prior"):
+        list(inference("filter", "bootstrap").run(frames(2), damaged, streams(0)))

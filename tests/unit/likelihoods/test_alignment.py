@@ -1,0 +1,330 @@
+"""Alignment: cells against ray casting, slopes against differences, the scene and what passes against made-up clips."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from still_clips import of_frames
+
+from workbench.body.camera import plain_camera
+from workbench.body.kinematics import forward
+from workbench.body.limbs import person
+from workbench.body.shape import from_height
+from workbench.core.clip import Clip
+from workbench.core.frame import Frame, View
+from workbench.core.likelihood import Relearning, SlopedLook
+from workbench.datasets.scenes import render
+from workbench.datasets.synthetic import Synthetic
+from workbench.errors import InputError
+from workbench.likelihoods.alignment.alignment import Alignment
+from workbench.likelihoods.alignment.beside import beside
+from workbench.likelihoods.alignment.cells import (
+    motion_of,
+    moved_by,
+    pixel_forces,
+    placed,
+    surface_cells,
+    visible,
+)
+from workbench.likelihoods.alignment.passing import LEAST_PX, nothing_passing
+from workbench.likelihoods.alignment.pictures import picture
+from workbench.likelihoods.alignment.scene import first_scene, tracked_scene
+from workbench.likelihoods.alignment.sight import Residuals, person_mask
+
+BODY = person(from_height(1.75))
+CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
+SHAPE = (240, 320)
+CELLS = surface_cells(BODY.limbs)
+
+
+def walking_pose(seed=0):
+    pose = 0.25 * np.random.default_rng(seed).standard_normal(25)
+    pose[:3] = 0.0, 0.0, 0.95
+    return pose
+
+
+def frames_of(pose):
+    return forward(BODY.skeleton, pose[None])
+
+
+def test_cells_lie_on_their_limbs_and_face_outwards():
+    limbs = BODY.limbs
+    for k in range(len(limbs)):
+        own = CELLS.limbs == k
+        points, normals = CELLS.points[own], CELLS.normals[own]
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+        local = (points - limbs.starts[k]) @ limbs.axes[k]
+        if limbs.spheres[k]:
+            np.testing.assert_allclose(points - limbs.starts[k], limbs.radii[k, 0, 0] * normals, atol=1e-12)
+            continue
+        u = local[:, 2:] / limbs.lengths[k]
+        radii = (1.0 - u) * limbs.radii[k, 0] + u * limbs.radii[k, 1]
+        np.testing.assert_allclose(((local[:, :2] / radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
+        assert ((u > 0.0) & (u < 1.0)).all()
+        assert ((normals @ limbs.axes[k])[:, :2] * local[:, :2] > -1e-12).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_counts_as_visible_is_what_rays_meet_first(seed):
+    pose = walking_pose(seed)
+    cells = placed(CELLS, frames_of(pose), CAMERA)
+    shown = visible(cells, SHAPE, 0.3)
+    texture = render.clothes(BODY, np.random.default_rng(0), 1.0)
+    wall = np.full(SHAPE, -1000.0)
+    scene = render.Scene(BODY, CAMERA, texture, wall)
+    body_pixels = render.render(scene, pose) > -500.0
+    x, y = np.rint(cells.pixels[shown]).astype(int).T
+    assert body_pixels[y, x].mean() > 0.97
+    some = np.flatnonzero(cells.facing > 0.3)[::5]
+    hidden = np.array([_crosses_another(CAMERA.position, cells.points[i], CELLS.limbs[i], pose) for i in some])
+    assert hidden.any()
+    assert np.isin(some[hidden], shown).mean() < 0.15  # a near limb of the same thickness hides nothing
+    assert np.isin(some[~hidden], shown).mean() > 0.6  # beside the outline of what hides, neighbours are left out
+
+
+def _crosses_another(eye, point, limb, pose):
+    """Whether the line of sight meets the axis of another limb closer than nine tenths of its mean radius."""
+    frames, limbs = frames_of(pose), BODY.limbs
+    for k in range(len(limbs)):
+        if k == limb:
+            continue
+        turned, origin = frames.rotations[0][limbs.joints[k]], frames.positions[0][limbs.joints[k]]
+        start, end = turned @ limbs.starts[k] + origin, turned @ limbs.ends[k] + origin
+        u = np.linspace(0.0, 1.0, 21)[:, None]
+        axis, radii = start + u * (end - start), limbs.radii[k].mean(axis=1)
+        s = np.linspace(0.0, 0.97, 200)[:, None, None]
+        apart = np.linalg.norm(eye + s * (point - eye) - axis, axis=2)
+        if (apart < 0.9 * (radii[0] + (radii[1] - radii[0]) * u[:, 0])).any():
+            return True
+    return False
+
+
+def test_slopes_are_the_derivatives_of_pixels_carried_by_the_body():
+    pose, gradients = walking_pose(3), np.random.default_rng(0).standard_normal((len(CELLS.limbs), 2))
+    frames = frames_of(pose)
+    motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames)
+    cells = placed(CELLS, frames, CAMERA)
+    found = motion.slopes(cells.points, pixel_forces(CAMERA, cells.points, gradients), CELLS.joints)
+    for k in range(25):
+        step = np.zeros(25)
+        step[k] = 1e-6
+        ahead, behind = (placed(CELLS, frames_of(pose + way * step), CAMERA).pixels for way in (1, -1))
+        expected = ((ahead - behind) / 2e-6 * gradients).sum(axis=1)
+        np.testing.assert_allclose(found[:, k], expected, atol=1e-4 * max(1.0, np.abs(expected).max()))
+
+
+def test_the_loss_and_its_slope_agree():
+    rng = np.random.default_rng(1)
+    pose = walking_pose(2)
+    motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames_of(pose))
+    points, joints = rng.standard_normal((40, 3)), rng.integers(0, 15, 40)
+    forces, misses, counts = rng.standard_normal((40, 3)), 2.0 * rng.standard_normal(40), rng.integers(0, 2, 40)
+    slopes = motion.slopes(points, forces, joints)
+
+    def residuals(step):
+        return Residuals(misses + slopes @ step, np.zeros((40, 2)), points, joints, counts.astype(float), 2.0)
+
+    gradient, curvature = residuals(np.zeros(25)).normal(motion, forces)
+    unit = 1e-6 * np.eye(25)
+    expected = [(residuals(step).loss - residuals(-step).loss) / 2e-6 for step in unit]
+    np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-7)
+    assert np.linalg.eigvalsh(curvature).min() > -1e-9
+
+
+def test_points_beside_a_limb_are_as_far_from_it_as_asked():
+    pose = walking_pose(1)
+    frames = frames_of(pose)
+    near, far = (beside(BODY.limbs, frames, CAMERA, (distance,)).pixels for distance in (0.0, 8.0))
+    np.testing.assert_allclose(np.linalg.norm(far - near, axis=1), 8.0, atol=0.9)  # but where a limb points at us
+    drawn = person_mask(BODY, CAMERA, frames, SHAPE)
+    x, y = np.rint(far).astype(int).T
+    kept = (x >= 0) & (y >= 0) & (x < 320) & (y < 240)
+    on_others = drawn[y[kept], x[kept]].mean()
+    x, y = np.rint(near).astype(int).T
+    assert on_others < 0.6 < drawn[y[kept], x[kept]].mean()
+
+
+def test_pictures_have_the_slope_of_a_plane():
+    rows, columns = np.mgrid[:40, :50].astype(np.float32)
+    values, gradients = picture(3.0 * columns - 2.0 * rows, 1.5).at(np.array([[20.25, 18.5], [30.0, 20.75]]))
+    np.testing.assert_allclose(values, [3.0 * 20.25 - 2.0 * 18.5, 90.0 - 41.5], atol=1e-3)
+    np.testing.assert_allclose(gradients, [[3.0, -2.0], [3.0, -2.0]], atol=1e-4)
+
+
+def block(rows, columns, shape=(60, 80)):
+    mask = np.zeros(shape, dtype=bool)
+    mask[rows, columns] = True
+    return mask
+
+
+def noisy(image, seed):
+    return (image + np.random.default_rng(seed).normal(0.0, 3.0, image.shape)).astype(np.float32)
+
+
+def test_the_scene_is_found_about_and_behind_who_leaves_and_not_behind_who_stays():
+    wall = np.tile(np.linspace(60.0, 160.0, 80), (60, 1))
+    stays, leaves = block(slice(20, 50), slice(15, 25)), block(slice(20, 50), slice(50, 60))
+    images = []
+    for i in range(20):
+        image = wall.copy()
+        image[stays] = 220.0
+        if i < 4:
+            image[leaves] = 220.0
+        if i == 0:
+            image[:10, :10] = 250.0  # something at the edge, gone in the next frame
+        images.append(noisy(image, i))
+    found = first_scene(images, stays | leaves)
+    middle = block(slice(22, 48), slice(52, 58))
+    assert found.known[middle].all()
+    np.testing.assert_allclose(found.level[middle], wall[middle], atol=6.0)
+    assert not found.known[stays].any()
+    np.testing.assert_allclose(found.level[:10, :10], wall[:10, :10], atol=6.0)
+    assert 2.0 < found.noise < 4.0
+    ratio = found.log_ratio(images[0], 0.05)
+    assert np.median(ratio[middle]) > 1.0
+    assert np.median(ratio[2:8, 30:70]) < -1.0
+    assert (ratio[stays] == 0.0).all()
+
+
+def test_the_scene_is_learned_where_the_person_was_not():
+    wall, images, masks = np.tile(np.linspace(60.0, 160.0, 80), (60, 1)), [], []
+    for i in range(12):
+        mask = block(slice(10, 50), slice(5 + 5 * i, 13 + 5 * i)) | block(slice(30, 34), slice(30, 34))
+        image = wall.copy()
+        image[mask] = 240.0
+        images.append(noisy(image, i))
+        masks.append(mask)
+    found = tracked_scene(images, masks)
+    assert found.known.mean() > 0.9
+    assert not found.known[31:33, 31:33].any()
+    np.testing.assert_allclose(found.level[found.known], wall[found.known], atol=8.0)
+
+
+def test_a_scene_goes_on_learning_but_not_of_what_is_not_it():
+    images = [noisy(np.full((60, 80), 100.0), i) for i in range(3)]
+    person = block(slice(20, 40), slice(30, 50))
+    scene = first_scene(images, person)
+    shown = images[0].copy()
+    shown[:10] = 200.0
+    later = scene.seen(shown, block(slice(20, 40), slice(10, 30)))
+    assert later.known[30, 45]  # the person has left from here
+    np.testing.assert_allclose(later.level[:10], scene.level[:10])
+    assert not scene.known[30, 45]  # and what was known before stays as it was
+
+
+def board_clip(n=20):
+    """Images of a wall, a person of grey 30 who stands, and a board with a pattern that passes before them."""
+    rng = np.random.default_rng(4)
+    wall, pattern = np.full((120, 200), 110.0), 255.0 * rng.random((70, 24))
+    person = block(slice(30, 100), slice(90, 110), (120, 200))
+    for i in range(n):
+        image, board = wall.copy(), np.zeros((120, 200), dtype=bool)
+        image[person] = 30.0
+        left = 8 * i
+        image[35:105, left : left + 24] = pattern
+        board[35:105, left : left + 24] = True
+        yield noisy(image, i), person, board
+
+
+def test_what_passes_is_followed_over_the_person_and_beyond():
+    clip = list(board_clip())
+    passing = nothing_passing(clip[0][0])
+    for image, standing, board in clip:
+        unknown = standing
+        passing = passing.followed(image, np.abs(image - 110.0) > 15.0, standing, unknown)
+        shared = (passing.mask & board).sum() / (passing.mask | board).sum()
+        assert shared > 0.85
+        assert (passing.mask & standing & ~board).sum() < 60
+
+
+def test_an_arm_that_reaches_out_does_not_pass():
+    clip = list(board_clip(3))
+    image, person, _ = clip[0]
+    arm = block(slice(40, 52), slice(110, 160), (120, 200))
+    assert arm.sum() > LEAST_PX
+    image = np.where(arm | person, 30.0, 110.0).astype(np.float32)
+    assert not nothing_passing(image).followed(image, arm | person, person, person).mask.any()
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
+
+
+@pytest.fixture(scope="module")
+def tracked(walker):
+    """The likelihood after two frames seen in their true poses, and all frames."""
+    clip = Clip(walker)
+    frames = list(clip)
+    likelihood = Alignment(walker.body, clip)
+    for before, frame in zip((None, frames[0]), frames[:2], strict=True):
+        likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
+    return likelihood, frames
+
+
+def test_the_truth_is_likelier_than_what_is_beside_it(tracked):
+    likelihood, frames = tracked
+    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+    rng = np.random.default_rng(0)
+    off = truth + np.where(np.arange(25) < 3, 0.03, 0.1) * rng.standard_normal((40, 25))
+    heights = look.evaluate(np.repeat(truth[None], 41, axis=0), np.vstack([truth, off])).log_prob
+    assert (heights[0] > heights[1:]).all()
+
+
+def test_its_slope_points_back_to_the_truth(tracked):
+    likelihood, frames = tracked
+    look, truth = likelihood.look(frames[1], frames[2]), frames[2].truth.pose
+    assert isinstance(look, SlopedLook)
+    assert look.judges
+    for seed in range(5):
+        off = np.where(np.arange(25) < 3, 0.02, 0.04) * np.random.default_rng(seed).standard_normal(25)
+        for level in range(look.levels):
+            slope = look.slope(truth + off, level)
+            assert slope.gradient @ -off > 0.0
+            assert np.linalg.eigvalsh(slope.curvature).min() > -1e-6
+        judged = look.evaluate(truth[None], (truth + off)[None]).log_prob
+        np.testing.assert_array_equal(judged, [look.slope(truth + off, look.levels - 1).log_prob])
+
+
+def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
+    likelihood, frames = tracked
+    look, truth, skeleton = likelihood.look(frames[1], frames[2]), frames[2].truth.pose, BODY.skeleton
+    off = truth.copy()
+    off[skeleton.dof("left_shoulder_flexion")] += 0.8
+    fits, misses = look.misfit(truth), look.misfit(off)
+    worse = misses / fits
+    arm = [skeleton.joint("left_shoulder"), skeleton.joint("left_elbow")]
+    assert (worse[arm] > 1.3).all()
+    assert worse[arm].min() > worse[skeleton.joint("pelvis")] > 1.0
+    np.testing.assert_allclose(worse[skeleton.joint("right_knee")], 1.0, atol=0.2)
+
+
+def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
+    frames = tracked[1]
+    likelihood = Alignment(walker.body, Clip(walker))
+    assert isinstance(likelihood, Relearning)
+    again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
+    assert again.look(None, frames[0]).judges
+    assert not likelihood.look(None, frames[0]).judges
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"blurs_px": (1.0, 2.0)}, "blurs_px must be positive and descending"),
+        ({"sigma": 0.0}, "sigma must be positive"),
+        ({"count": -1.0}, "count must be positive"),
+        ({"n_frames": 2}, "n_frames must be at least 3"),
+    ],
+)
+def test_constants_out_of_range_are_refused(walker, wrong, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Alignment(walker.body, Clip(walker), **wrong)
+
+
+def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):
+    other = replace(CAMERA, name="another")
+    frame = Frame(0, 0.0, (View(other, np.zeros(SHAPE, np.uint8)),))
+    look = Alignment(walker.body, of_frames(tracked[1][:3])).look(None, frame)
+    with pytest.raises(InputError, match="camera another was not in the clip"):
+        look.remember(np.zeros(25))

@@ -1,0 +1,59 @@
+"""Points beside the limbs, where the person should have ended."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.kinematics import JointFrames
+from workbench.body.limbs import Limbs
+
+ALONG = 12
+"""Places along a limb, at either side; around a sphere twice as many."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """points: (K, 3) in the world, m. joints: (K,) they hang on. pixels: (K, 2)."""
+
+    points: FloatArray
+    joints: IntArray
+    pixels: FloatArray
+
+
+def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
+    """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
+    limb's section counts as a circle of its mean radius."""
+    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts = np.einsum("lij,lj->li", turned, limbs.starts) + origins
+    ends = np.einsum("lij,lj->li", turned, limbs.ends) + origins
+    edges, outwards = _edges(limbs, starts, ends, camera.position)
+    metres_per_px = np.linalg.norm(edges - camera.position, axis=-1, keepdims=True) / camera.matrix[0, 0]
+    points = np.concatenate([edges + distance * metres_per_px * outwards for distance in distances_px], axis=1)
+    joints = np.repeat(limbs.joints, points.shape[1])
+    flat = points.reshape(-1, 3)
+    return Beside(flat, joints, camera.project(flat))
+
+
+def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (L, 2 ALONG, 3) of the limbs' outlines as seen from `eye`, and the directions outwards there."""
+    u = ((np.arange(ALONG) + 0.5) / ALONG)[:, None]
+    axis = starts[:, None] + (ends - starts)[:, None] * u
+    side = _unit(np.cross((ends - starts)[:, None], eye - axis))
+    low, high = limbs.radii.mean(axis=2).T[:, :, None, None]
+    radii = low + (high - low) * u
+    edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
+    outwards[:, :ALONG], outwards[:, ALONG:] = side, -side
+    balls = limbs.spheres
+    sight = _unit(eye - starts[balls])
+    across = _unit(np.cross(sight, [0.0, 0.0, 1.0]))
+    angle = np.pi * np.arange(2 * ALONG) / ALONG
+    around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
+    outwards[balls] = around
+    edges[balls] = starts[balls][:, None] + limbs.radii[balls, 0, 0][:, None, None] * around
+    return edges, outwards
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

@@ -1,0 +1,147 @@
+"""Cells of the limbs' surfaces: where they are in a pose, which of them a camera sees, and how they move with it."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.kinematics import JointFrames, descendants, world_axes
+from workbench.body.limbs import Limbs
+from workbench.body.skeleton import N_ROOT, Skeleton
+from workbench.core.residual import projection_jacobian
+
+ALONG, AROUND = 12, 24
+"""Cells of a limb, along it and once around it; a sphere has half as many in all."""
+COARSE_PX = 4
+"""Width of the squares in which the nearest cell is looked for; neighbouring cells are never farther apart."""
+THICK_M = 0.12
+"""A cell is hidden by what lies so much nearer to the camera: less is the limb itself."""
+MARGIN_PX = 3
+_N_POSITION = N_ROOT // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """S cells. points, normals: (S, 3) in their joints' frames, m. limbs, joints: (S,)."""
+
+    points: FloatArray
+    normals: FloatArray
+    limbs: IntArray
+    joints: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Cells in one pose before one camera. points: (S, 3) in the world, m. facing: (S,) cosine of the angle between
+    normal and line of sight. depth: (S,) m. pixels: (S, 2)."""
+
+    points: FloatArray
+    facing: FloatArray
+    depth: FloatArray
+    pixels: FloatArray
+
+
+def surface_cells(limbs: Limbs) -> Cells:
+    """Cover every limb with cells: a cone's evenly along it and around it, a sphere's on a spiral."""
+    parts = [_sphere(limbs, k) if limbs.spheres[k] else _cone(limbs, k) for k in range(len(limbs))]
+    points, normals = (np.concatenate(side) for side in zip(*parts, strict=True))
+    of = np.repeat(np.arange(len(limbs)), [len(part[0]) for part in parts])
+    return Cells(points, normals, of, limbs.joints[of])
+
+
+def _cone(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
+    u, angle = np.meshgrid(
+        (np.arange(ALONG) + 0.5) / ALONG, 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND, indexing="ij"
+    )
+    u, angle = u.reshape(-1, 1), angle.reshape(-1, 1)
+    radii = limbs.radii[k, 0] + (limbs.radii[k, 1] - limbs.radii[k, 0]) * u
+    circle = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    across = limbs.axes[k][:, :2]
+    outwards = circle / radii
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    return limbs.starts[k] + (limbs.ends[k] - limbs.starts[k]) * u + (circle * radii) @ across.T, outwards @ across.T
+
+
+def _sphere(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
+    n = ALONG * AROUND // 2
+    i = np.arange(n) + 0.5
+    height, turn = 1.0 - 2.0 * i / n, np.pi * (1.0 + np.sqrt(5.0)) * i
+    flat = np.sqrt(1.0 - height**2)
+    normals = np.column_stack([np.cos(turn) * flat, np.sin(turn) * flat, height])
+    return limbs.starts[k] + limbs.radii[k, 0, 0] * normals, normals
+
+
+def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
+    """Place cells in the first of some poses, given by its joints' frames."""
+    turned = frames.rotations[0][cells.joints]
+    points = np.einsum("sij,sj->si", turned, cells.points) + frames.positions[0][cells.joints]
+    towards = camera.position - points
+    facing = np.einsum("sij,sj,si->s", turned, cells.normals, towards) / np.linalg.norm(towards, axis=1)
+    seen = camera.to_camera(points)
+    return Placed(points, facing, seen[:, 2], camera.pixels(seen, 1e-6))
+
+
+def inside(pixels: FloatArray, shape: tuple[int, int]) -> BoolArray:
+    """Tell which (K,) of pixels (K, 2) lie in an image of this shape, MARGIN_PX from its edges."""
+    x, y = pixels.T
+    with np.errstate(invalid="ignore"):
+        found = (x > MARGIN_PX) & (y > MARGIN_PX) & (x < shape[1] - 1 - MARGIN_PX) & (y < shape[0] - 1 - MARGIN_PX)
+    return np.asarray(found)
+
+
+def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntArray:
+    """List the cells in the image that face the camera, by more than `least_facing`, and that no other limb hides.
+
+    Deviation from ray casting: the nearest depth is looked for in squares of COARSE_PX and their neighbours, and what
+    is less than THICK_M behind it counts as seen.
+    """
+    within = inside(cells.pixels, shape)
+    front = np.flatnonzero(within & (cells.facing > 0.0))
+    nearest = np.full((shape[0] // COARSE_PX + 1, shape[1] // COARSE_PX + 1), np.inf, dtype=np.float32)
+    x, y = (cells.pixels[front] / COARSE_PX).astype(np.int64).T
+    np.minimum.at(nearest, (y, x), np.minimum(cells.depth[front], 1e30).astype(np.float32))
+    nearest = np.asarray(cv2.erode(nearest, np.ones((3, 3), np.uint8)))
+    hidden = cells.depth[front] > nearest[y, x] + THICK_M
+    return front[~hidden & (cells.facing[front] > least_facing)]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How points of the body move with one pose of P numbers. axes, moments: (P, 3), of every turn its axis a and
+    a × o, o being a point of the axis. moves: (J, P), 1 where a number moves what hangs on a joint, else 0."""
+
+    axes: FloatArray
+    moments: FloatArray
+    moves: FloatArray
+
+    def slopes(self, points: FloatArray, forces: FloatArray, joints: IntArray) -> FloatArray:
+        """Differentiate by the pose (K, P) what changes by `forces` (K, 3), 1/m, as points (K, 3) on joints (K,) move:
+        a turn about a moves x by a × (x − o), so that f changes by a · (x × f) − f · (a × o)."""
+        slopes = _cross(points, forces) @ self.axes.T - forces @ self.moments.T
+        slopes[:, :_N_POSITION] = forces
+        return np.asarray(slopes * self.moves[joints])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a × b of (K, 3), faster than NumPy's."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.column_stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def moved_by(skeleton: Skeleton) -> FloatArray:
+    """Tell which numbers of the pose move what hangs on each joint, (J, P), 1 or 0."""
+    joint = skeleton.dof_joints
+    return (np.eye(len(skeleton.names), dtype=np.bool_) | descendants(skeleton))[joint].T.astype(np.float64)
+
+
+def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: JointFrames) -> Motion:
+    """Return how points move with a pose (P,), whose joints' frames are given."""
+    axes = world_axes(skeleton, pose[None], frames)[0]
+    return Motion(axes, np.cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
+
+
+def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> FloatArray:
+    """Turn image gradients (K, 2), 1/px, at the pixels of points (K, 3) into what they are in the world (K, 3), 1/m."""
+    return np.asarray(np.einsum("na,nab->nb", gradients, projection_jacobian(camera, points)))
