@@ -1,0 +1,67 @@
+"""The command says what fits, in sentences, and draws it."""
+
+import cv2
+import numpy as np
+import pytest
+from seen_walkers import around, seen_by
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.cli import look_at
+
+CAMERA = """[one]
+size = [1280, 960]
+matrix = [[{f}, 0.0, 639.5], [0.0, {f}, 479.5], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+rotation = {rotation}
+translation = {translation}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (camera,) = around(1)
+    rotation = cv2.Rodrigues(camera.rotation)[0].ravel().tolist()
+    words = {"f": 900.0, "rotation": rotation, "translation": camera.translation.tolist()}
+    (tmp_path / "camera.toml").write_text(CAMERA.format(**words))
+    marks = seen_by([camera]).marks[0]
+    (tmp_path / "film").mkdir()
+    rows = ["frame,joint,u,v,visible"]
+    for t in range(3):
+        cv2.imwrite(str(tmp_path / "film" / f"{t}.png"), np.full((960, 1280, 3), 60, np.uint8))
+        rows += [f"{t},{name},{u:.2f},{v:.2f},1" for name, (u, v, _) in zip(JOINT_NAMES, marks[t], strict=True)]
+    (tmp_path / "marks.csv").write_text("\n".join(rows))
+    return tmp_path
+
+
+def words(folder, marks="keypoints"):
+    files = (f"dataset.source={folder}/film", f"dataset.camera={folder}/camera.toml", "dataset.rate_hz=10")
+    return ["dataset=video", *files, f"dataset.{marks}={folder}/marks.csv", "-o", str(folder / "out")]
+
+
+@pytest.mark.parametrize("marks", ["keypoints", "start_marks", "eval_marks"])
+def test_a_video_is_looked_at_whatever_its_marks_are_for(folder, capsys, marks):
+    assert look_at.main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
+    said = capsys.readouterr().out
+    assert "the person leans by" in said
+    assert "the calibration fits; drawn in" in said
+    assert cv2.imread(str(folder / "out" / "one.png")).shape == (960, 1280, 3)
+
+
+def test_images_of_another_size_are_refused_in_one_sentence(folder, capsys):
+    (folder / "camera.toml").write_text((folder / "camera.toml").read_text().replace("1280", "640"))
+    assert look_at.main(words(folder)) == 2
+    assert "images are 1280×960" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "said"), [
+        (["seed=3"], "expected a dataset"), (["dataset=nonesuch"], "nonesuch"),
+        (["dataset=blank"], "cameras and images"),
+        (["dataset=video"], "source"),
+    ],
+)  # fmt: skip
+def test_bad_words_are_one_sentence(given, said, capsys):
+    assert look_at.main(given) == 2
+    printed = capsys.readouterr().err
+    assert said in printed
+    assert printed.count("\n") == 1

@@ -1,0 +1,89 @@
+"""Marks are kept after every change, come back when the file is opened again, and are undone one by one."""
+
+import numpy as np
+import pytest
+
+from workbench.datasets.files.marks import read_marks
+from workbench.errors import InputError
+from workbench.marking.table import mark_of, open_table
+
+
+def test_marks_are_what_the_datasets_read(tmp_path):
+    table = open_table(tmp_path / "m.csv", 9, (640, 480))
+    table.put(4, "left_knee", (100.25, 20.0, False))
+    table.put(2, "neck", (5.123, 6.0, True))
+    assert (tmp_path / "m.csv").read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
+    found = read_marks(tmp_path / "m.csv")
+    np.testing.assert_array_equal(found.frames, [2, 4])
+    assert found.at(4)[1].sum() == 0
+
+
+def test_an_opened_table_goes_on_with_the_file(tmp_path):
+    open_table(tmp_path / "m.csv", 9, (640, 480)).put(4, "left_knee", (100.25, 20.0, False))
+    again = open_table(tmp_path / "m.csv", 9, (640, 480))
+    assert again.marks == {(4, "left_knee"): (100.25, 20.0, False)}
+    assert again.undo() is None  # what was there before is not undone
+    again.put(4, "left_knee", None)
+    assert open_table(tmp_path / "m.csv", 9, (640, 480)).marks == {}
+
+
+def test_changes_are_undone_in_turn(tmp_path):
+    table = open_table(tmp_path / "m.csv", 9, (640, 480))
+    table.put(1, "neck", (1.0, 1.0, True))
+    table.put(1, "neck", (2.0, 2.0, True))
+    table.put(1, "neck", None)
+    assert [table.undo(), table.marks[1, "neck"]] == [(1, "neck"), (2.0, 2.0, True)]
+    assert [table.undo(), table.marks[1, "neck"]] == [(1, "neck"), (1.0, 1.0, True)]
+    table.undo()
+    assert table.marks == {}
+    assert table.undo() is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [
+        ((9, "neck", (1.0, 1.0, True)), "no frame 9"), ((0, "nose", (1.0, 1.0, True)), "unknown joint 'nose'"),
+        ((0, "neck", (640.0, 1.0, True)), "outside the image of 640×480"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_changes_nothing(tmp_path, change, said):
+    table = open_table(tmp_path / "m.csv", 9, (640, 480))
+    with pytest.raises(InputError, match=said):
+        table.put(*change)
+    assert not (tmp_path / "m.csv").exists()
+    assert not table.marks
+    assert not table.undoing
+
+
+def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    table = open_table(folder / "m.csv", 9, (640, 480))
+    folder.rmdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        table.put(0, "neck", (1.0, 1.0, True))
+    assert not table.marks
+    assert not table.undoing
+
+
+def test_a_file_of_another_video_is_refused(tmp_path):
+    open_table(tmp_path / "m.csv", 9, (640, 480)).put(8, "neck", (600.0, 1.0, True))
+    with pytest.raises(InputError, match="another video"):
+        open_table(tmp_path / "m.csv", 5, (640, 480))
+    with pytest.raises(InputError, match="another video"):
+        open_table(tmp_path / "m.csv", 9, (320, 240))
+    with pytest.raises(InputError, match="expected a folder"):
+        open_table(tmp_path / "none" / "m.csv", 9, (640, 480))
+
+
+@pytest.mark.parametrize(
+    "values", [
+        None, [], {}, {"frame": 0}, {"frame": "0", "joint": "neck", "u": 1, "v": 1, "visible": True},
+        {"frame": True, "joint": "neck", "u": 1, "v": 1, "visible": True},
+        {"frame": 0, "joint": "neck", "u": 1, "v": None, "visible": True},
+        {"frame": 0, "joint": "neck", "u": float("nan"), "v": 1, "visible": True},
+        {"frame": 0, "joint": "neck", "u": 1, "v": 1, "visible": 1},
+    ],
+)  # fmt: skip
+def test_other_values_are_no_mark(values):
+    with pytest.raises(InputError, match="expected"):
+        mark_of(values)

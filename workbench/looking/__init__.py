@@ -1,0 +1,1 @@
+"""Whether a calibration fits, told before anything is tracked."""
