@@ -2,24 +2,37 @@
 
 import json
 
+import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
+from workbench.cli.run import main
+from workbench.experiment.execute import execute
+from workbench.experiment.resuming import resumed
+from workbench.recording.read import checkpoints as reading
+from workbench.recording.read import earlier
+from workbench.recording.read.checkpoints import checkpoint_frames
 from workbench.recording.read.reader import read
+from workbench.recording.write import checkpoints, recorder
 
 SMALL = ("dataset.n_frames=3", "inference.n_particles=40", "dataset.width=80", "dataset.height=60")
 SMALL += ("dataset.person_px=40", "dataset.focal_px=90", "likelihood.k=0.7")
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture
-def first(run):
-    code, told, folder = run("first", "experiment=walk_circle", *SMALL)
-    assert code == 0, told
+def recorded(folder, cache, *overrides):
+    """The recording of a run that tests share."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("WORKBENCH_CACHE", str(cache))
+        patch.delenv("WORKBENCH_DATA", raising=False)
+        patch.setattr(checkpoints, "SHARE", np.inf)
+        patch.setattr("sys.argv", ["workbench", "experiment=walk_circle", *overrides, f"hydra.run.dir={folder}"])
+        assert main() == 0
     return folder / "run.rrd"
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory, cache):
+    return recorded(tmp_path_factory.mktemp("first"), cache, *SMALL)
 
 
 def test_unchanged_it_gives_the_same_bits(run, first):
@@ -74,3 +87,145 @@ def test_what_cannot_be_changed_is_a_sentence(run, first, words, told):
 def test_a_recording_that_is_not_there_is_a_sentence(run):
     done = run("second", "from=nothing.rrd")
     assert (done.code, done.err.count("\n")) == (2, 1)
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory, cache):
+    """A run of 8 frames with checkpoints of all but the last, however small its file is."""
+    return recorded(
+        tmp_path_factory.mktemp("long"), cache, "dataset.n_frames=8", *SMALL[1:], "recorder.checkpoints=true"
+    )
+
+
+def rows(path, first):
+    """Every curve that a recording has, from a frame on."""
+    found = read(path)
+    assert found.result
+    return {name: (curve.frames[curve.frames >= first], curve.values[curve.frames >= first])
+            for name, curve in found.scalars.items()}  # fmt: skip
+
+
+def assert_same_curves(path, other, first):
+    found, expected = rows(path, first), rows(other, first)
+    assert found.keys() == expected.keys()
+    for name, (frames, values) in found.items():
+        np.testing.assert_array_equal(frames, expected[name][0], name)
+        np.testing.assert_array_equal(values, expected[name][1], name)
+
+
+@pytest.mark.parametrize(("frame", "repeated"), [(2, 2), (3, 0), (6, 3)])
+def test_it_goes_on_from_a_frame_with_the_same_bits(run, long, monkeypatch, frame, repeated):
+    assert checkpoint_frames(read(long)) == [*range(7)]
+    stored = reading._memories
+    monkeypatch.setattr(reading, "_memories", lambda *words: {2: stored(*words)[2]})  # as in a file with room for one
+    code, told, folder = run("second", f"from={long}@{frame}")
+    assert code == 0, told
+    assert f"{repeated} frames are repeated before frame {frame}\n" in told
+    assert "→" not in told
+    assert "does not come out" not in told
+    assert read(folder / "run.rrd").poses[0].tolist() == list(range(frame, 8))
+    assert_same_curves(folder / "run.rrd", long, frame)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["provenance"]["parent_frame"] == frame
+    assert summary["identity"] != json.loads((long.parent / "summary.json").read_text())["identity"]
+
+
+def test_two_futures_of_one_frame(run, long):
+    code, told, folder = run("second", f"from={long}@5", "seed=3", "inference.n_particles=50", "likelihood.k=0.5")
+    assert code == 0, told
+    assert "seed: 0 → 3\n" in told
+    found, before = read(folder / "run.rrd"), read(long)
+    np.testing.assert_array_equal(found.poses[1][0], before.poses[1][5])
+    assert not (found.poses[1][1:] == before.poses[1][6:]).all(axis=1).any()
+    assert f"workbench-view {long} {folder / 'run.rrd'}" in told
+
+
+def cut_at(frame, patch):
+    """Interrupt runs at a frame."""
+
+    def cut(self, step, metrics, log=recorder.Recorder.log):
+        if step.frame.index == frame:
+            raise KeyboardInterrupt
+        log(self, step, metrics)
+
+    patch.setattr(recorder.Recorder, "log", cut)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [(), ("seed=3", "inference.n_particles=50")])
+def test_a_run_that_goes_on_from_another_can_be_gone_on_from(run, long, monkeypatch, changes):
+    _, _, second = run("second", f"from={long}@3", *changes)
+    assert checkpoint_frames(read(second / "run.rrd"))[0] == 3
+    code, told, third = run("third", f"from={second / 'run.rrd'}@6")
+    assert code == 0, told
+    assert "does not come out" not in told
+    assert read(third / "run.rrd").poses[0].tolist() == [6, 7]
+    assert_same_curves(third / "run.rrd", second / "run.rrd", 6)
+    with monkeypatch.context() as patch:
+        cut_at(6, patch)
+        code, _, cut = run("cut", f"from={long}@3", *changes)
+    assert code == 130
+    code, told, fourth = run("fourth", f"from={cut}")
+    assert code == 0, told
+    assert read(fourth / "run.rrd").poses[0].tolist() == [5, 6, 7]
+    assert_same_curves(fourth / "run.rrd", second / "run.rrd", 5)
+
+
+@pytest.mark.slow
+def test_one_without_checkpoints_cannot_and_says_so(run, long):
+    _, _, second = run("second", f"from={long}@5", "recorder.checkpoints=false")
+    done = run("third", f"from={second / 'run.rrd'}@6")
+    assert done.code == 2
+    assert "itself goes on from frame 5" in done.err
+
+
+def test_a_run_that_was_cut_off_goes_on_from_what_is_on_disk(run, long, monkeypatch):
+    with monkeypatch.context() as patch:
+        cut_at(6, patch)
+        code, _, folder = run("cut", f"from={long}")
+    assert code == 130
+    code, told, whole = run("second", f"from={folder}")
+    assert code == 0, told
+    assert read(whole / "run.rrd").poses[0].tolist() == [5, 6, 7]
+    assert_same_curves(whole / "run.rrd", long, 5)
+
+
+def test_a_run_that_was_cut_off_becomes_the_whole_run(long, tmp_path, monkeypatch):
+    config, part = OmegaConf.create(read(long).config), tmp_path / "earlier.rrd.part"
+    monkeypatch.setattr(checkpoints, "SHARE", np.inf)
+    with monkeypatch.context() as patch:
+        cut_at(6, patch)
+        with pytest.raises(KeyboardInterrupt):
+            execute(config, "walk_circle", tmp_path, quiet=True)
+    (tmp_path / "run.rrd.part").rename(part)
+    found = resumed(config, [part])
+    assert (found.frame, found.skipped) == (5, 5)
+    summary = execute(config, "walk_circle", tmp_path, quiet=True, continued=found)
+    assert_same_curves(tmp_path / "run.rrd", long, 0)
+    assert dict(read(tmp_path / "run.rrd").result) == dict(read(long).result)
+    assert summary.identity == json.loads((long.parent / "summary.json").read_text())["identity"]
+    assert summary.provenance["continued"] == f"{read(part).properties['run']['id']}@5"
+    assert checkpoint_frames(read(tmp_path / "run.rrd")) == [*range(7)]
+    assert read(tmp_path / "run.rrd").marginals.frames.tolist() == [*range(8)]
+
+    assert resumed(config, []) is None
+    assert "configuration" in resumed(OmegaConf.merge(config, {"seed": 1}), [part])
+    monkeypatch.setattr(earlier, "checkpoint_frames", lambda run: [])
+    assert "no checkpoint" in resumed(config, [part])
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("{run}@8", "0 to 7, not 8"),
+        ("{folder}", "the run is complete"),
+        ("{run}@5 prior=smooth", "columns"),
+        ("{run}@5 inference=backward_simulation", "cannot go on from a frame"),
+        ("{run}@5 dataset.first_frame=1", "began with frame 0"),
+        ("nothing.rrd@5", "no such recording"),
+    ],
+)
+def test_where_it_cannot_go_on_it_says_why(run, long, source, words):
+    done = run("second", *f"from={source.format(run=long, folder=long.parent)}".split())
+    assert done.code == 2
+    assert words in done.err

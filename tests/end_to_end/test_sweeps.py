@@ -10,11 +10,14 @@ import time
 from collections import Counter
 
 import numpy as np
+import psutil
 import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
+from workbench.errors import InputError
 from workbench.experiment.schema import prepare_hydra
+from workbench.recording.read.earlier import earlier
 from workbench.recording.read.reader import read
 from workbench.sweep import plan
 from workbench.sweep.job import alone, read_summary, run_apart
@@ -45,11 +48,13 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     code, told, status = sweep(*same, f"hydra.sweep.dir={folder}")
     assert (code, status) == (1, {0: "failed", 1: "complete", 2: "complete"})
     assert f"{folder / '0'}: InputError: seed must be zero or a positive whole number, found -1" in told
+    pids = [summary["pid"] for _, summary in sorted(summaries(folder).items())]
+    assert pids[1] == pids[2] != pids[0]  # after a job that ended well the process takes the next
     rows = [line.split() for line in told.splitlines() if line.endswith(("seed=-1", "seed=0", "seed=1"))]
-    assert [(row[0], row[1], row[4:]) for row in rows] == [
-        ("0", "failed", ["2", "seed=-1"]),
-        ("1", "complete", ["1", "seed=0"]),
-        ("2", "complete", ["0", "seed=1"]),
+    assert [(row[0], row[1], row[4], row[-1]) for row in rows] == [
+        ("0", "failed", "2", "seed=-1"),
+        ("1", "complete", "1", "seed=0"),
+        ("2", "complete", "0", "seed=1"),
     ]
     code, told, _ = sweep(*same, f"hydra.sweep.dir={folder}")
     assert code == 2
@@ -65,6 +70,7 @@ def test_a_failed_job_is_named_and_only_what_is_not_complete_is_run_again(tmp_pa
     assert after[2]["metrics"]["error_abs_mm"] == before[2]["metrics"]["error_abs_mm"]
 
 
+@pytest.mark.slow
 def test_no_job_begins_after_one_has_failed_where_that_is_asked_for(tmp_path, sweep):
     same = ("seed=0,-1,1", *TINY, "sweep.fail_fast=true")
     code, told, status = sweep(*same, f"hydra.sweep.dir={tmp_path / 'sweep'}")
@@ -73,11 +79,39 @@ def test_no_job_begins_after_one_has_failed_where_that_is_asked_for(tmp_path, sw
     assert not (tmp_path / "sweep" / "2" / "run.rrd").exists()
 
 
+@pytest.mark.slow
+def test_a_run_that_is_lost_ends_early_and_counts_as_ended(tmp_path, sweep):
+    lost = ("dataset.n_frames=12", *TINY[1:], "body=height", "body.height_m=1.2", "sweep.stop_when=times_lost>0")
+    folder = tmp_path / "sweep"
+    code, told, status = sweep(*lost, f"hydra.sweep.dir={folder}")
+    assert (code, status) == (0, {0: "stopped"})
+    assert summaries(folder)[0]["stopped"] == "times_lost>0 in frame 5"
+    recorded = read(folder / "0" / "run.rrd")
+    assert (recorded.status, recorded.properties["run"]["stopped"]) == ("stopped", "times_lost>0 in frame 5")
+    assert recorded.poses[0].tolist() == [*range(6)]
+    code, told, _ = sweep(*lost, f"sweep.resume={folder}")
+    assert code == 0
+    assert told.count("  kept  ") == 1
+    code, _, status = sweep(*lost[:-1], f"sweep.resume={folder}")  # nothing stops it now
+    assert (code, status) == (0, {0: "complete"})
+
+
+@pytest.mark.slow
+def test_a_sweep_is_halved_over_frames(tmp_path, sweep):
+    tried = ("inference.n_particles=10,20,30", *TINY[2:], "sweep.halving=[2,3]")
+    code, told, _ = sweep(*tried, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert code == 0, told
+    first, second = (summaries(tmp_path / "sweep" / name) for name in ("round_0", "round_1"))
+    errors = {job: summary["metrics"]["error_abs_mm"] for job, summary in first.items()}
+    assert list(second) == [min(errors, key=errors.get)]
+    assert [summary["metrics"]["frames"] for summary in (*first.values(), *second.values())] == [2.0, 2.0, 2.0, 3.0]
+
+
 def test_a_killed_job_is_tried_again_as_often_as_is_said(tmp_path, monkeypatch):
     ends = iter(["killed by SIGKILL", "killed by SIGTERM", None])
     tried = []
 
-    def run_once(config, experiment, folder, output, lock):
+    def run_once(config, experiment, folder, output, lock, stop):
         tried.append(error := next(ends))
         status = "complete" if error is None else "failed"
         (folder / "summary.json").write_text(json.dumps({"status": status, "error": error, "metrics": {}}))
@@ -85,12 +119,14 @@ def test_a_killed_job_is_tried_again_as_often_as_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "run_apart", run_once)
     job = OmegaConf.create({"runtime": {"output_dir": str(tmp_path)}, "job": {"num": 0, "name": "job"}, "sweeper": {}})
     keys = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "retries": 1}
+    keys |= {"stop_when": None}
     plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
     assert tried == ["killed by SIGKILL", "killed by SIGTERM"]
     plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
     assert tried[2:] == [None]
 
 
+@pytest.mark.slow
 def test_a_grown_sweep_runs_only_what_is_new(tmp_path, sweep):
     """Of two keys, so that the jobs' numbers change: (1, 2) × (0, 1) becomes (1, 2) × (0, 1, 2)."""
     folder, other = tmp_path / "sweep", tmp_path / "other"
@@ -122,14 +158,16 @@ def test_a_grown_sweep_runs_only_what_is_new(tmp_path, sweep):
 
 @pytest.mark.slow
 def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
-    code, _, _ = sweep("seed=3", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    """Also where its process has run others before, of other parts."""
+    code, _, _ = sweep("prior=smooth,walking", "seed=2,3", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
     assert code == 0
+    assert len({summary["pid"] for summary in summaries(tmp_path / "sweep").values()}) == 1
     code, _, alone_folder = run("alone", "seed=3", *TINY)
     assert code == 0
-    recorded = [read(folder / "run.rrd") for folder in (tmp_path / "sweep" / "0", alone_folder)]
+    recorded = [read(folder / "run.rrd") for folder in (tmp_path / "sweep" / "3", alone_folder)]
     np.testing.assert_array_equal(*(each.poses[1] for each in recorded))
     assert recorded[0].config == recorded[1].config
-    assert summaries(tmp_path / "sweep")[0]["identity"] == read_summary(alone_folder)["identity"]
+    assert summaries(tmp_path / "sweep")[3]["identity"] == read_summary(alone_folder)["identity"]
 
 
 @pytest.mark.parametrize(
@@ -138,6 +176,8 @@ def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
         (["hydra.sweep.subdir=${seed}"], "hydra.sweep.subdir"),
         (["sweep.resume=no_such_sweep"], "no_such_sweep"),
         (["sweep.jobs=[2]"], "expected numbers below 2"),
+        (["sweep.stop_when=often"], "sweep.stop_when"),
+        (["sweep.halving=[5,2]"], "rising"),
         (["inference.n_particle=3"], "n_particle"),
     ],
 )
@@ -236,6 +276,65 @@ def test_six_of_eight_jobs_complete_and_resume_runs_the_other_two(tmp_path, need
     after = summaries(sweep)
     assert {job for job in after if after[job]["started"] != before[job]["started"]} == {3, 5}
     assert all(summary["status"] == "complete" for summary in after.values())
+
+
+@pytest.mark.slow
+def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_goes_on_with_it(tmp_path):
+    """SIGTERM reaches the main process alone, as from a service manager; joblib would kill its workers' jobs."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    sweep, told, environment = tmp_path / "sweep", tmp_path / "told.txt", {**os.environ, "PYTHONUNBUFFERED": "1"}
+    environment["WORKBENCH_CACHE"] = str(tmp_path / "cache")
+    same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=600", "recorder.checkpoints=true")
+    same += ("dataset.n_frames=200", *LONGER[1:], "threads=1")
+    command = [sys.executable, "-m", "workbench", "-m", *JOBLIB, *same, "seed=range(4)"]
+    with told.open("w") as out, subprocess.Popen(
+        [*command, f"hydra.sweep.dir={sweep}"], cwd=tmp_path, env=environment, stdout=out, stderr=subprocess.STDOUT
+    ) as process:  # fmt: skip
+        job = wait_for(
+            lambda: next((str(k) for k in range(4) if goes_on(sweep / str(k))), ""), lambda: process.poll() is None
+        )
+        process.send_signal(signal.SIGTERM)
+        asked = time.monotonic()
+    assert process.returncode == 128 + signal.SIGTERM, told.read_text()
+    assert time.monotonic() - asked < 30.0
+    ended = summaries(sweep)
+    assert not any(at_work(summary["pid"]) for summary in ended.values())
+    assert (ended[int(job)]["status"], ended[int(job)]["error"]) == ("interrupted", "Asked: SIGTERM")
+    assert {summary["status"] for summary in ended.values()} <= {"interrupted", "complete"}
+    assert f"{sweep / job}: interrupted by SIGTERM" in told.read_text()
+    assert all(f"{sweep / str(k)}: never begun" in told.read_text() for k in range(4) if k not in ended)
+    assert f"sweep.resume={sweep}" in told.read_text()
+
+    again = subprocess.run(
+        [*command, f"sweep.resume={sweep}", f"sweep.jobs=[{job}]"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert again.returncode == 0, again.stderr
+    assert "(went on from frame" in again.stdout
+    assert not (sweep / job / ".before").exists()
+    whole = [sys.executable, "-m", "workbench", *same, f"seed={job}", f"hydra.run.dir={tmp_path / 'whole'}"]
+    assert subprocess.run(whole, cwd=tmp_path, env=environment, check=False).returncode == 0
+    runs = [read(folder / "run.rrd") for folder in (tmp_path / "whole", sweep / job)]
+    assert [len(run.poses[0]) for run in runs] == [200, 200]
+    for name, curve in runs[0].scalars.items():
+        np.testing.assert_array_equal(curve.values, runs[1].scalars[name].values, name)
+    assert dict(runs[0].result) == dict(runs[1].result)
+
+
+def at_work(pid):
+    """Whether a process is there that is not merely waiting to be counted as gone."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def goes_on(folder):
+    """Whether enough of a run has reached the disk to go on with it."""
+    try:
+        return earlier(read(folder / "run.rrd.part")) is not None
+    except (InputError, KeyError):  # not there, or not yet
+        return False
 
 
 def first_running(sweep, jobs):

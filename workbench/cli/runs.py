@@ -4,14 +4,15 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from io import TextIOWrapper
 from pathlib import Path
 
+from workbench.catalog.entry import Entry
+from workbench.catalog.index import entries
+from workbench.catalog.listing import as_csv, as_json, best_first, sort, sweeps, table
+from workbench.catalog.query import Condition, chosen, condition
 from workbench.errors import InputError
-from workbench.report.tables import text
-from workbench.runs.entry import Entry
-from workbench.runs.index import entries
-from workbench.runs.listing import as_csv, as_json, best_first, sort, sweeps, table
-from workbench.runs.query import Condition, chosen, condition
+from workbench.report.tables import printable, text
 
 HOME = ("recordings/runs", "recordings/sweeps")
 FEW = 40
@@ -21,14 +22,21 @@ FEW = 40
 def main(argv: Sequence[str] | None = None) -> int:
     """Returns 0, 2 after an error, which is printed, or what the viewer or the report returns."""
     arguments = _parser().parse_intermixed_args(argv)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text at all
     try:
         return _act(arguments)
     except InputError as error:
-        print(f"workbench-runs: {error}", file=sys.stderr)
+        tell(str(error))
         return 2
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def tell(sentence: str) -> None:
+    """Say a sentence beside what is printed, in one line whatever names are in it."""
+    print(f"workbench-runs: {printable(sentence)}", file=sys.stderr)
 
 
 def _act(arguments: argparse.Namespace) -> int:
@@ -38,11 +46,17 @@ def _act(arguments: argparse.Namespace) -> int:
         return _restore(arguments.restore)
     if arguments.changes is not None:
         return _changes(arguments.changes)
+    if arguments.watch is not None:
+        return _watch(arguments.watch)
     places, conditions = _read(arguments.query)
     found = sort(chosen(entries(*places), conditions), arguments.sort)
     columns = arguments.columns.split(",") if arguments.columns else None
     if arguments.view is not None:
         return _view(found if arguments.sort else best_first(found), arguments.view)
+    if arguments.gallery or arguments.serve:
+        from workbench.cli import gallery
+
+        return gallery.show(found, serve=arguments.serve)
     if arguments.report:
         from workbench.cli import report  # here, as a query does without
 
@@ -84,11 +98,12 @@ def _list(found: Sequence[Entry], columns: Sequence[str] | None, every: bool) ->
         print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
     for entry in few:
         if entry.status == "unreadable":
-            print(f"workbench-runs: {entry.error}", file=sys.stderr)
+            tell(entry.error)
 
 
 def _recordings(found: Sequence[Entry]) -> list[str]:
     recordings = [entry.recording for entry in found if entry.recording is not None]
+    recordings = [os.path.abspath(path) if path.startswith("-") else path for path in recordings]  # no option
     if not recordings:
         raise InputError("no run fits that has a recording")
     return recordings
@@ -103,11 +118,12 @@ def _view(found: Sequence[Entry], n: str) -> int:
 
 
 def _diff(first: str, second: str) -> int:
-    from workbench.runs.difference import difference
+    from workbench.catalog.difference import difference
 
     a, b = _one(first), _one(second)
     found = difference(a, b)
-    print(f"A: {a.path}\nB: {b.path}\n{text(found) if found.rows else 'nothing differs but where and when'}")
+    print(f"A: {printable(a.path)}\nB: {printable(b.path)}")
+    print(text(found) if found.rows else "nothing differs but where and when")
     return 0
 
 
@@ -122,26 +138,37 @@ def _one(place: str) -> Entry:
 
 
 def _restore(place: str) -> int:
+    from workbench.catalog.restore import restore
     from workbench.recording.read.reader import read
-    from workbench.runs.restore import restore
 
     commands, gone = restore(read(_recordings([_one(place)])[0]), Path(__file__).parents[2])
     print("\n".join(commands))
     for sentence in gone:
-        print(f"workbench-runs: {sentence}", file=sys.stderr)
+        tell(sentence)
     return 0
 
 
 def _changes(place: str) -> int:
     from workbench.recording.read.reader import read
 
-    print(read(_recordings([_one(place)])[0]).provenance.get("difference", ""), end="")
+    changes = str(read(_recordings([_one(place)])[0]).provenance.get("difference", ""))
+    lines = changes.split("\n")
+    print("\n".join(map(printable, lines)) if sys.stdout.isatty() else changes, end="")
     return 0
+
+
+def _watch(place: Path) -> int:
+    from workbench.sweep.watch import watch, watched
+
+    try:
+        return watch(watched(place))
+    except KeyboardInterrupt:
+        return 130
 
 
 def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Namespace) -> int:
     """Say what would be done and how large it is, and do it where that was said twice."""
-    from workbench.runs import tidy
+    from workbench.catalog import tidy
 
     if not found:
         raise InputError("no run fits")
@@ -154,7 +181,7 @@ def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Na
     if not arguments.yes:
         sizes = [tidy.bytes_of(entry) for entry in found]
         for entry, size in zip(found, sizes, strict=True):
-            print(f"{_size(size):>9}  {entry.status:<11}  {entry.path}")
+            print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}")
         print(f"{len(found)} runs, {_size(sum(sizes))}: would be {what}; nothing was done, --yes does it")
         return 0
     print(f"{len(found)} runs {what}, {_size(_sum(act, found))} won")
@@ -162,7 +189,7 @@ def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Na
 
 
 def _removed(entry: Entry) -> int:
-    from workbench.runs import tidy
+    from workbench.catalog import tidy
 
     size = tidy.bytes_of(entry)
     tidy.remove(entry)
@@ -197,10 +224,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", action="store_true", help="everything that is known of the runs")
     parser.add_argument("--csv", action="store_true", help="the columns, or all numbers")
     parser.add_argument("--view", metavar="N", nargs="?", const="1", help="open the best N (1), or all, in the viewer")
+    parser.add_argument("--gallery", action="store_true", help="show them as cards in the viewer, with pictures")
+    parser.add_argument(
+        "--serve", action="store_true", help="as --gallery, but open no viewer: say what opens one, here and elsewhere"
+    )
     parser.add_argument("--report", action="store_true", help="hand them to workbench-report")
     parser.add_argument("--diff", metavar=("A", "B"), nargs=2, help="what differs between two runs")
     parser.add_argument("--restore", metavar="RUN", help="the commands that bring a run's code and configuration back")
     parser.add_argument("--changes", metavar="RUN", help="how its code differed from its commit, for git apply")
+    parser.add_argument("--watch", metavar="SWEEP", type=Path, help="follow a sweep started elsewhere until it is done")
     parser.add_argument("--archive", metavar="FILE.tar.gz", type=Path, help="pack them into a file; they stay")
     parser.add_argument("--slim", action="store_true", help="leave out images, keep numbers; tells what, --yes does it")
     parser.add_argument("--rm", action="store_true", help="delete them; tells what, --yes does it")

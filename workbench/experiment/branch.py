@@ -1,6 +1,8 @@
-"""A new run from what a recording was made with: `workbench from=RUN.rrd seed=3 prior=smooth`."""
+"""A new run from what a recording was made with, `workbench from=RUN.rrd seed=3 prior=smooth`, from its first frame or,
+`from=RUN.rrd@120`, from one of those recorded."""
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -10,6 +12,7 @@ from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.errors import InputError
+from workbench.experiment.continuing import Continued
 from workbench.experiment.execute import execute
 from workbench.experiment.parts import GROUPS, options
 from workbench.experiment.provenance import Command
@@ -23,14 +26,17 @@ log = logging.getLogger(__name__)
 
 _FOLDER = "hydra.run.dir="
 _ALWAYS_OURS = ("paths.", "threads", "recorder.live", "check.", "given")
+_NO_CHANGE = (*_ALWAYS_OURS, "recorder.")
+"""What begins so changes nothing of what comes out."""
 
 
 def branch(arguments: Sequence[str]) -> Summary:
     """Run the configuration that `from=RUN.rrd` names with the other arguments, and say what differs.
 
-    A key replaces the recorded one; a group's option, such as prior=smooth, puts in that part as the recorded
-    experiment has it today. The run goes where others go, or to hydra.run.dir=FOLDER. Raises InputError for what cannot
-    be changed.
+    `from=RUN.rrd@120` goes on from that frame, and `from=FOLDER`, of a run that was cut off, from the last that is on
+    the disk; see `Continued`. A key replaces the recorded one; a group's option, such as prior=smooth, puts in that
+    part as the recorded experiment has it today. The run goes where others go, or to hydra.run.dir=FOLDER. Raises
+    InputError for what cannot be changed or continued.
     """
     sources = [text.removeprefix("from=") for text in arguments if text.startswith("from=")]
     if len(sources) != 1 or any(text.startswith("-") for text in arguments):
@@ -38,16 +44,52 @@ def branch(arguments: Sequence[str]) -> Summary:
     folders = [text.removeprefix(_FOLDER) for text in arguments if text.startswith(_FOLDER)]
     overrides = [text for text in arguments if not text.startswith(("from=", _FOLDER, "parts="))]
     prepare_hydra()
-    run = read(sources[0])
-    config, command = branched(run, overrides)
+    run, frame = source(sources[0])
+    continued = None if frame is None else continued_at(run, frame, overrides)
+    config, command = branched(run, overrides, frame)
     experiment = command.choices.get("experiment", "custom")
     for sentence in changes(run.settings, OmegaConf.to_container(config, resolve=True)):
         log.info(sentence)
     usual = Path("recordings", "runs", experiment, f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}")
-    return execute(config, experiment, Path(folders[-1]) if folders else usual, command=command)
+    folder = Path(folders[-1]) if folders else usual
+    if folder.resolve() == run.path.resolve().parent:
+        raise InputError(f"{folder}: holds the run that is gone on from; choose another by {_FOLDER}FOLDER")
+    summary = execute(config, experiment, folder, command=command, continued=continued)
+    if continued is not None:
+        log.info("both under one cursor: workbench-view %s %s", run.path, summary.recording)
+    return summary
 
 
-def branched(run: Run, overrides: Sequence[str]) -> tuple[DictConfig, Command]:
+def source(text: str) -> tuple[Run, int | None]:
+    """Read what stands after `from=`: the run, and the frame to go on from; None to begin anew.
+
+    Raises InputError for a folder without a recording, or of a complete run without a frame.
+    """
+    at = None if Path(text).exists() else re.fullmatch(r"(.+)@(\d+)", text)
+    place, frame = (Path(at[1]), int(at[2])) if at else (Path(text), None)
+    if not place.is_dir():
+        return read(place), frame
+    found = [path for name in ("run.rrd.part", "run.rrd") if (path := place / name).is_file()]
+    if not found:
+        raise InputError(f"{place}: expected run.rrd or run.rrd.part in it, found neither")
+    run = read(found[0])
+    if frame is None and run.status == "complete":
+        raise InputError(f"{place}: the run is complete; from={run.path} starts it anew, from={run.path}@FRAME goes on")
+    if frame is None and not len(run.poses[0]):
+        raise InputError(f"{run.path}: expected a frame to go on from, found none; from={run.path} starts anew")
+    return run, int(run.poses[0][-1]) if frame is None else frame
+
+
+def continued_at(run: Run, frame: int, overrides: Sequence[str]) -> Continued:
+    """Go on from a frame of a run with these overrides; raises InputError for a frame that it does not have."""
+    places = [text for text in overrides if text.startswith("paths.")]
+    was, now = (branched(run, each)[0] for each in (places, overrides))
+    first: Any = OmegaConf.to_container(was, resolve=True)
+    changed = bool(changes(first, OmegaConf.to_container(now, resolve=True), _NO_CHANGE))
+    return Continued(run, frame, was, changed)
+
+
+def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tuple[DictConfig, Command]:
     """The recorded configuration with overrides, and what stands for it as a command; see `branch`."""
     chosen = {group: name for group, _, name in (text.partition("=") for text in overrides) if group in GROUPS}
     keys = [text for text in overrides if text.partition("=")[0] not in chosen]
@@ -55,14 +97,14 @@ def branched(run: Run, overrides: Sequence[str]) -> tuple[DictConfig, Command]:
     recorded = _choices(run)
     parts = {group: _today(recorded, chosen, keys)[group] for group in chosen}
     config = runnable(run, keys, own, parts)
-    identity = str(run.properties["run"].get("id", ""))
-    return config, Command([f"from={run.path}", *overrides], {**recorded, **chosen}, parent=identity)
+    identity, at = str(run.properties["run"].get("id", "")), "" if frame is None else f"@{frame}"
+    return config, Command([f"from={run.path}{at}", *overrides], {**recorded, **chosen}, identity, frame)
 
 
-def changes(was: Mapping[str, Any], now: Any) -> list[str]:
-    """A sentence for every key that differs, but for where things are."""
+def changes(was: Mapping[str, Any], now: Any, but: tuple[str, ...] = _ALWAYS_OURS) -> list[str]:
+    """A sentence for every key that differs, but for those that begin so, by default with where things are."""
     first, second = dict(leaves(was)), dict(leaves(now))
-    names = [name for name in dict.fromkeys([*first, *second]) if not name.startswith(_ALWAYS_OURS)]
+    names = [name for name in dict.fromkeys([*first, *second]) if not name.startswith(but)]
     return [
         f"{name}: {first.get(name, 'not there')} → {second.get(name, 'not there')}"
         for name in names

@@ -22,19 +22,23 @@ CUT = "\n# cut off here: the difference is longer than what is kept\n"
 
 @dataclass(frozen=True)
 class Command:
-    """What was said on the command line. overrides: as they stand there. choices: the option chosen, by group.
+    """What was said on the command line. overrides: as they stand there. choices: the option chosen, by group. said:
+    what was said in Python instead, where no command says it.
 
-    parent: the recording that the run branched off, by its run's id; empty where it did not.
+    parent: the recording that the run branched off, by its run's id; empty where it did not. parent_frame: the frame
+    from which it goes on; None where it began anew.
     """
 
     overrides: Sequence[str] = ()
     choices: Mapping[str, str] = field(default_factory=dict)
     parent: str = ""
+    parent_frame: int | None = None
+    said: str = ""
 
     @property
     def line(self) -> str:
-        """The command, which a shell takes."""
-        return shlex.join(["workbench", *self.overrides])
+        """The command, which a shell takes, or what was said in Python."""
+        return self.said or shlex.join(["workbench", *self.overrides])
 
 
 def command_of(folder: Path) -> Command:
@@ -51,8 +55,8 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
     """Say what a run comes from, as flat values that are never empty.
 
     commit, changed, difference: see `code_state`. lock: SHA-256 of requirements.lock. inputs: "name sha256" of every
-    file, folder or database that the configuration names. command, parent: see `Command`. choices: "group=option". What
-    is not known is left out. Raises InputError for an input that cannot be read.
+    file, folder or database that the configuration names. command, parent, parent_frame: see `Command`. choices:
+    "group=option". What is not known is left out. Raises InputError for an input that cannot be read.
     """
     root = Path(__file__).parents[2]
     found: dict[str, Any] = dict(code_state(root))
@@ -62,7 +66,8 @@ def provenance(config: DictConfig, command: Command) -> dict[str, Any]:
     parts: dict[str, Any] = {"inputs": inputs, "command": command.line if command.overrides or command.choices else ""}
     groups = [group for group in command.choices if group != "when" and not group.startswith("hydra")]
     parts |= {"choices": [f"{group}={command.choices[group]}" for group in groups], "parent": command.parent}
-    return found | {name: value for name, value in parts.items() if value}
+    found |= {name: value for name, value in parts.items() if value}
+    return found | ({} if command.parent_frame is None else {"parent_frame": command.parent_frame})
 
 
 @cache

@@ -15,12 +15,16 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment.identity import identity
-from workbench.sweep.job import KILLED, alone, read_summary, run_apart, write_failure
+from workbench.sweep.job import KILLED, alone, put_back, read_summary, run_apart, write_failure
+from workbench.sweep.process import STOP_WHEN
 from workbench.sweep.reuse import RECORDING, set_aside, take_over
+from workbench.sweep.stopping import stop_when
 
 SUBDIR = "${hydra.job.num}"
 FAILED = ".failed"
 """In a sweep's folder: the number of a job that has failed since the sweep began."""
+ENDING = ".ending"
+"""In a sweep's folder: a sign that whoever started the jobs was asked to end, and that no more are to begin."""
 ERRORS = ("error_abs_mm", "error_px")
 """What a sweep minimises where its configuration names no metric: the first of these that a run has."""
 
@@ -62,6 +66,10 @@ def plan_of(config: DictConfig) -> Plan:
     for key in ("resume", "reuse"):
         if (place := config.sweep[key]) is not None and not Path(place).is_dir():
             raise InputError(f"sweep.{key}: expected the folder of an earlier sweep, found no {place}")
+    if config.sweep.stop_when is not None:
+        stop_when(config.sweep.stop_when)
+    if config.sweep.halving is not None:
+        raise InputError("sweep.halving: expected on the command line, found in a file")
     if config.sweep.retries < 0:
         raise InputError(f"sweep.retries: expected 0 or more, found {config.sweep.retries}")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
@@ -83,9 +91,10 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
     """Run one job, unless it is complete and to be kept; returns the metric of its run, for a tuner to minimise.
 
     sweep: the configuration's keys of that name, which `config` is without. settings: Hydra's for this job. The job
-    works in a process of its own and whatever becomes of it is in its summary.json; one that did not complete, or came
-    to no finite number, returns the worst there is. One that was killed is tried again sweep.retries times; with
-    sweep.fail_fast none begins after one has failed. Raises InputError when the run has no number called sweep.metric.
+    works in a process of its own and whatever becomes of it is in its summary.json; one that did not complete, was
+    stopped, or came to no finite number, returns the worst there is. One that was killed is tried again
+    sweep.retries times; with sweep.fail_fast none begins after one has failed. Raises InputError when the run has no
+    number called sweep.metric.
     """
     folder = Path(settings.runtime.output_dir)
     if sweep.jobs is None or settings.job.num in sweep.jobs:
@@ -96,8 +105,13 @@ def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: An
     complete = summary.get("status") == "complete"
     metric = metric_of(summary["metrics"], sweep.metric) if complete else None
     if metric is None and (sweep.metric is not None or not complete):
-        return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
+        return worst(settings.sweeper)
     return metric
+
+
+def worst(sweeper: DictConfig) -> float:
+    """The worst number for a tuner, of a job that came to none."""
+    return -math.inf if "maximize" in str(sweeper.get("direction")) else math.inf
 
 
 def _attempt(config: DictConfig, sweep: DictConfig, experiment: str, folder: Path, output: Path, lock: int) -> None:
@@ -107,9 +121,13 @@ def _attempt(config: DictConfig, sweep: DictConfig, experiment: str, folder: Pat
         write_failure(folder, f"not begun, as job {failed.read_text()} failed and sweep.fail_fast is true", nothing)
         return
     summary: dict[str, Any] = {}
-    for _ in range(1 + sweep.retries):
+    for k in range(1 + sweep.retries):
+        if k or sweep.resume is not None:
+            put_back(folder, sweep.stop_when)
+        if (folder.parent / ENDING).is_file():
+            return
         try:
-            run_apart(config, experiment, folder, output, lock)
+            run_apart(config, experiment, folder, output, lock, sweep.stop_when)
         except OmegaConfBaseException as error:  # a configuration that cannot be resolved
             write_failure(folder, f"{type(error).__name__}: {error}", nothing)
         summary = read_summary(folder) or {}
@@ -141,11 +159,18 @@ def _kept(config: DictConfig, sweep: DictConfig, folder: Path) -> bool:
     except (InputError, OmegaConfBaseException):  # the run itself will say so
         return False
     summary = read_summary(folder) or {}
-    if summary.get("status") == "complete" and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
+    ended = summary.get("status") == "complete" or (summary.get("status") == "stopped" and _stopped_so(folder, sweep))
+    if ended and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
         os.utime(folder / "summary.json")
         return True
     set_aside(folder)
     return take_over(wanted, folder, places)
+
+
+def _stopped_so(folder: Path, sweep: DictConfig) -> bool:
+    """Whether the run in a folder was stopped by the condition that would stop it now."""
+    written = folder / STOP_WHEN
+    return written.is_file() and written.read_text() == (sweep.stop_when or "")
 
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:

@@ -5,18 +5,21 @@ from pathlib import Path
 from rerun.chunk import Chunk, ChunkStore, OptimizationProfile, RrdReader
 
 from workbench.recording.read.reader import Run
+from workbench.recording.write.file import CHOICES, SETTINGS
 from workbench.recording.write.scene import ESTIMATE, TRUTH
 
 _PEOPLE = tuple(f"/{who}/{what}" for who in (ESTIMATE, TRUTH) for what in ("joints", "skeleton"))
 _KEPT = ("/__properties/", "/posterior/marginals", "/activity/", "/note", "/log", *_PEOPLE)
 _CURVES = ("/metrics/", "/estimate/", "/flexion/")
+_FLAT = tuple(f"/__properties/{name}" for name in (SETTINGS, CHOICES))
 
 
 def condense(run: Run, path: Path) -> None:
     """Write a complete run to `path` with every number that is compared, and stick figures to look at.
 
     Images, bodies, particles, bands over time, the looks of curves and the drawings of a study's figures, most of a
-    run's bytes, are left out. The blueprint goes too: the viewer lays such a recording out by itself.
+    run's bytes, are left out; so is the configuration key by key, half a kilobyte each, which is there as YAML. The
+    blueprint goes too: the viewer lays such a recording out by itself.
     """
     kept = [chunk for chunk in RrdReader(run.path).store().stream().to_chunks() if _is_kept(chunk)]
     store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
@@ -29,6 +32,8 @@ def is_condensed(run: Run) -> bool:
 
 
 def _is_kept(chunk: Chunk) -> bool:
+    if chunk.entity_path in _FLAT:
+        return False
     if chunk.entity_path.startswith("/figures/"):
         return "kind" in chunk.to_record_batch().schema.names  # of a figure's numbers; its drawing has no kind
     if chunk.entity_path.startswith(_CURVES):

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from workbench.catalog.entry import Entry
 from workbench.errors import InputError
-from workbench.runs.entry import Entry
 
 Value = str | float | None
 OWN = ("status", "experiment", "seed", "started", "size", "path", "sweep", "error")

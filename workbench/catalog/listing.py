@@ -3,15 +3,16 @@
 import json
 from collections.abc import Sequence
 
+from workbench.catalog.entry import Entry
+from workbench.catalog.query import check_keys, shown, value_of
 from workbench.report.tables import Table, comma_separated
 from workbench.report.variation import flat, label, what_varied
-from workbench.runs.entry import Entry
-from workbench.runs.query import check_keys, shown, value_of
 
 ERRORS = ("error_abs_mm", "error_px")
 USUAL = ("path", "started", "status", "experiment", "varied", "seed", *ERRORS, "coverage_90")
 VARIED = "varied"
 """The column of what tells the runs listed from one another."""
+_LONGEST = 80
 _NUMBERS = frozenset((*ERRORS, "coverage_90", "seed", "size"))
 
 
@@ -39,12 +40,17 @@ def table(entries: Sequence[Entry], columns: Sequence[str] | None) -> Table:
     names = list(USUAL if columns is None else columns)
     check_keys(entries, [name for name in names if name != VARIED and columns is not None])
     told = varied(entries) if VARIED in names else []
-    rows = [[told[k] if name == VARIED else shown(value_of(entry, name)) for name in names]
+    rows = [[_cut(name, told[k] if name == VARIED else shown(value_of(entry, name))) for name in names]
             for k, entry in enumerate(entries)]  # fmt: skip
     if columns is None:
         full = [k for k, name in enumerate(names) if name == "path" or any(row[k] for row in rows)]
         names, rows = [names[k] for k in full], [[row[k] for k in full] for row in rows]
-    return Table(tuple(names), tuple(map(tuple, rows)), _NUMBERS)
+    return Table(tuple(_cut("", name) for name in names), tuple(map(tuple, rows)), _NUMBERS)
+
+
+def _cut(name: str, cell: str) -> str:
+    """A cell as long as a line can take; a path is whole, as it may be typed again."""
+    return cell if len(cell) <= _LONGEST or name == "path" else f"{cell[: _LONGEST - 1]}…"
 
 
 def varied(entries: Sequence[Entry]) -> list[str]:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+from workbench.catalog.entry import Entry
 from workbench.report.tables import Table, number
-from workbench.runs.entry import Entry
 
 _PLACES = ("paths.", "threads", "recorder.", "seed")
+_LONGEST = 60
 _HEADER = ("what", "key", "A", "B", "B − A")
 
 
@@ -23,7 +24,7 @@ def difference(first: Entry, second: Entry) -> Table:
 def _texts(what: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> list[tuple[str, ...]]:
     keys = list(dict.fromkeys([*first, *second]))
     pairs = [(key, _text(first, key), _text(second, key)) for key in keys]
-    return [(what, key, a, b, "") for key, a, b in pairs if a != b]
+    return [(what, _short(key), a, b, "") for key, a, b in pairs if a != b]
 
 
 def _origin(entry: Entry) -> dict[str, Any]:
@@ -38,11 +39,14 @@ def _numbers(first: Mapping[str, float], second: Mapping[str, float]) -> list[tu
     keys = list(dict.fromkeys([*first, *second]))
     nan = float("nan")
     pairs = [(key, first.get(key, nan), second.get(key, nan)) for key in keys]
-    return [("result", key, number(a), number(b), number(b - a)) for key, a, b in pairs if a != b]
+    return [("result", _short(key), number(a), number(b), number(b - a)) for key, a, b in pairs if a != b]
 
 
 def _text(values: Mapping[str, Any], key: str) -> str:
     if key not in values:
         return "–"
-    text = " ".join(str(values[key]).split())
-    return text if len(text) <= 60 else f"{text[:57]}…"
+    return _short(" ".join(str(values[key]).split()))
+
+
+def _short(words: str) -> str:
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"

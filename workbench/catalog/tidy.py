@@ -4,14 +4,15 @@ import os
 import shutil
 import tarfile
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from workbench.catalog.entry import Entry, entry_of_folder
+from workbench.catalog.index import runs_in
 from workbench.errors import InputError
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.read.reader import read
-from workbench.runs.entry import Entry
-from workbench.runs.index import runs_in
 
 BASELINES = "baselines"
 
@@ -34,9 +35,13 @@ def check_movable(entries: Iterable[Entry], places: Sequence[Path]) -> None:
 
 
 def bytes_of(entry: Entry) -> int:
-    """All that a run takes on the disk."""
-    path = Path(entry.path)
-    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+    """All that a run takes on the disk; nothing of what another command removes meanwhile."""
+    below = [os.path.join(folder, name) for folder, _, files in os.walk(entry.path) for name in files]
+    sizes = list[int]()
+    for file in below if os.path.isdir(entry.path) else [entry.path]:
+        with suppress(FileNotFoundError):
+            sizes.append(os.lstat(file).st_size)
+    return sum(sizes)
 
 
 def slim(entry: Entry) -> int:
@@ -47,12 +52,13 @@ def slim(entry: Entry) -> int:
     if entry.status != "complete" or entry.recording is None:
         return 0
     path = Path(entry.recording)
-    run, before = read(path), path.stat().st_size
+    run = read(path)
     if is_condensed(run):
         return 0
     with whole_file(path) as part:
         condense(run, part)
-    return before - path.stat().st_size
+        won = path.stat().st_size - part.stat().st_size
+    return won
 
 
 def archive(entries: Sequence[Entry], file: Path) -> None:
@@ -70,15 +76,23 @@ def archive(entries: Sequence[Entry], file: Path) -> None:
 
 
 def remove(entry: Entry) -> None:
-    """Delete a run's folder, or its recording where that lies by itself; see `check_movable`, to be asked first."""
+    """Delete a run's folder, or its recording where that lies by itself; see `check_movable`, to be asked first.
+
+    Raises InputError for one that cannot be removed, or that has begun to run again since.
+    """
     path = Path(entry.path)
-    try:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-    except OSError as error:
-        raise InputError(f"{error.filename or path}: cannot be removed: {error.strerror}") from None
+    while path.exists():
+        try:
+            if path.is_dir():
+                if entry_of_folder(path).status == "running":
+                    raise InputError(f"{path}: expected a run that has ended, found one at work")
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        except FileNotFoundError:  # another command is removing it, too
+            continue
+        except OSError as error:
+            raise InputError(f"{error.filename or path}: cannot be removed: {error.strerror}") from None
 
 
 def _within(path: Path, place: Path) -> bool:
@@ -86,6 +100,6 @@ def _within(path: Path, place: Path) -> bool:
     return real != root and real.is_relative_to(root) if root.is_dir() else real == root
 
 
-def _runs_inside(folder: Path) -> list[Path]:
+def _runs_inside(folder: Path) -> list[str]:
     """Find the runs below a run's own folder, which should be none."""
-    return [run for inner in sorted(folder.iterdir()) if inner.is_dir() for run in runs_in(inner)]
+    return [run for run in runs_in(folder) if run != str(folder)]

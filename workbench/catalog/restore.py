@@ -2,17 +2,22 @@
 
 import hashlib
 import os
+import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from workbench.errors import InputError
 from workbench.experiment.identity import input_files
 from workbench.experiment.provenance import CUT, has_commit
 from workbench.experiment.summary import versions
 from workbench.recording.read.reader import Run
+
+_COMMIT = re.compile("[0-9a-f]{7,64}")
 
 
 def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
@@ -21,7 +26,7 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
     The difference of the code is taken out of the recording again by `workbench-runs --changes`.
     """
     origin, commands = run.provenance, list[str]()
-    if commit := str(origin.get("commit", "")):
+    if commit := _commit(origin):
         folder = f"../{root.name}-{commit[:9]}"
         commands.append(f"git worktree add {shlex.quote(folder)} {commit}")
         commands.append(f"cd {shlex.quote(folder)}")
@@ -29,19 +34,36 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
             recording = shlex.quote(os.path.relpath(run.path.resolve(), root.parent / folder.removeprefix("../")))
             commands.append(f"workbench-runs --changes {recording} | git apply")
         commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
-    command = str(origin.get("command", ""))
-    if command:
-        program = ".venv/bin/workbench" if commit else "workbench"
-        commands.append(f"{program}{command.removeprefix('workbench')}")
+    if words := _command(origin):
+        commands.append(shlex.join([".venv/bin/workbench" if commit else "workbench", *words[1:]]))
     else:
         commands.append(f"workbench-check {shlex.quote(str(run.path))}")
-    return commands, [*_gone(origin, root, bool(command)), *_inputs(run)]
+    return commands, [*_gone(origin, root), *_inputs(run)]
 
 
-def _gone(origin: Any, root: Path, has_command: bool) -> Iterator[str]:
-    if not has_command:
-        yield "no command was recorded: the recorded configuration is run again and compared"
-    if not (commit := str(origin.get("commit", ""))):
+def _commit(origin: Mapping[str, Any]) -> str:
+    """The recorded commit; empty where none was recorded, or something else, which no shell is to be given."""
+    commit = str(origin.get("commit", ""))
+    return commit if _COMMIT.fullmatch(commit) else ""
+
+
+def _command(origin: Mapping[str, Any]) -> list[str]:
+    """The words of the recorded command; none where it is not one line that starts the workbench."""
+    command = str(origin.get("command", ""))
+    try:
+        words = shlex.split(command)
+    except ValueError:
+        return []
+    return words if words[:1] == ["workbench"] and command.isprintable() else []
+
+
+def _gone(origin: Mapping[str, Any], root: Path) -> Iterator[str]:
+    if not _command(origin):
+        none = "the recorded command is none of the workbench's" if origin.get("command") else "no command was recorded"
+        yield f"{none}: the recorded configuration is run again and compared"
+    if origin.get("difference"):
+        yield "the code's difference comes with the recording: read it (--changes) before it is applied and run"
+    if not (commit := _commit(origin)):
         yield "which code made it is not known: it was installed without a clone, or is older than that was recorded"
     elif not has_commit(root, commit):
         yield f"commit {commit[:9]} is not in this clone: fetch it first"
@@ -59,7 +81,11 @@ def _gone(origin: Any, root: Path, has_command: bool) -> Iterator[str]:
 def _inputs(run: Run) -> Iterator[str]:
     """Tell which inputs are gone, or are not what they were."""
     told = run.provenance.get("inputs") or []
-    today = input_files(OmegaConf.create(run.settings))
+    try:
+        today = input_files(OmegaConf.create(run.settings))
+    except (InputError, OmegaConfBaseException, AttributeError, TypeError, ValueError) as error:
+        yield f"its inputs cannot be told: {' '.join(str(error).split())[:200]}"
+        return
     for each in [told] if isinstance(told, str) else told:
         name, _, digest = str(each).rpartition(" ")
         if name not in today:

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from run_folders import leave, leave_sweep, summary
 
+from workbench.catalog import index
+from workbench.catalog.entry import entry_of_folder
+from workbench.catalog.index import INDEX, entries
 from workbench.errors import InputError
-from workbench.runs import index
-from workbench.runs.entry import entry_of_folder
-from workbench.runs.index import INDEX, entries
 
 PID_NEVER = 2**22 + 1  # above what Linux gives
 
@@ -62,6 +62,37 @@ def test_an_index_that_is_broken_is_made_again(root, content):
     (root / INDEX).write_text(content)
     assert entries(root) == first
     assert len(json.loads((root / INDEX).read_text())["runs"]) == 13
+
+
+@pytest.mark.parametrize(
+    "told",
+    [{"path": "/elsewhere"}, {"recording": "/elsewhere/run.rrd"}, {"metrics": {"error_abs_mm": "1"}}, {"settings": 3},
+     {"choices": {"prior": 1}}, {"unknown": 1}],
+)  # fmt: skip
+def test_what_an_index_says_that_is_not_of_its_run_is_read_again(root, told):
+    first = entries(root)
+    index = json.loads((root / INDEX).read_text())
+    for _, fields, names in index["runs"].values():
+        fields |= told
+        names[:] = []  # of what is shared nothing is left to say
+    (root / INDEX).write_text(json.dumps(index))
+    assert entries(root) == first
+
+
+def test_what_all_runs_have_in_common_is_written_once(root):
+    leave(root / "other", settings={"seed": 0}, provenance={})
+    first = entries(root)
+    assert (root / INDEX).read_text().count("edges") == 1
+    assert entries(root) == first
+
+
+def test_a_run_that_another_command_removes_meanwhile_is_not_there(root, monkeypatch):
+    def gone(folder):
+        shutil.rmtree(folder)
+        return entry_of_folder(folder)
+
+    monkeypatch.setattr(index, "entry_of_folder", gone)
+    assert entries(root / "sweeps") == []
 
 
 def test_an_index_that_was_moved_with_its_folder_is_made_again(root):

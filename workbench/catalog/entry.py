@@ -4,13 +4,16 @@ import json
 import os
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.report.variation import leaves
+from workbench.recording.settings import choices_of, leaves
 
 SUMMARY = "summary.json"
 RECORDINGS = ("run.rrd", "run.rrd.part")
@@ -48,22 +51,44 @@ class Entry:
         return asdict(self)
 
 
+_TYPES: Mapping[str, tuple[type, ...]] = {
+    "path": (str,), "status": (str,), "recording": (str, NoneType), "experiment": (str,), "seed": (int, NoneType),
+    "started": (str,), "choices": (dict,), "settings": (dict,), "metrics": (dict,), "origin": (dict,), "sweep": (str,),
+    "size": (int,), "error": (str,),
+}  # fmt: skip
+
+
+def entry_kept(path: str, fields: Mapping[str, Any]) -> Entry | None:
+    """The entry of these fields, as an index keeps them; None where they are not those of a run at this path."""
+    if fields.keys() != _TYPES.keys() or not all(isinstance(fields[name], _TYPES[name]) for name in _TYPES):
+        return None
+    entry = Entry(**fields)
+    places = (None, path, *(f"{path}/{name}" for name in RECORDINGS))
+    numbers, texts = entry.metrics.values(), entry.choices.values()
+    whole = all(isinstance(value, float) for value in numbers) and all(isinstance(word, str) for word in texts)
+    return entry if whole and entry.path == path and entry.recording in places else None
+
+
 def entry_of_folder(folder: Path) -> Entry:
-    """A run's folder, by its summary.json; without one that can be read the entry is `unreadable`."""
-    recording = next((folder / name for name in RECORDINGS if (folder / name).is_file()), None)
+    """A run's folder, by its summary.json; without one that can be read the entry is `unreadable`.
+
+    Raises FileNotFoundError for a folder that is not there any more.
+    """
     known: dict[str, Any] = {"path": str(folder), "sweep": str(folder.parent) if folder.name.isdecimal() else ""}
-    if recording is not None:
-        known |= {"recording": str(recording), "size": recording.stat().st_size}
+    for recording in map(folder.joinpath, reversed(RECORDINGS)):
+        with suppress(FileNotFoundError):  # a run that ends just now gives its recording another name
+            known |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         return Entry(**known, **_of_summary(summary))
     except (OSError, *_NO_SUMMARY) as error:
+        folder.stat()  # raises where all of it is gone
         reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
         return Entry(**known, status="unreadable", error=reason[:300])
 
 
 def entry_of_recording(path: Path) -> Entry:
-    """A recording that lies by itself, such as a baseline."""
+    """A recording that lies by itself, such as a baseline; raises FileNotFoundError for one that is not there."""
     from workbench.recording.read.reader import read  # here, as an index seldom needs it and it takes long to import
 
     known: dict[str, Any] = {"path": str(path), "recording": str(path), "size": path.stat().st_size}
@@ -74,6 +99,7 @@ def entry_of_recording(path: Path) -> Entry:
         summary = {
             "status": run.status, "experiment": origin.get("experiment", ""), "seed": origin.get("seed"),
             "provenance": origin, "settings": run.settings, "metrics": numbers,
+            "verdict": run.properties.get("verdict"),
         }  # fmt: skip
         return Entry(**known, **_of_summary(summary))
     except (InputError, *_NO_SUMMARY) as error:
@@ -83,17 +109,18 @@ def entry_of_recording(path: Path) -> Entry:
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
     """The fields that summary.json tells of; raises one of _NO_SUMMARY for what is none."""
     origin = dict(summary.get("provenance") or {})
-    choices = origin.pop("choices", None) or []
-    words = [choices] if isinstance(choices, str) else choices  # of one word a recording makes no list
+    words = origin.pop("choices", None) or []
     origin.pop("difference", None)
-    metrics = {str(name): float(value) for name, value in summary["metrics"].items() if value is not None}
+    numbers = {str(name): float(value) for name, value in summary["metrics"].items() if value is not None}
+    metrics = {name: value for name, value in numbers.items() if isfinite(value)}
+    origin |= {"verdict": str((summary.get("verdict") or {}).get("kind", ""))} if summary.get("verdict") else {}
     seed = summary.get("seed")
     return {
         "status": _status(summary),
         "experiment": str(summary.get("experiment", "")),
         "seed": None if seed is None else int(seed),
         "started": _iso(str(summary.get("started", ""))),
-        "choices": dict(str(word).partition("=")[::2] for word in words),
+        "choices": choices_of(words),
         "settings": dict(leaves(summary.get("settings") or {})),
         "metrics": metrics,
         "origin": origin | {"identity": summary.get("identity") or origin.get("identity", "")},

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from run_folders import leave, leave_sweep
 
+from workbench.catalog.index import entries
+from workbench.catalog.query import chosen, condition, value_of
 from workbench.errors import InputError
-from workbench.runs.index import entries
-from workbench.runs.query import chosen, condition, value_of
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,40 @@
+"""The condition that ends a run early, such as `times_lost>0`."""
+
+import operator
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from workbench.errors import InputError
+
+_ORDERS: Mapping[str, Callable[[float, float], bool]] = {
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "=": operator.eq,
+}  # fmt: skip
+_CONDITION = re.compile(r"\s*([\w./-]+?)\s*(<=|>=|<|>|=)\s*(\S+)\s*")
+
+
+@dataclass(frozen=True)
+class StopWhen:
+    """A number of the run so far, one of `Summary.metrics`, compared with a bound."""
+
+    name: str
+    sign: str
+    bound: float
+
+    def __call__(self, metrics: Mapping[str, float]) -> bool:
+        """Tell whether it holds; what is not there yet, or not a number, holds nothing."""
+        return self.name in metrics and _ORDERS[self.sign](metrics[self.name], self.bound)
+
+    def __str__(self) -> str:
+        return f"{self.name}{self.sign}{self.bound:g}"
+
+
+def stop_when(text: str) -> StopWhen:
+    """Read `name<number`; raises InputError for anything else."""
+    if match := _CONDITION.fullmatch(text):
+        name, sign, bound = match.groups()
+        try:
+            return StopWhen(name, sign, float(bound))
+        except ValueError:
+            pass
+    raise InputError(f"sweep.stop_when: expected a number of the run and a bound, such as times_lost>0, found {text!r}")

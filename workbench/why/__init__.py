@@ -1,0 +1,1 @@
+"""Why a person was lost: what would have held them."""
