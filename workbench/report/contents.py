@@ -20,12 +20,13 @@ _COLUMNS = ("group", "n", "people", "mean", "sd of people", "sd of runs", f"{LEV
 class Contents:
     """summary: sentences about what was read. problems: a sentence for each run that does not count.
 
-    extremes: every group's best and worst run. divided: tables of a
+    verdicts: what the runs of every group came to. extremes: every group's best and worst run. divided: tables of a
     protocol's runs. chief, others: tables by metric, what everybody asks for and the rest.
     """
 
     summary: tuple[str, ...]
     problems: tuple[str, ...]
+    verdicts: tuple[str, Table] | None
     extremes: tuple[str, Table] | None
     divided: tuple[tuple[str, Table], ...]
     chief: tuple[tuple[str, Table], ...]
@@ -39,6 +40,7 @@ def contents(grouping: Grouping) -> Contents:
     return Contents(
         summary=_summary(grouping),
         problems=grouping.problems,
+        verdicts=_verdicts(grouping.groups),
         extremes=_extremes(grouping.groups),
         divided=tuple(divided({group.label: group.runs for group in grouping.groups})),
         chief=tuple(_metric_table(grouping.groups, name) for name in chief),
@@ -93,6 +95,19 @@ def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
             rows.append((group.label, str(each.n), str(each.people), number(each.mean), *spread, interval))
     title = f"{metric}: {CHIEF[metric]}" if metric in CHIEF else metric
     return title, Table(_COLUMNS, tuple(rows), frozenset(_COLUMNS[1:]))
+
+
+def _verdicts(groups: Sequence[Group]) -> tuple[str, Table] | None:
+    """Count the verdicts of every group's runs, with the sentence of the first of each; None where no run has one."""
+    rows = []
+    for group in groups:
+        told = [run.properties.get("verdict") or {} for run in group.runs]
+        kinds = Counter(str(each["kind"]) for each in told if "kind" in each)
+        for kind, n in kinds.most_common():
+            example = next(str(each["sentence"]) for each in told if each.get("kind") == kind)
+            rows.append((group.label, kind, str(n), example))
+    header = ("group", "verdict", "runs", "such as")
+    return ("verdicts", Table(header, tuple(rows), frozenset(("runs",)))) if rows else None
 
 
 def _extremes(groups: Sequence[Group]) -> tuple[str, Table] | None:

@@ -31,7 +31,12 @@ CHIEF: dict[str, str] = {
 """The metrics that a person asks for first, with what they are and their units."""
 HEADLINES = ("error_abs_mm", "error_px")
 """What runs are ranked by: the first that any of them has; less is better."""
-STATUS = {"failed": "failed", "running": "cut off or still running"}
+STATUS = {
+    "failed": "failed",
+    "interrupted": "interrupted",
+    "running": "cut off or still running",
+    "stopped": "ended early by sweep.stop_when",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +78,8 @@ class Grouping:
             for run in group.incomplete:
                 again = "; a complete one is there" if _same(run, group.runs) else ""
                 status = STATUS.get(run.status, run.status)
+                if condition := run.properties["run"].get("stopped"):
+                    status = f"{status}, {condition}"
                 found.append(f"{group.label}, seed {seed_of(run)}: {status}, not counted{again} ({run.path})")
             found += [
                 f"{group.label}, seed {seed_of(run)}: recorded more than once, not counted again ({run.path})"

@@ -49,6 +49,8 @@ def terminal(found: Contents) -> str:
     if found.problems:
         parts.append("\n".join(("not counted or missing:", *(f"- {problem}" for problem in found.problems))))
     parts += [f"{title}\n{text(table)}" for title, table in (*found.chief, *found.divided)]
+    if found.verdicts:
+        parts.append(f"{found.verdicts[0]}\n{text(found.verdicts[1])}")
     if found.extremes:
         parts.append(f"{found.extremes[0]}\n{text(found.extremes[1])}")
     return "\n".join(map(printable, "\n\n".join(parts).split("\n")))
@@ -63,6 +65,8 @@ def as_markdown(title: str, found: Contents, pictures: list[Picture]) -> str:
     parts += [
         f"## {picture.title}\n\n![{picture.title}]({picture.name}.png)\n\n{picture.caption}" for picture in pictures
     ]
+    if found.verdicts:
+        parts.append(f"## {_capital(escaped(found.verdicts[0]))}\n\n{markdown(found.verdicts[1])}")
     if found.extremes:
         parts.append(f"## {_capital(escaped(found.extremes[0]))}\n\n{markdown(found.extremes[1])}")
     for heading, tables in (("Metrics", found.chief), ("Divided", found.divided), ("Other metrics", found.others)):
@@ -82,6 +86,8 @@ def as_page(title: str, found: Contents, pictures: list[Picture]) -> str:
         data = base64.b64encode(picture.png).decode("ascii")
         image = f'<img alt="{html.escape(picture.title)}" src="data:image/png;base64,{data}">'
         parts.append(f"<figure>{image}<figcaption>{html.escape(picture.caption)}</figcaption></figure>")
+    if found.verdicts:
+        parts.append(f"<h2>{html.escape(_capital(found.verdicts[0]))}</h2>\n{markup(found.verdicts[1])}")
     if found.extremes:
         parts.append(f"<h2>{html.escape(_capital(found.extremes[0]))}</h2>\n{markup(found.extremes[1])}")
     if found.chief:

@@ -2,11 +2,10 @@
 
 import csv
 import html
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
-
-import numpy as np
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class Table:
 
 def number(value: float) -> str:
     """Write four significant digits, or all of them before the point; a dash for what is not known."""
-    if not np.isfinite(value):
+    if not math.isfinite(value):
         return "–"
     if abs(value) < 1e-12:  # nothing, or what rounding leaves of it
         return "0"
@@ -79,5 +78,5 @@ def comma_separated(header: Sequence[str], rows: Sequence[Sequence[object]]) -> 
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)
     for row in rows:
-        writer.writerow(["" if isinstance(cell, float) and not np.isfinite(cell) else cell for cell in row])
+        writer.writerow(["" if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row])
     return file.getvalue()

@@ -2,9 +2,11 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from workbench.recording.settings import leaves as leaves
 
 TARGET = "._target_"
 EXPERIMENT = "experiment"
@@ -36,15 +38,6 @@ def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[st
     return {
         name for name in names if all(row.get(name, seed) == seed for row, seed in zip(settings, seeds, strict=True))
     }
-
-
-def leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Go through a nested configuration as dotted keys with their values."""
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from leaves(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", value
 
 
 def what_varied(settings: Sequence[Settings]) -> Variation:

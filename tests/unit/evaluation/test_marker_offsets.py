@@ -48,6 +48,17 @@ def test_planted_offsets_are_found_and_leave_no_error():
     )
     lengths = {f"offset_{name}_mm": 1e3 * np.linalg.norm(PLANTED[j]) for j, name in enumerate(SKELETON.names) if j}
     assert measure.lengths_mm == pytest.approx(lengths)
+    assert measure.removed_mm["error_abs_offsets_removed_mm"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_is_left_without_offsets_is_what_changes():
+    poses = np.tile(standing(), (N_FRAMES, 1))
+    shaken = markers(poses)
+    shaken[::2, 1:] += [0.01, 0.0, 0.0]  # so that the medians lie half-way, as half of the frames do either
+    measure, _ = measured(poses, shaken)
+    assert measure.removed_mm == pytest.approx(
+        {"error_abs_offsets_removed_mm": 5.0, "error_rel_offsets_removed_mm": 5.0}
+    )
 
 
 def test_outliers_in_fewer_than_half_of_the_frames_do_not_matter():

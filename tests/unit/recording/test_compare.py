@@ -202,13 +202,16 @@ def test_a_condensed_recording_keeps_every_number_and_no_picture(made, tmp_path)
 
 def test_a_condensed_study_keeps_its_figures_without_drawings(tmp_path):
     curves = Curves("page/f", np.arange(3.0), {"a": np.array([1.0, np.nan, 3.0])}, "x", "y")
-    with RecordingFile(tmp_path / "study.rrd", run_id="s", config_yaml="", provenance=VERSIONS) as recording:
+    labels = {"config_yaml": "seed: 1", "settings": {"seed": 1}, "provenance": VERSIONS}
+    with RecordingFile(tmp_path / "study.rrd", run_id="s", **labels) as recording:
         bars = Bars("b", np.arange(2.0), np.ones(2), "x")
         record_study(recording, StudyResult({"error": 1.0}, (curves, bars), "a note"))
     study = read(tmp_path / "study.rrd")
     condense(study, tmp_path / "kept.rrd")
     kept = read(tmp_path / "kept.rrd")
     assert [figure.name for figure in kept.figures] == ["page/f", "b"]
+    assert study.properties["settings"] == {"seed": 1.0}
+    assert (kept.settings, "settings" in kept.properties) == ({"seed": 1}, False)
     assert all(finding.passed for finding in compare(study, kept, {}))
     assert kept.note == "a note"
     assert "EncodedImage:blob" in components(study.path) - components(kept.path)

@@ -116,3 +116,28 @@ def test_a_parameter_that_never_moves():
 def test_histogram_counts_outliers_in_the_outermost_bins():
     mass = histogram(np.array([-9.0, 0.1, 0.2, 0.9, 7.0]), np.array([0.1, 0.2, 0.3, 0.15, 0.25]), np.linspace(0, 1, 5))
     assert mass == pytest.approx([0.6, 0.0, 0.0, 0.4])
+
+
+def test_what_goes_on_from_a_picture_shows_the_earlier_frames_to_the_width_of_a_bin():
+    """The mass below each end of a bin, which the picture of all frames at once has too, within two of its bins."""
+    frames = list(drifting(12))
+    whole, first, then = Marginals(2, 16), Marginals(2, 16), Marginals(2, 16)
+    for frame in frames:
+        whole.add(*frame)
+    for frame in frames[:8]:
+        first.add(*frame)
+    then.take_over(*first.picture())
+    for frame in frames[8:]:
+        then.add(*frame)
+    low, high, log_mass = then.picture()
+    assert log_mass.shape == (2, 16, 12)
+    for k in range(2):
+        ends, of_all = (
+            np.linspace(low[k], high[k], 17)[1:],
+            np.linspace(*(end[k] for end in whole.picture()[:2]), 17)[1:],
+        )
+        reach = 2.0 * max(ends[1] - ends[0], of_all[1] - of_all[0])
+        for t, (values, weights) in enumerate(frames):
+            below = np.exp(log_mass[k, :, t]).cumsum()
+            least, most = ((weights * (values[:, k] < ends[:, None] + side * reach)).sum(axis=1) for side in (-1, 1))
+            assert ((least - 0.01 < below) & (below < most + 0.01)).all()

@@ -1,7 +1,11 @@
 """Many recordings at once, and what a `Run` tells of one."""
 
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +13,10 @@ import rerun as rr
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
+from workbench.cli.check import main as check
+from workbench.cli.export import main as export
+from workbench.cli.report import main as report
+from workbench.cli.view import main as view
 from workbench.errors import InputError
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import find_recordings, open_runs, read
@@ -99,8 +107,8 @@ def test_settings_are_the_configuration_as_plain_values(recorded):
 
 def test_nothing_is_looked_up_for_a_stranger_s_configuration(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "42")
-    found = configured(tmp_path / "run.rrd", "seed: ${oc.env:SECRET}\n")
-    assert found.settings == {"seed": "${oc.env:SECRET}"}
+    found = configured(tmp_path / "run.rrd", "name: ${oc.env:SECRET}\n")
+    assert found.settings == {"name": "${oc.env:SECRET}"}
 
 
 BOMB = "a: &a [x, x]\n" + "".join(
@@ -136,12 +144,55 @@ def test_a_newer_format_is_refused(tmp_path, version):
         read(tmp_path / "run.rrd")
 
 
-def test_what_reading_does_not_survive_is_found_by_another_process(recorded, tmp_path, monkeypatch):
-    strange = tmp_path / "strange.rrd"  # a run of ours by its properties, whose body no reader understands
+@pytest.fixture
+def strange(tmp_path):
+    """A run of ours by its properties, whose body no reader understands."""
+    path = tmp_path / "strange.rrd"
     stream = rr.RecordingStream("other", recording_id="strange")
-    stream.set_sinks(rr.FileSink(strange))
+    stream.set_sinks(rr.FileSink(path))
     for name, values in (("run", {"status": "complete"}), ("body", {"joints": 3})):
         stream.send_property(name, rr.AnyValues(**values))
     stream.flush()
     stream.disconnect()
-    assert fatal([recorded, strange, FORMAT_1]) == {strange}
+    return path
+
+
+def test_a_body_that_no_reader_understands_is_refused_in_a_sentence(recorded, strange):
+    with pytest.raises(InputError, match=r"strange\.rrd: property body\.joints: expected texts, found 3"):
+        read(strange)
+    assert fatal([recorded, strange, FORMAT_1]) == set()
+
+
+def test_what_reading_does_not_survive_is_found_by_another_process(monkeypatch):
+    """Which says a word for every file until it ends, and another goes on behind the one that it ended of."""
+
+    def until_b(command, *, input, **_):
+        names = input.split(b"\0")
+        told = names[: names.index(b"b")] if b"b" in names else names
+        return SimpleNamespace(stdout=b"".join(b"damaged\n" if name == b"d" else b"read\n" for name in told))
+
+    monkeypatch.setattr("workbench.recording.read.probe.subprocess.run", until_b)
+    assert fatal([Path(name) for name in "abcde"]) == {Path("b"), Path("d")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [check, report, view, export])
+def test_every_command_names_what_reading_does_not_survive(strange, command, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: {Path(path) for path in paths})
+    arguments = [strange, tmp_path / "out.csv"] if command is export else [strange]
+    code = command([str(argument) for argument in arguments])
+    told = " ".join("".join(capsys.readouterr()).split())
+    assert code == (0 if command is report else 2)
+    assert "strange.rrd" in told
+    assert "Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    ("reading", "outcome"), [("bytearray(10**11)", (b"damaged", 0)), ("time.sleep(60)", (b"", -signal.SIGALRM))]
+)
+def test_reading_takes_so_much_memory_and_time_and_no_more(recorded, reading, outcome):
+    code = "import pathlib, time, workbench.recording.read.probe as probe; probe._LONGEST_S = 1\n"
+    code += f"probe.read_all = lambda path: {reading}\nprobe.main([pathlib.Path({str(recorded)!r})])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.stdout.strip(), done.returncode) == outcome, done.stderr

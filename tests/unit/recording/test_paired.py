@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from recording_steps import BODY, SPACE, errors, steps
+from scipy import stats
 
-from workbench.recording.compare.paired import LEVEL, compare_paired, flip_test, paired_interval
+from workbench.recording.compare.paired import compare_paired, differences, flip_test, holm, p_of_mean, paired_interval
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 
@@ -17,11 +18,35 @@ def share(check, n=1000):
 
 @pytest.mark.parametrize("n", [2, 8])
 def test_an_unchanged_mean_fails_as_often_as_its_level(n):
-    def fails(rng):
-        differences = rng.standard_normal(n)
-        return abs(differences.mean()) > paired_interval(differences, 0.05)[0]
+    assert share(lambda rng: p_of_mean(rng.standard_normal(n)) <= 0.05, 4000) == pytest.approx(
+        0.05, abs=3.0 * np.sqrt(0.05 * 0.95 / 4000)
+    )
 
-    assert share(fails, 4000) == pytest.approx(0.05, abs=3.0 * np.sqrt(0.05 * 0.95 / 4000))
+
+@pytest.mark.parametrize("n", [3, 8, 16])
+def test_an_unchanged_count_fails_at_most_as_often(n):
+    """Of which a few differences are often equal, so that Student's test would call them sure."""
+    assert share(lambda rng: p_of_mean(rng.choice([-1.0, 0.0, 0.0, 1.0], n)) <= 0.05, 400) <= 0.05 + 3.0 * 0.011
+
+
+def test_rounding_is_no_difference():
+    was = np.array([1.0, 40.0, 0.0])
+    np.testing.assert_array_equal(differences(was, was * (1.0 + 1e-12)), 0.0)
+    assert differences(was, was + 1e-6).all()
+    assert p_of_mean(np.zeros(4)) == 1.0
+    assert p_of_mean(np.full(4, 0.02)) == 0.0
+
+
+def test_holms_correction_refuses_more_than_bonferronis_and_no_more_than_it_may():
+    assert holm(np.array([0.04, 0.012, 0.3, 0.016]), 0.05).tolist() == [False, True, False, True]
+    assert holm(np.array([0.02, 0.02]), 0.05).tolist() == [True, True]
+
+    def wrong(rng):  # a third is true, and numbers hang together
+        z = 0.8 * rng.standard_normal() + 0.6 * rng.standard_normal(30)
+        z[:20] += 5.0
+        return holm(2.0 * stats.norm.sf(np.abs(z)), 0.05)[20:].any()
+
+    assert share(wrong, 2000) <= 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 2000)
 
 
 @pytest.mark.parametrize("n", [6, 16])
@@ -31,8 +56,7 @@ def test_the_smallest_change_is_found_as_often_as_is_said(n):
     _, smallest = paired_interval(np.tile([-1.0, 1.0], n // 2), 0.01)
 
     def found(rng):
-        differences = smallest + spread * rng.standard_normal(n)
-        return abs(differences.mean()) > paired_interval(differences, 0.01)[0]
+        return p_of_mean(smallest + spread * rng.standard_normal(n)) <= 0.01
 
     assert 0.90 < share(found, 4000) < 0.99
 
@@ -72,11 +96,11 @@ def made(tmp_path_factory):
 
 def test_equal_runs_pass_and_moved_ones_fail_with_what_would_have_been_found(made):
     was = [made(f"was{k}", 40.0 + 10.0 * k) for k in range(4)]
-    same = compare_paired(was, was, 2)
+    (same,) = compare_paired([(was, was)])
     assert {finding.quantity for finding in same} == {"error_abs_mm", "frames", "error_abs_mm in frames"}
     assert all(finding.passed for finding in same)
     now = [made(f"now{k}", 40.0 + 10.0 * k + 1.0 + 0.01 * k) for k in range(4)]
-    found = {finding.quantity: finding for finding in compare_paired(was, now, 2)}
+    found = {finding.quantity: finding for finding in compare_paired([(was, now)])[0]}
     assert not found["error_abs_mm"].passed  # by 1 mm, a tenth of what seeds differ by
     assert "by +1.02 ±" in found["error_abs_mm"].detail
     assert found["frames"].passed
@@ -85,6 +109,5 @@ def test_equal_runs_pass_and_moved_ones_fail_with_what_would_have_been_found(mad
 
 def test_a_number_that_is_gone_or_not_finite_fails(made):
     was, now = [made(f"a{k}", 40.0 + k) for k in range(2)], [made("b0", float("nan")), made("b1", 41.0)]
-    found = {finding.quantity: finding for finding in compare_paired(was, now, 2)}
+    found = {finding.quantity: finding for finding in compare_paired([(was, now)])[0]}
     assert found["error_abs_mm"].detail == "not a finite number in every run"
-    assert LEVEL == 0.05

@@ -1,6 +1,8 @@
 """Recordings read back: whole, cut off, torn, rewritten, or not recordings at all."""
 
 import os
+import shutil
+import struct
 import subprocess
 from pathlib import Path
 
@@ -113,3 +115,29 @@ def test_a_torn_recording_says_how_to_save_the_rest(recorded, tmp_path):
     expected = read(recorded).poses[1]
     assert len(frames) >= 10  # the first flush came before the tear
     assert np.array_equal(poses, expected[: len(frames)])
+
+
+def message_ends(content):
+    """Where the messages of a recording end: after 12 bytes each has 16, with its length as the last 8, and itself."""
+    ends = [12]
+    while (header := content[ends[-1] : ends[-1] + 16]) and not header.startswith(bytes(8)):  # 0 is the footer
+        ends.append(ends[-1] + 16 + struct.unpack("<8xQ", header)[0])
+    return ends
+
+
+def test_a_recording_cut_anywhere_is_told_as_cut(recorded, tmp_path):
+    """Between two messages Rerun itself reads what is left without complaint, and so it does without the last bytes."""
+    cut, content = tmp_path / "cut.rrd", recorded.read_bytes()
+    shutil.copy(recorded, cut)
+    ends = [end + k for end in message_ends(content)[1::7] for k in (-1, 0, 15, 16)]
+    last = [len(content) - k for k in (1, 4, 31, 32, 33, 48)]
+    for size in sorted([*ends, *range(len(content) // 9, len(content), len(content) // 9), *last], reverse=True):
+        os.truncate(cut, size)
+        with pytest.raises(InputError, match=r"cut\.rrd: expected a whole Rerun recording"):
+            read(cut)
+
+
+def test_what_a_killed_run_left_is_read_without_an_end(recorded, tmp_path):
+    part, content = tmp_path / "run.rrd.part", recorded.read_bytes()
+    part.write_bytes(content[: message_ends(content)[-1]])
+    assert read(part).poses[1].tobytes() == read(recorded).poses[1].tobytes()

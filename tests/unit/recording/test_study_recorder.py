@@ -129,7 +129,7 @@ def test_a_study_that_fails_keeps_the_part(tmp_path, caplog):
     assert str(recording.part) in caplog.text
     assert not recording.path.exists()
     found = read(recording.part)
-    assert (found.status, found.config, found.figures, found.note) == ("failed", CONFIG, (), None)
+    assert (found.status, found.config, found.figures, found.note) == ("interrupted", CONFIG, (), None)
 
 
 def test_two_figures_of_one_name_are_refused(tmp_path):

@@ -1,17 +1,28 @@
 """What lies in a Rerun file: its static values, its curves and what it shows frame by frame."""
 
+import os
+import shutil
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
 import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.recording.messages import end_of_whole
+
+DAMAGES = (
+    pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
+"""What turning another's values into ours ends with, where they are of other kinds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,30 +36,61 @@ class Curve:
 Timed: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 """Frames (F,), ascending; times (F,), s; one value for each, (F, ...)."""
 
+_TORN = ("exceeds file size", "without footer")
+_ADVICE = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the cut"
+
+
+@contextmanager
+def sound(path: Path) -> Iterator[None]:
+    """Make an InputError, which names the recording, of what goes wrong in making numbers of what lies in it."""
+    try:
+        yield
+    except InputError:
+        raise
+    except DAMAGES as error:
+        told = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}: expected values of the kinds that runs record, found others: {told}") from None
+
 
 def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
     """Read the chunks of the entities `contents`, such as /metrics/**, of an .rrd or of what a run cut off left.
 
-    Raises InputError when there is no such file, or it is not a recording, or it is torn inside a message.
+    Of a .part, what a run cut off left, all whole messages are read. Raises InputError when there is no such file, or
+    it is not a recording, or it is cut and no .part.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
     try:
         with warnings.catch_warnings():
-            # A recording cut off has no footer; that it was cut off is what its status says.
+            # A run cut off leaves a .part without a footer; that it was cut off is what its status says.
             warnings.simplefilter("ignore", RerunWarning)
-            return _read(RrdReader(path), list(contents))
+            return _read(path, list(contents))
     except (RuntimeError, ValueError, OSError) as error:
-        torn = "exceeds file size" in str(error)
-        advice = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the tear" if torn else ""
-        raise InputError(f"{path}: expected a whole Rerun recording: {error}{advice}") from None
+        torn = any(words in str(error) for words in _TORN)
+        found = f", found one that was cut off{_ADVICE}" if torn else f": {error}"
+        raise InputError(f"{path}: expected a whole Rerun recording{found}") from None
 
 
-def _read(reader: RrdReader, contents: list[str]) -> list[Chunk]:
-    try:
-        return reader.store().stream().filter(content=contents).to_chunks()  # by the footer: nothing else is read
+def _read(path: Path, contents: list[str]) -> list[Chunk]:
+    try:  # by the footer: nothing else is read
+        return RrdReader(path).store().stream().filter(content=contents).to_chunks()
     except (RuntimeError, ValueError):
-        return reader.stream().filter(content=contents).to_chunks()
+        if not path.name.endswith(".part"):  # Rerun reads what is cut between two messages as if it were whole
+            raise
+        with _whole_messages(path) as whole:
+            return RrdReader(whole).stream().filter(content=contents).to_chunks()
+
+
+@contextmanager
+def _whole_messages(path: Path) -> Iterator[Path]:
+    """Give the file where it is whole up to its end, else a copy without what was being written when the run ended."""
+    with path.open("rb") as file, TemporaryDirectory() as folder:
+        if (end := end_of_whole(file)) == os.fstat(file.fileno()).st_size:
+            yield path
+            return
+        shutil.copyfile(path, copy := Path(folder, path.name))
+        os.truncate(copy, end)
+        yield copy
 
 
 def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
@@ -119,7 +161,11 @@ def timed_true_joints(path: Path) -> Timed:
 
 
 def _timed(path: Path, entity: str, component: str) -> Timed:
-    found = cells(path, [f"/{entity}"]).get(entity, {})
+    with sound(path):
+        return _timed_values(cells(path, [f"/{entity}"]).get(entity, {}), component)
+
+
+def _timed_values(found: Mapping[str, Mapping[int, Any]], component: str) -> Timed:
     values = {frame: cell.as_py() for frame, cell in sorted(found.get(component, {}).items()) if len(cell)}
     times_ns = np.array([found["time"][frame].value for frame in values], dtype=np.float64)
     return np.array([*values], dtype=np.int64), times_ns / 1e9, np.array([*values.values()], dtype=np.float64)

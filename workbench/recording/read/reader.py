@@ -1,25 +1,26 @@
 """Read recordings of runs and studies back, finished or cut off: one by `read`, many by `open_runs`."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.core.study import Figure
 from workbench.errors import InputError
-from workbench.recording.read import chunks
-from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, static_values
+from workbench.limits import parse_yaml
+from workbench.recording.read import chunks, tables
+from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, sound, static_values
+from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
 
 _SUFFIXES = (".rrd", ".rrd.part")
-_LONGEST_CONFIG = 1_000_000  # characters; ours have some thousand
+_IN_A_FOLDER = ("run.rrd", "run.rrd.part")
+_NO_MAPPING = "expected the configuration to be a mapping in plain YAML, found something else"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +64,14 @@ class Run:
     metrics: Mapping[str, Curve]
 
     @property
+    def folder(self) -> Path:
+        """The folder that the recording lies in, of a run with its summary.json."""
+        return self.path.parent
+
+    @property
     def status(self) -> str:
-        """How it ended: complete; failed: an exception ended the run; running: it is still at work, or was killed."""
+        """How it ended: complete; stopped, early, as was asked for; failed: an exception ended the run; running: it is
+        still at work, or was killed."""
         return str(self.properties["run"]["status"])
 
     @property
@@ -98,14 +105,13 @@ class Run:
 
         Raises InputError when it is no YAML mapping, or one with references to its own parts, which ours never are.
         """
-        found: object = None
-        if len(self.config) <= _LONGEST_CONFIG:
-            with suppress(yaml.YAMLError, RecursionError, ValueError):
-                found = yaml.load(self.config, _PlainLoader)
+        try:
+            found = parse_yaml(self.path, self.config)
+        except InputError as error:
+            raise InputError(f"{self.path}: {_NO_MAPPING}: {str(error).removeprefix(f'{self.path}: ')}") from None
         if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
-            raise InputError(
-                f"{self.path}: expected the configuration to be a mapping in plain YAML, found something else"
-            )
+            raise InputError(f"{self.path}: {_NO_MAPPING}")
+        check_settings(self.path, found)
         return found
 
     @property
@@ -132,9 +138,13 @@ class Run:
         """
         if self.is_study:
             raise InputError(f"{self.path}: expected a run that tracks a person, found a study, which has no poses")
-        curve = curves(read_chunks(self.path, ["/estimate/pose"])).get("estimate/pose")
+        with sound(self.path):
+            curve = curves(read_chunks(self.path, ["/estimate/pose"])).get("estimate/pose")
+        n = len(self.properties["body"]["pose"])
         if curve is None:
-            return np.empty(0, dtype=np.int64), np.empty((0, len(self.properties["body"]["pose"])))
+            return np.empty(0, dtype=np.int64), np.empty((0, n))
+        if curve.values.shape[1:] != (n,):
+            raise InputError(f"{self.path}: expected poses of {n} numbers, found {curve.values.shape[1:]}")
         return curve.frames, curve.values
 
     @cached_property
@@ -150,11 +160,50 @@ class Run:
     @cached_property
     def scalars(self) -> Mapping[str, Curve]:
         """Every recorded curve by its entity path, e.g. metrics/ess, posterior/parameters/root_x/mean."""
-        return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
+        with sound(self.path):
+            return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
+
+    @cached_property
+    def bands(self) -> tables.Bands:
+        """The posterior's 5–95 % band, mean and truth of every parameter; K = F = 0 where none was written."""
+        return tables.bands_of(self.scalars)
+
+    def table(self, name: str) -> tables.Columns:
+        """Columns by name, as NumPy arrays of one length, of poses, joints, true_joints, bands or metrics.
+
+        poses and metrics have a row for each frame, joints one for each joint of each frame, bands one for each
+        parameter of each frame; metres and radians, but where a metric's name says otherwise. Raises InputError for
+        another name.
+        """
+        if name == "poses":
+            return tables.table_of_poses(tuple(self.properties.get("body", {}).get("pose", ())), *self.poses)
+        if name in ("joints", "true_joints"):
+            return tables.table_of_joints(self.joints if name == "joints" else self.true_joints)
+        if name == "bands":
+            return tables.table_of_bands(self.bands)
+        if name == "metrics":
+            return tables.table_of_metrics(self.metrics)
+        raise InputError(f"expected a table, one of {', '.join(tables.TABLES)}, found {name!r}")
+
+    def pandas(self, name: str) -> Any:
+        """`table(name)` as a pandas data frame; raises InputError where pandas is not installed."""
+        return tables.data_frame("pandas", self.table(name))
+
+    def polars(self, name: str) -> Any:
+        """`table(name)` as a polars data frame; raises InputError where polars is not installed."""
+        return tables.data_frame("polars", self.table(name))
+
+    def __repr__(self) -> str:
+        experiment = self.provenance.get("experiment", "a run")
+        return f"<Run of {experiment}: {self.status}, {len(self.metrics)} metrics, in {self.path}>"
 
     @cached_property
     def marginals(self) -> MarginalPictures | None:
         """The marginals over frames; None before the first flush, and of a study."""
+        with sound(self.path):
+            return self._marginals()
+
+    def _marginals(self) -> MarginalPictures | None:
         tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
         if tensor is None or (axes := self.properties.get("marginals")) is None:
             return None
@@ -162,20 +211,25 @@ class Run:
         log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
         names, units = (tuple(np.atleast_1d(axes[key]).tolist()) for key in ("names", "units"))
         low, high, frames = (np.atleast_1d(axes[key]) for key in ("low", "high", "frames"))
+        sizes = (len(names), log_mass.shape[1], len(frames))
+        if log_mass.shape != sizes or not len(names) == len(units) == len(low) == len(high):
+            raise InputError(f"{self.path}: expected marginals of {sizes} numbers, found {log_mass.shape}")
         return MarginalPictures(names, units, low, high, frames, log_mass)
 
     @cached_property
     def figures(self) -> tuple[Figure, ...]:
         """A study's figures, as it made them; none of a run that tracks."""
-        columns = static_values(read_chunks(self.path, ["/figures/**"])).values()
-        found = [{key: value.as_py() for key, value in values.items()} for values in columns if "kind" in values]
-        return tuple(figure_of(values) for values in sorted(found, key=lambda values: values["order"][0]))
+        with sound(self.path):
+            columns = static_values(read_chunks(self.path, ["/figures/**"])).values()
+            found = [{key: value.as_py() for key, value in values.items()} for values in columns if "kind" in values]
+            return tuple(figure_of(values) for values in sorted(found, key=lambda values: values["order"][0]))
 
     @cached_property
     def note(self) -> str | None:
         """A study's text; None of a run that tracks."""
-        note = static_values(read_chunks(self.path, ["/note"])).get("note")
-        return None if note is None else str(note["TextDocument:text"][0])
+        with sound(self.path):
+            note = static_values(read_chunks(self.path, ["/note"])).get("note")
+            return None if note is None else str(note["TextDocument:text"][0])
 
     def _joints(self, timed: Timed) -> Joints:
         frames, _, positions = timed
@@ -194,20 +248,26 @@ class Unreadable:
 
 
 def read(path: str | Path) -> Run:
-    """Read the run or study recorded at `path`, an .rrd or a .part left by a run that did not end well.
+    """Read the run or study recorded at `path`, an .rrd, a .part left by one that did not end well, or a run's folder.
 
     Raises InputError when there is no such file, or it is not a recording of a run, or it is torn inside a message,
     or a newer release wrote it.
     """
     path = Path(path)
+    if path.is_dir():
+        path = next((path / name for name in _IN_A_FOLDER if (path / name).is_file()), path / _IN_A_FOLDER[0])
     pieces = read_chunks(path, ["/__properties/**", "/metrics/**"])
-    found = chunks.properties(static_values(pieces))
+    with sound(path):
+        found = chunks.properties(static_values(pieces))
+        measured = curves(pieces)
     if "status" not in found.get("run", {}):
         raise InputError(f"{path}: expected the recording of a run, found one without the property 'run'")
     if not isinstance(version := found["run"].get("format", 1), int) or version > FORMAT:
         raise InputError(f"{path}: expected a recording of format 1 to {FORMAT}, found {version!r}, a newer release's")
-    metrics = {entity.removeprefix("metrics/"): curve for entity, curve in curves(pieces).items()}
-    return Run(path, found, metrics)
+    metrics = {entity.removeprefix("metrics/"): curve for entity, curve in measured.items()}
+    if empty := [name for name, curve in metrics.items() if curve.values.shape[1:] == (0,)]:
+        raise InputError(f"{path}: expected numbers of metrics/{empty[0]}, found none")
+    return Run(path, checked(path, found), metrics)
 
 
 def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
@@ -245,12 +305,3 @@ def find_recordings(*places: str | Path) -> list[Path]:
 
 def _is_hidden(path: Path) -> bool:
     return any(name.startswith(".") for name in path.parent.parts)
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """YAML without references: a few lines of references to references stand for more than any memory holds."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("a reference")
-        return super().compose_node(parent, index)

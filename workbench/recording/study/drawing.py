@@ -9,11 +9,11 @@ from io import BytesIO
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from matplotlib import figure as plt
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from matplotlib.style import context
-from scipy.optimize import isotonic_regression
 
 from workbench.arrays import FloatArray
 from workbench.core.study import Bars, Curves, Scatter
@@ -145,4 +145,4 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, Any, float, float]], gap: f
 def spread(heights: Sequence[float], gap: float) -> FloatArray:
     """Move rising heights as little as it takes, in the sum of squares, to put neighbours `gap` apart."""
     steps = gap * np.arange(len(heights))
-    return isotonic_regression(np.asarray(heights) - steps).x + steps
+    return scipy.optimize.isotonic_regression(np.asarray(heights) - steps).x + steps

@@ -33,7 +33,7 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     if len({figure.name for figure in result.figures}) < len(result.figures):
         raise ValueError(f"study: expected figures of distinct names, found {[f.name for f in result.figures]}")
     file.check_space()
-    file.send_property("metrics", result.metrics)
+    file.send_numbers("metrics", result.metrics)
     # as curves of one point too, on the timeline of every other run, which tools that go to a frame expect
     file.stream.set_time("frame", sequence=0)
     file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())

@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from workbench.arrays import FloatArray
 from workbench.recording.write import point_fit_views as fit
 from workbench.recording.write import series_styles as styles
+from workbench.recording.write import verdict_view
 from workbench.recording.write.images import OVERLAYS, Picture
 from workbench.recording.write.posterior import ranks_view
 from workbench.recording.write.scene import ESTIMATE
@@ -25,7 +26,8 @@ class Shown:
     person: (3,), where the person is first, m. towards: (2,), horizontally from the person to where to look from.
     parameters, units: along the first axis of the marginals' tensor; pictured: the parameters with a picture of their
     own. metrics: names under metrics/. n_particles: of a step. flexions: names under flexion/, of a fit to points.
-    activity: what the person does is told. surface: its mesh is drawn. warned: there are warnings.
+    activity: what the person does is told. surface: its mesh is drawn. warned: there are warnings. constant: metrics
+    that say nothing. lanes: there are states over time, such as held.
     """
 
     cameras: Sequence[Picture]
@@ -41,6 +43,8 @@ class Shown:
     activity: bool = False
     surface: bool = False
     warned: bool = False
+    constant: frozenset[str] = frozenset()
+    lanes: bool = False
 
 
 def layout(shown: Shown) -> rrb.Blueprint:
@@ -56,7 +60,8 @@ def layout(shown: Shown) -> rrb.Blueprint:
     ]
     left = [rrb.Horizontal(*images) if len(images) <= MOST_BESIDE else rrb.Tabs(*images)] if images else []
     shares = [*[1.0] * len(left), 1.5 if shown.flexions else 1.0]  # points are seen in the world only
-    return page(rrb.Horizontal(rrb.Vertical(*left, _world(shown, key), row_shares=shares), _numbers(shown)))
+    content = rrb.Horizontal(rrb.Vertical(*left, _world(shown, key), row_shares=shares), _numbers(shown))
+    return page(rrb.Vertical(verdict_view.view(), content, row_shares=[1.0, 12.0]))
 
 
 def page(content: rrb.Container, fps: float | None = 15.0) -> rrb.Blueprint:
@@ -72,12 +77,17 @@ def _numbers(shown: Shown) -> rrb.Vertical:
     above: list[rrb.View | rrb.Container]
     if shown.flexions:
         above = [fit.views(shown.flexions), *[fit.timeline()] * shown.activity]
-        below = rrb.Tabs(rrb.Horizontal(*errors, *coverage, name="errors and certainty"), *details)
+        first = [rrb.Horizontal(*errors, *coverage, name="errors and certainty")] if errors or coverage else []
+        below = rrb.Tabs(*first, *details)
         return rrb.Vertical(*above, below, row_shares=[2.4, *[0.8] * shown.activity, 1.4])
-    ess = _metric("ess", (0.0, float(shown.n_particles)), f"effective sample size (of {shown.n_particles})")
+    title = f"effective sample size (of {shown.n_particles})"
+    ess = [] if "ess" in shown.constant else [_metric("ess", (0.0, float(shown.n_particles)), title)]
     above = [rrb.Horizontal(*errors, name="errors")] if errors else []
-    above += [rrb.Horizontal(ess, *coverage, *_doubts(shown), name="certainty")]
-    return rrb.Vertical(*above, rrb.Tabs(*details), row_shares=[*[1.3] * bool(errors), 0.8, 2.0])
+    certainty = [*ess, *coverage, *_doubts(shown)]
+    above += [rrb.Horizontal(*certainty, name="certainty")] if certainty else []
+    above += [verdict_view.lanes()] if shown.lanes else []
+    shares = [*[1.3] * bool(errors), *[0.8] * bool(certainty), *[0.6] * shown.lanes, 2.0]
+    return rrb.Vertical(*above, rrb.Tabs(*details), row_shares=shares)
 
 
 def _world(shown: Shown, key: str) -> rrb.Spatial3DView:
@@ -95,14 +105,15 @@ def _world(shown: Shown, key: str) -> rrb.Spatial3DView:
 def _errors(shown: Shown) -> list[rrb.View]:
     """Distances from the true joints in the world, and in the image.
 
-    The heaviest particle is drawn once, and not of a fit, where it is the expected pose.
+    The heaviest particle is drawn once, and not where it is the expected pose.
     """
     groups = {"error_abs_mm": styles.errors_mm(shown.metrics), "error_px": styles.errors_px(shown.metrics)}
     views: list[rrb.View] = []
     for first, names in groups.items():
         drawn = [
             name for name in names
-            if not name.endswith("_map") or not (shown.flexions or name == "error_rel_mm_map")
+            if name not in shown.constant
+            and (not name.endswith("_map") or not (shown.flexions or name == "error_rel_mm_map"))
         ]  # fmt: skip
         views += [_curves(styles.title(first), drawn)] if drawn else []
     return views
@@ -166,7 +177,7 @@ def _others(shown: Shown) -> list[rrb.Grid]:
     """The metrics that are shown nowhere else, and the shares of the cues in one plot."""
     shares = styles.shares(shown.metrics)
     elsewhere = {"coverage_90", *styles.errors_mm(shown.metrics), *styles.errors_px(shown.metrics), *shares}
-    elsewhere |= set() if shown.flexions else {"ess", *styles.doubts(shown.metrics)}
+    elsewhere |= shown.constant | (set() if shown.flexions else {"ess", *styles.doubts(shown.metrics)})
     together = [_curves("shares of the cues in what tells particles apart", shares)] if shares else []
     views = [*together, *(_metric(name) for name in shown.metrics if name not in elsewhere)]
     return [rrb.Grid(*views, name="more numbers")] if views else []

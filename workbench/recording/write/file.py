@@ -1,13 +1,18 @@
 """One Rerun file per run, published only when the run ends well."""
 
+import atexit
+import ctypes
+import errno
 import logging
 import os
 import platform
 import re
+import resource
 import shutil
 import socket
 from collections.abc import Mapping
 from pathlib import Path
+from time import monotonic
 from typing import Any, Self
 
 import numpy as np
@@ -17,7 +22,9 @@ from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 
 from workbench.errors import InputError
+from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
+from workbench.recording.write.viewer import Viewer
 
 logger = logging.getLogger(__name__)
 
@@ -27,10 +34,14 @@ FORMAT = 2
 1, without a number: up to the release before there was one. 2: `run` has the keys format and platform.
 """
 
+SETTINGS, CHOICES = "settings", "choices"
+"""Properties with the configuration key by key: its numbers, float64, and all else, as text."""
+
 HOST, PORT = "127.0.0.1", 9876
 """Where `rerun` listens unless told otherwise."""
-_SPARE_BYTES = 100_000_000  # many times what is written between two flushes
+_LEAST_BYTES, _MOST_BYTES = 2_000_000, 100_000_000  # to write between two flushes, and to close the file
 _LONGEST_WRITE_S = 120.0
+_LOOK_S = 1.0
 
 
 class RecordingFile:
@@ -38,41 +49,40 @@ class RecordingFile:
 
     A context manager. While it is open the file is called `<path>.part` and is readable up to the last flush, even
     when the process is killed. On a clean exit it becomes `path`; on an exception the .part is completed and kept,
-    and nothing is published. The property `run` says which of these happened (status: running, failed, complete).
+    and nothing is published. The property `run` says which of these happened (status: running, failed, interrupted,
+    complete, or what `status` was set to).
     Older files of these names are replaced.
 
     stream: what to log to. run_id: unique per run. config_yaml: the resolved config. provenance: where the run came
-    from (seed, versions). live: send everything to a viewer too, if one listens at 127.0.0.1:9876; it turns False
-    when none does. warnings: sentences that were told and wait to be recorded.
+    from (seed, versions). settings: the config again, nested, to be recorded key by key. live: send everything to a
+    viewer too, if one listens at 127.0.0.1:9876; it turns False when none does, or as soon as it does not answer, for
+    which nothing waits. warnings: sentences that were told and wait to be recorded.
     """
 
     def __init__(
         self, path: str | Path, *, run_id: str, config_yaml: str, provenance: Mapping[str, Any],
-        live: bool = False,
+        settings: Mapping[str, Any] | None = None, live: bool = False,
     ) -> None:  # fmt: skip
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
-        self.live, self._viewer_is_gone = live, False
+        self.live = live
+        self._viewer: Viewer | None = None
         self.warnings: list[str] = []
+        self.status = "complete"
         self._run_id, self._config_yaml, self._provenance = run_id, config_yaml, provenance
+        self._settings = settings or {}
         rr.set_strict_mode(True)
         # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
         never = rr.ChunkBatcherConfig.NEVER()
         # Recordings of one application would share their layout in the viewer; in other letters Rerun warns
-        application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
-        self.stream = rr.RecordingStream(application, recording_id=run_id, batcher_config=never)
+        self._application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
+        self.stream = rr.RecordingStream(self._application, recording_id=run_id, batcher_config=never)
         self.stream.set_log_time_enabled(False)
 
     def __enter__(self) -> Self:
         self.part.parent.mkdir(parents=True, exist_ok=True)
-        sinks: list[Any] = [rr.FileSink(self.part)]
-        if self.live and viewer_listens():
-            sinks.append(rr.GrpcSink(f"rerun+http://{HOST}:{PORT}/proxy"))
-        elif self.live:
-            self.live = False
-            self.warn(f"no viewer listens at {HOST}:{PORT}: recording to the file only")
         try:
-            self.stream.set_sinks(*sinks)
+            self.stream.set_sinks(rr.FileSink(self.part))
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
         # the operating system and the processor, on which the last bits of results depend
@@ -80,23 +90,36 @@ class RecordingFile:
         self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT, "platform": machine})
         self.send_property("provenance", self._provenance)
         self.stream.send_property("config", rr.TextDocument(self._config_yaml, media_type="text/plain"))
+        numbers, texts = numbers_and_texts(self._settings, choices_of(self._provenance.get("choices", ())))
+        self.send_property(SETTINGS, numbers)
+        self.send_property(CHOICES, texts)
         self.flush()
+        self._open_viewer()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.send_property("run", {"status": "complete" if kind is None else "failed"})
-        self.flush()
-        self.stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
-        if kind is not None:
-            logger.warning("the run ended early; what was recorded until then is in %s", self.part)
-            return
-        RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
-        os.replace(self.part, self.path)
+        ended = "failed" if kind is None or not issubclass(kind, KeyboardInterrupt) else "interrupted"
+        try:
+            self.send_property("run", {"status": self.status if kind is None else ended})
+            self.flush()
+            self.stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
+            if kind is None:
+                RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
+                os.replace(self.part, self.path)
+        finally:
+            if kind is not None or self.part.exists():
+                logger.warning("the run ended early; what was recorded until then is in %s", self.part)
+            if self._viewer is not None and not self._viewer.close() and self.live:
+                logger.warning(f"the viewer at {HOST}:{PORT} does not answer: not all has arrived there")
 
     def send(self, entities: Entities, static: bool = False) -> None:
         """Log pairs (entity path, archetype)."""
         for path, archetype in entities:
             self.stream.log(path, archetype, static=static)
+
+    def send_numbers(self, name: str, numbers: Mapping[str, float]) -> None:
+        """Set a property's keys to numbers, as float64 whatever they are, so that many recordings make one table."""
+        self.send_property(name, {key: float(value) for key, value in numbers.items()})
 
     def send_property(self, name: str, values: Mapping[str, Any]) -> None:
         """Set a property's keys; those sent earlier under other keys stay."""
@@ -104,23 +127,50 @@ class RecordingFile:
             self.stream.send_property(name, arrow(values))
 
     def check_space(self) -> None:
-        """Raise OSError when the disk is nearly full.
+        """Raise OSError when there is less room than what is there takes, within bounds.
 
         Rerun's writer never comes back from a full disk, so the run ends while there is room to close the file.
         """
-        if (free := shutil.disk_usage(self.part.parent).free) < _SPARE_BYTES:
-            raise OSError(f"{self.part}: only {free / 1e6:.0f} MB are left on the disk, the recording ends here")
+        if (room := self._room()) < min(max(self.part.stat().st_size, _LEAST_BYTES), _MOST_BYTES):
+            words = f"only {room / 1e6:.1f} MB are left for it on the disk, the recording ends here"
+            raise OSError(errno.ENOSPC, words, str(self.part))
 
     def flush(self) -> None:
         """Bring what was logged to the disk; raises OSError when that fails. A viewer that has left is told once."""
-        try:
-            self.stream.flush(timeout_sec=_LONGEST_WRITE_S)
-        except RuntimeError as error:
-            if not self.live or "gRPC" not in str(error):
-                raise OSError(f"{self.part}: writing failed, {error}") from error
-            if not self._viewer_is_gone:
-                self.warn(f"the viewer at {HOST}:{PORT} is gone: recording to the file only")
-            self._viewer_is_gone = True
+        if self.live and self._viewer is not None and self._viewer.has_left:
+            self.live = False
+            self.warn(f"the viewer at {HOST}:{PORT} does not answer: recording to the file only")
+        began = monotonic()
+        while True:
+            try:
+                self.stream.flush(timeout_sec=_LOOK_S)
+                return
+            except RuntimeError as error:
+                if self._room() < resource.getpagesize():
+                    self._abandon()
+                    raise OSError(errno.ENOSPC, "no room is left for it on the disk", str(self.part)) from None
+                if monotonic() - began > _LONGEST_WRITE_S:
+                    self._abandon()
+                    raise OSError(errno.EIO, f"writing failed, {error}", str(self.part)) from None
+
+    def _abandon(self) -> None:
+        """Keep Rerun from ending the stream, now or as Python ends: it would wait for its writer for ever."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
+        atexit.unregister(rr.rerun_shutdown)
+
+    def _room(self) -> int:
+        """How many bytes the file may still grow by."""
+        limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+        free = shutil.disk_usage(self.part.parent).free
+        return free if limit == resource.RLIM_INFINITY else min(free, limit - self.part.stat().st_size)
+
+    def _open_viewer(self) -> None:
+        if self.live and viewer_listens():
+            url = f"rerun+http://{HOST}:{PORT}/proxy"
+            self._viewer = Viewer(self.part, url, self._application, self._run_id)
+        elif self.live:
+            self.live = False
+            self.warn(f"no viewer listens at {HOST}:{PORT}: recording to the file only")
 
     def warn(self, sentence: str) -> None:
         """Tell a sentence, which waits in `warnings` to be recorded."""

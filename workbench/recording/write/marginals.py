@@ -48,6 +48,12 @@ class Marginals:
         mass = np.bincount(bins.ravel(), np.repeat(weights, n_parameters), minlength=n_parameters * self._n_fine)
         self._frames.append(mass.astype(np.float32).reshape(n_parameters, self._n_fine))
 
+    def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
+        """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones."""
+        mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
+        self._low, self._width = low.copy(), high - low
+        self._frames = [np.repeat(frame, _FINE, axis=1) for frame in np.moveaxis(mass, 2, 0)]
+
     def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
 

@@ -1,5 +1,6 @@
 """The posterior over frames: marginals as brightness plots, 5–95 % bands, coefficients, and the ranks of the truth."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ class Posterior:
         self.names = (*(space.names[i] for i in self._columns), *angles)
         self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
         self._varying = self.names  # of the first particles, once they are known
+        self._began = False
         self.frames: list[int] = []
         self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
@@ -76,8 +78,9 @@ class Posterior:
         weights = np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
             raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
-        if not self.frames and (differ := np.ptp(values, axis=0) > 0.0).any():
+        if not self._began and (differ := np.ptp(values, axis=0) > 0.0).any():
             self._varying = tuple(np.array(self.names)[differ].tolist())
+        self._began = True
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
         low, high = _band_ends(values, weights)
@@ -87,6 +90,11 @@ class Posterior:
             dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
             numbers |= {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
         return numbers
+
+    def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
+        """Begin with frames whose marginals were `pictures`."""
+        self._marginals.take_over(low, high, log_mass)
+        self.frames += frames
 
     def begin(self, step: Step) -> Entities:
         """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
@@ -137,10 +145,15 @@ class Ranks:
         self._counts = np.zeros(_RANK_BINS, dtype=np.int64)
         self._began = False
 
-    def add(self, step: Step) -> None:
-        """Take one step in."""
-        if self._began:
-            self._counts += rank_histogram(pose_ranks(step), _RANK_BINS)
+    def add(self, step: Step) -> FloatArray:
+        """Take one step in; returns the ranks (k,) that count."""
+        ranks = pose_ranks(step) if self._began else np.zeros(0)
+        self.take_over(ranks)
+        return ranks
+
+    def take_over(self, ranks: FloatArray) -> None:
+        """Count the ranks (k,) of a frame."""
+        self._counts += rank_histogram(ranks, _RANK_BINS)
         self._began = True
 
     def pictures(self) -> Entities:

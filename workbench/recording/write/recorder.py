@@ -1,13 +1,12 @@
 """The recorder: one Rerun file per run, published only when the run ends well."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import rerun as rr
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
@@ -21,29 +20,57 @@ from workbench.core.frame import true_cameras
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
-from workbench.recording.write import blueprint, images, scene
-from workbench.recording.write import point_fit_views as fit
-from workbench.recording.write import series_styles as styles
-from workbench.recording.write.columns import Columns, Rows, curves
-from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.marginals import systematic
-from workbench.recording.write.posterior import Posterior, Ranks
-from workbench.recording.write.trails import Trails
+from workbench.lazily import lazily
 
-FLUSH_EVERY = 10  # frames
+if TYPE_CHECKING:
+    import rerun as rr
+    from rerun.chunk import Chunk
+
+    from workbench.evaluation.evidence import Measured
+    from workbench.evaluation.verdict import Verdict
+    from workbench.recording.write import (
+        blueprint,
+        columns,
+        file,
+        images,
+        marginals,
+        posterior,
+        scene,
+        trails,
+        verdict_view,
+    )
+    from workbench.recording.write import checkpoints as stored
+    from workbench.recording.write import point_fit_views as fit
+    from workbench.recording.write import series_styles as styles
+else:  # Rerun takes half a second to import, which a configuration that is refused does without
+    rr = lazily("rerun")
+    blueprint, columns, file, images, marginals, posterior, scene, trails, verdict_view, stored, fit, styles = (
+        lazily(f"workbench.recording.write.{name}")
+        for name in (
+            "blueprint", "columns", "file", "images", "marginals", "posterior", "scene", "trails", "verdict_view",
+            "checkpoints", "point_fit_views", "series_styles",
+        )
+    )  # fmt: skip
+
+FLUSH_EVERY = 3
+"""Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
+PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 
 
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance and live.
-    The file is flushed every FLUSH_EVERY frames.
+    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance, settings
+    and live. The file is flushed every FLUSH_EVERY frames.
 
     body, space: of the steps to come. n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a
     marginal. coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
     surface: record the expected pose's implicit surface as a mesh; without scikit-image a sentence says that there is
-    none. Raises InputError when a number is out of range.
+    none. checkpoints: store what the run needs to be continued, see `Checkpoints`; decode: of whoever makes the steps,
+    states (N, D) to poses (N, P), without which nothing is stored. constant: metrics that say nothing, as
+    they are the same in all runs of such parts: recorded, but not shown.
+    Raises InputError when a number is out of range.
 
     Cameras stand still; images of one with distortion are straightened first, since the viewer's pinhole has none.
     Frames without views are shown by the way they go through the world.
@@ -51,9 +78,11 @@ class Recorder:
 
     def __init__(
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
-        provenance: Mapping[str, Any], live: bool = False, n_particles_shown: int = 50,
+        provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
+        n_particles_shown: int = 50,
         marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
-        coefficient_scale: FloatArray | None = None,
+        coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
+        decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
         for name, value, lowest, highest in (
             ("n_particles_shown", n_particles_shown, 1, 10_000), ("marginal_bins", marginal_bins, 2, 1024),
@@ -62,17 +91,21 @@ class Recorder:
             if not lowest <= value <= highest:
                 raise InputError(f"recorder: {name} must lie between {lowest} and {highest}, found {value}")
         self._body, self._figure = body, scene.figure(body)
-        self._posterior = Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._bands, self._columns = Columns(), Columns()
-        self._trails, self._ranks = Trails(self._figure), Ranks()
+        self._posterior = posterior.Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
+        self._bands, self._columns = columns.Columns(), columns.Columns()
+        self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
+        self._trails, self._ranks = trails.Trails(self._figure), posterior.Ranks()
         self._pictures: dict[str, images.Picture] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
+        self._constant, self._told = frozenset(constant), dict[str, int]()
         self._marks = False
         self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
-        self._file = RecordingFile(path, run_id=run_id, config_yaml=config_yaml, provenance=provenance, live=live)
+        self._warned = False
+        labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
+        self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
         self._surface = person_surface(body) if surface and can_mesh() else None
         if surface and self._surface is None:
@@ -85,6 +118,7 @@ class Recorder:
         self._file.send_property("shape", self._body.shape.as_dict())
         self._file.send(scene.fixed(self._figure), static=True)
         self._stream.log("estimate/pose", rr.SeriesLines(names=list(skeleton.dof_names)), static=True)
+        self._file.send(verdict_view.running(), static=True)
         self._flush()
         return self
 
@@ -92,6 +126,38 @@ class Recorder:
         self._send_pictures()
         self._columns.write(self._stream)
         self._file.__exit__(kind)
+
+    def take_over(
+        self, chunks: "Sequence[Chunk]", frames: Sequence[int], poses: FloatArray, ranks: Iterable[FloatArray],
+        picture: tuple[FloatArray, FloatArray, FloatArray],
+    ) -> None:  # fmt: skip
+        """Begin with the frames of an earlier recording of the same run, as its chunks have them.
+
+        poses: (F, P), told of these frames. ranks: (k,) for each after the first. picture: the ends (K,) of the bins of
+        their marginals and the log mass (K, B, F) in these; it is all that is left of their particles.
+        """
+        self._stream.send_chunks(chunks)
+        self._posterior.take_over(frames, *picture)
+        for each in ranks:
+            self._ranks.take_over(each)
+        paths = {chunk.entity_path for chunk in chunks}
+        if any(path.startswith(f"/{scene.ESTIMATE}/trails") for path in paths):
+            for pose in poses:
+                self._trails.add(joints(self._body.skeleton, pose[None])[0])
+        self._with_keypoints |= {path.split("/")[2] for path in paths if path.endswith("/keypoints")}
+        self._warned = "/log" in paths
+        if self._checkpoints is not None:
+            sizes = [chunk.to_record_batch().nbytes for chunk in chunks if chunk.entity_path == f"/{stored.MEMORY}"]
+            self._checkpoints.take_over(sum(sizes))
+        self._n_frames = self._n_frames_pictured = len(frames)
+        self._flush()
+
+    def remember(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
+        """Store, where checkpoints are, what going on needs of the frames before the first: number, time, s, and the
+        poses (P,) that were told, and that the likelihood was told."""
+        if self._checkpoints is not None:
+            for frame, time_s, told, expected in before:
+                self._columns.add(frame, _time(time_s), self._checkpoints.before(told, expected))
 
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
@@ -101,38 +167,59 @@ class Recorder:
         OSError when the disk is nearly full.
         """
         frame = step.frame
-        time = np.timedelta64(round(frame.time_s * 1e9), "ns")
+        time = _time(frame.time_s)
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
-        self._bands.add(frame.index, time, curves(self._posterior.add(step)))
+        self._bands.add(frame.index, time, columns.curves(self._posterior.add(step)))
         numbers = {f"metrics/{name}": value for name, value in measured.items()} | {"estimate/pose": step.expected_pose}
         numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
         self._file.send(fit.activities(step))
-        self._ranks.add(step)
+        ranks = self._ranks.add(step)
+        self._told |= {name: self._told.get(name, 0) + 1 for name in measured}
         self._diagnostics = tuple(step.diagnostics)
-        if self._n_frames == 0:  # what stays as the first step finds it
+        if self._shown is None:  # what stays as the first step finds it
             self._file.send(self._posterior.begin(step), static=True)
             self._file.send(fit.fixed(self._legs(step)), static=True)
         self._lay_out(step, tuple(measured))
-        rows = chain(curves(numbers), self._scene(step), self._posterior.histograms(step))
+        rows = chain(columns.curves(numbers), self._scene(step), self._posterior.histograms(step))
         self._columns.add(frame.index, time, rows)
+        if self._checkpoints is not None:
+            self._columns.add(frame.index, time, self._checkpoints.beside(step, ranks))
+            self._checkpoints.log(self._stream, step, self.part.stat().st_size)
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames += 1
-        due = self._n_frames % FLUSH_EVERY == 0
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
-        growth = 1.1 if self._file.live else 2.5
-        if due and self._n_frames >= growth * self._n_frames_pictured:
+        # What was not in one when a run is killed is lost to who goes on from its checkpoints.
+        growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
+        if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        if due or self._file.live:
-            self._file.check_space()
+        if self._n_frames % FLUSH_EVERY == 0 or self._file.live:
             self._flush()
+            self._file.check_space()
+
+    def set_verdict(self, verdict: "Verdict", measured: "Measured") -> None:
+        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and lay the
+        page out anew without curves of a single frame."""
+        self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})
+        self._file.send(verdict_view.told(verdict), static=True)
+        lanes = verdict_view.log_lanes(self._stream, verdict, measured)
+        if self._shown is None or len(self._trails):
+            return
+        metrics = tuple(name for name in self._shown.metrics if self._told[name] > 1 or self._n_frames == 1)
+        self._shown = replace(self._shown, metrics=metrics, lanes=lanes)
+        self._stream.send_blueprint(blueprint.layout(self._shown))
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
         """Record the run's scalar results as the property `metrics`."""
-        self._file.send_property("metrics", metrics)
+        self._file.send_numbers("metrics", metrics)
+
+    def set_stopped(self, sentence: str) -> None:
+        """Record that the run is ended before its last frame, as status and the key `stopped` of the property `run`."""
+        self._file.send_property("run", {"stopped": sentence})
+        self._file.status = "stopped"
 
     def set_departures(self, departures: Mapping[str, FloatArray]) -> None:
         """Record how who and what is shown departs from what was told, as the property `departures`."""
@@ -140,14 +227,14 @@ class Recorder:
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
         """Record what the run took as the property `cost`, in which equal runs differ."""
-        self._file.send_property("cost", cost)
+        self._file.send_numbers("cost", cost)
 
-    def _scene(self, step: Step) -> Rows:
+    def _scene(self, step: Step) -> "columns.Rows":
         """Yield what the world and the images show; meshes, marks and keypoints are logged on the way."""
         figure, views = self._figure, step.frame.views
         true = scene.true_joints(figure.skeleton, step.frame.truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
-        drawn = np.unique(systematic(np.exp(step.log_weights), self._n_particles_shown))
+        drawn = np.unique(marginals.systematic(np.exp(step.log_weights), self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)
@@ -172,7 +259,7 @@ class Recorder:
         if views and self._marks:  # as the keypoints
             self._file.send(images.truth_marks(self._picture(views[0].camera), step.frame.truth, figure.skeleton.names))
 
-    def _picture(self, camera: Camera) -> images.Picture:
+    def _picture(self, camera: Camera) -> "images.Picture":
         if camera.name not in self._pictures:
             self._pictures[camera.name] = images.picture(camera)
             self._file.send(images.fixed(self._pictures[camera.name]), static=True)
@@ -196,6 +283,8 @@ class Recorder:
             flexions=self._legs(step),
             activity=step.activity is not None,
             surface=self._surface is not None,
+            warned=self._warned,
+            constant=self._constant,
         )
         new = tuple(name for name in metrics if name not in before.metrics)
         warned = before.warned or bool(self._file.warnings or step.warnings)
@@ -219,3 +308,7 @@ class Recorder:
     def _flush(self) -> None:
         self._columns.write(self._stream)
         self._file.flush()
+
+
+def _time(time_s: float) -> np.timedelta64:
+    return np.timedelta64(round(time_s * 1e9), "ns")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
-from scipy.spatial.transform import Rotation
+import scipy
 
 from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.body.kinematics import forward, joints
@@ -70,7 +70,7 @@ def estimate(drawn: Figure, pose: FloatArray) -> Rows:
     yield from bones(drawn, ESTIMATE, frames.positions)
     rotations = frames.rotations[0, drawn.carriers]
     centers = frames.positions[0, drawn.carriers] + np.einsum("eij,ej->ei", rotations, drawn.centers)
-    quaternions = Rotation.from_matrix(rotations @ drawn.axes).as_quat()
+    quaternions = scipy.spatial.transform.Rotation.from_matrix(rotations @ drawn.axes).as_quat()
     yield f"{ESTIMATE}/body", Row(rr.Ellipsoids3D, {"centers": centers, "quaternions": quaternions})
 
 

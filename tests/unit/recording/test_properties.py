@@ -1,0 +1,110 @@
+"""Recordings of another kind than ours are one sentence for every command, and hide no sound one beside them."""
+
+import datetime
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+from small_recordings import record
+
+from workbench.cli import export, report, view
+from workbench.errors import LONGEST, InputError
+from workbench.recording.read.properties import check_settings, checked
+from workbench.recording.read.reader import open_runs, read
+from workbench.recording.write.file import RecordingFile
+
+DEEP = "a:\n" + "".join(f"{' ' * k}a:\n" for k in range(1, 300))
+CONFIGS = {
+    "deep": DEEP, "references": "a: &a [x, x]\nb: &b [*a, *a]", "python": "!!python/object:os.system {}",
+    "date": "seed: 3\nday: 2026-01-01", "set": "seed: 3\na: !!set {x}", "bytes": "seed: 3\na: !!binary aGk=",
+    "huge": "seed: 1" + "0" * 5000, "large": "seed: 1" + "0" * 400, "list": "seed: 3\nprior: [1]",
+    "text": "seed: 3\ndataset: x", "surrogate": 'seed: 3\na: "\\ud800"', "keys": "seed: 3\nprior: {1: 2}",
+    "truth": "seed: true", "flow": "seed: " + "[" * 3000, "long": "a: " + "x" * 2_000_000,
+}  # fmt: skip
+PROPERTIES = {
+    "metrics is a text": ("metrics", {"error_abs_mm": "many"}),
+    "metrics are lists": ("metrics", {"error_abs_mm": [1.0, 2.0]}),
+    "cost is a truth": ("cost", {"seconds": True}),
+    "format is a text": ("run", {"format": "two"}),
+    "status is a number": ("run", {"status": 3}),
+    "id is a list": ("run", {"id": ["a", "b"]}),
+    "seed is a text": ("provenance", {"seed": "three"}),
+    "joints are numbers": ("body", {"joints": [1, 2], "pose": [3, 4]}),
+    "pose is missing": ("body", {"joints": ["a", "b"]}),
+    "marginals lack names": ("marginals", {"low": [0.0, 1.0]}),
+}
+
+
+@pytest.fixture
+def beside(tmp_path):
+    """A sound recording, and where a hostile one is to be."""
+    record(tmp_path / "sound.rrd", "sound")
+    return tmp_path / "hostile.rrd"
+
+
+def configured(path, text):
+    with RecordingFile(path, run_id="hostile", config_yaml=text, provenance={"seed": 0, "experiment": "x"}):
+        pass
+
+
+def assert_told(path, capsys, monkeypatch):
+    """Every command says one sentence of it, and shows the other."""
+    monkeypatch.setattr(view, "viewer", lambda: "true")
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())  # which test_open_runs tests
+    assert report.main([str(path.parent)]) == 0
+    shown = capsys.readouterr()
+    assert "hostile.rrd" in shown.out + shown.err
+    assert view.main([str(path.parent)]) == 0
+    assert "left out" in capsys.readouterr().err
+    assert export.main([str(path), str(path.with_suffix(".csv"))]) == 2
+    sentence = capsys.readouterr().err
+    assert len(sentence) <= LONGEST + 1
+    assert "Traceback" not in sentence
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_a_hostile_configuration(beside, kind, capsys, monkeypatch):
+    configured(beside, CONFIGS[kind])
+    with pytest.raises(InputError, match=r"hostile\.rrd: "):
+        _ = read(beside).settings
+    assert_told(beside, capsys, monkeypatch)
+
+
+@pytest.mark.parametrize("kind", PROPERTIES)
+def test_properties_of_other_kinds(beside, kind, capsys, monkeypatch):
+    name, values = PROPERTIES[kind]
+    with RecordingFile(beside, run_id="hostile", config_yaml="seed: 3", provenance={"seed": 0}) as file:
+        if name != "run":
+            file.send_property(name, values)
+    if name == "run":
+        overwritten(beside, values)
+    with pytest.raises(InputError, match=rf"property {name}|of format"):
+        read(beside)
+    runs, problems = open_runs(beside.parent)
+    assert (len(runs), len(problems)) == (1, 1)
+    assert_told(beside, capsys, monkeypatch)
+
+
+def overwritten(path, values):
+    """A recording whose property run says this."""
+    stream = rr.RecordingStream("x", recording_id="hostile")
+    stream.save(path)
+    told = {"id": "a", "status": "complete", "format": 2, **values}
+    columns = {key: pa.array(value if isinstance(value, list) else [value]) for key, value in told.items()}
+    stream.send_property("run", rr.AnyValues(**columns))
+    stream.flush()
+    stream.disconnect()
+
+
+def test_a_sound_one_passes(tmp_path):
+    run = read(record(tmp_path / "a.rrd", "a"))
+    assert checked(run.path, dict(run.properties)) == run.properties
+    check_settings(run.path, {"seed": 3, "prior": {"a": [1, 2.5, "b", None, True]}, "study": None})
+
+
+@pytest.mark.parametrize("value", [datetime.date(2026, 1, 1), {1}, b"x", 10**400, "\ud800", np.float64, (1,)])
+def test_what_is_not_plain_is_refused(tmp_path, value):
+    for found in ({"a": value}, {"a": [value]}, {"a": {"b": value}}):
+        with pytest.raises(InputError):
+            check_settings(tmp_path / "a.rrd", found)

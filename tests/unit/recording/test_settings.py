@@ -1,0 +1,44 @@
+"""A configuration key by key: each key of one type in whatever recording."""
+
+from hypothesis import given
+from hypothesis import settings as trials
+from hypothesis import strategies as st
+
+from workbench.recording.settings import choices_of, numbers_and_texts
+
+SETTINGS = {
+    "seed": 3, "threads": None, "prior": {"_target_": "workbench.priors.smooth.Smooth", "sigma": 1.0e-3, "held": True},
+    "dataset": {"motion": "35_02", "view": [1, 2.5]}, "clips": {"choose": ["35_02"]}, "paths": {"data": "/my/own"},
+}  # fmt: skip
+
+
+def test_numbers_are_told_from_texts():
+    numbers, texts = numbers_and_texts(SETTINGS, {"prior": "smooth"})
+    assert numbers == {"seed": 3.0, "prior.sigma": 1.0e-3}
+    assert texts == {"prior.held": "true", "dataset.motion": "35_02", "dataset.view": "[1, 2.5]", "prior": "smooth"}
+
+
+def test_settings_with_dotted_keys_are_the_same():
+    dotted = {"prior.sigma": 1.0e-3, "paths.data": "/my/own", "prior._target_": "x"}
+    assert numbers_and_texts(dotted, {}) == ({"prior.sigma": 1.0e-3}, {})
+
+
+def test_what_is_too_long_is_cut_or_left_out():
+    numbers, texts = numbers_and_texts({"k" * 10_000: 1.0, "text": "t" * 10_000}, {"prior": "p" * 10_000})
+    assert numbers == {}
+    assert {key: len(text) for key, text in texts.items()} == {"text": 300, "prior": 300}
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats() | st.text(max_size=5),
+    lambda of: st.lists(of, max_size=3) | st.dictionaries(st.text(max_size=5), of, max_size=4),
+)
+
+
+@trials(max_examples=40)
+@given(settings=st.dictionaries(st.text(max_size=5), VALUES), words=st.lists(st.text(max_size=8)) | st.text(max_size=8))
+def test_whatever_a_configuration_holds_its_keys_are_numbers_or_texts(settings, words):
+    numbers, texts = numbers_and_texts(settings, choices_of(words))
+    assert all(type(value) is float for value in numbers.values())
+    assert all(type(value) is str for value in texts.values())
+    assert "" not in {*numbers, *texts}

@@ -1,0 +1,89 @@
+"""A recording's numbers as arrays and data frames."""
+
+import sys
+
+import numpy as np
+import pytest
+from recording_steps import BODY, SPACE, errors, steps
+
+from workbench.errors import InputError
+from workbench.recording.read.chunks import Curve
+from workbench.recording.read.reader import read
+from workbench.recording.read.tables import TABLES, bands_of, data_frame, table_of_metrics
+from workbench.recording.write.recorder import Recorder
+
+N = 3
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tables") / "run.rrd"
+    with Recorder(path, BODY, SPACE, run_id="x", config_yaml="seed: 3", provenance={"seed": 3}) as recording:
+        for step in steps(N, n_particles=20):
+            recording.log(step, errors(step))
+    return read(path.parent)  # the folder of a run
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_columns_are_of_one_length_and_begin_with_the_frame(run, name):
+    table = run.table(name)
+    assert next(iter(table)) == "frame"
+    assert len({len(column) for column in table.values()}) == 1
+    assert len(table["frame"]) >= N
+
+
+def test_poses_and_joints_are_those_of_the_arrays(run):
+    poses, joints = run.table("poses"), run.table("joints")
+    frames, values = run.poses
+    np.testing.assert_array_equal(poses["frame"], frames)
+    np.testing.assert_array_equal(poses["left_knee_flexion"], values[:, BODY.skeleton.dof("left_knee_flexion")])
+    head = joints["joint"] == "left_ankle"
+    np.testing.assert_array_equal(joints["frame"][head], run.joints.frames)
+    np.testing.assert_array_equal(joints["z"][head], run.joints.positions[:, run.joints.names.index("left_ankle"), 2])
+
+
+def test_bands_are_the_recorded_curves(run):
+    bands, table = run.bands, run.table("bands")
+    k = bands.names.index("root_x")
+    for edge in ("low", "mean", "high", "truth"):
+        recorded = run.scalars[f"posterior/parameters/root_x/{edge}"]
+        np.testing.assert_array_equal(getattr(bands, edge)[:, k], recorded.values[:, 0])
+        np.testing.assert_array_equal(table[edge][table["parameter"] == "root_x"], recorded.values[:, 0])
+    assert np.all(bands.low[:, k] <= bands.high[:, k])
+    assert np.isnan(bands.truth[:, bands.names.index("c1")]).all()  # nobody knows a true coefficient
+
+
+def test_what_was_not_measured_in_a_frame_is_nan():
+    late = Curve(np.array([1, 2]), np.array([[5.0], [6.0]]))
+    table = table_of_metrics({"a": Curve(np.array([0, 1, 2]), np.ones((3, 1))), "b": late})
+    np.testing.assert_array_equal(table["b"], [np.nan, 5.0, 6.0])
+    whole = Curve(np.array([0, 1, 2]), np.array([[1.0], [2.0], [3.0]]))
+    bands = bands_of({"posterior/parameters/x/truth": late, "posterior/parameters/x/low": whole, "metrics/a": late})
+    assert bands.names == ("x",)
+    np.testing.assert_array_equal(bands.truth[:, 0], [np.nan, 5.0, 6.0])
+    np.testing.assert_array_equal(bands.low[:, 0], [1.0, 2.0, 3.0])
+    assert np.isnan(bands.high).all()
+    assert len(bands_of({}).frames) == len(table_of_metrics({})["frame"]) == 0
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_data_frames_have_the_same_columns_and_values(run, library):
+    pytest.importorskip(library)
+    for name in TABLES:
+        table, frame = run.table(name), getattr(run, library)(name)
+        assert list(frame.columns) == list(table)
+        for column, values in table.items():
+            np.testing.assert_array_equal(frame[column].to_numpy(), values)
+
+
+def test_a_library_that_is_not_there_and_a_table_that_is_none_are_named(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "polars", None)
+    with pytest.raises(InputError, match="needs the package polars"):
+        data_frame("polars", {"frame": [0]})
+    with pytest.raises(InputError, match="one of poses, joints, true_joints, bands, metrics, found 'pose'"):
+        run.table("pose")
+
+
+def test_a_folder_without_a_recording_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"run\.rrd: no such recording"):
+        read(tmp_path)

@@ -1,0 +1,66 @@
+"""The verdict on the page: its first line, lanes of states, and no panel of what says nothing or of a single frame."""
+
+from dataclasses import replace
+
+import numpy as np
+from layouts import SHOWN, laid_out
+from recording_steps import BODY, SPACE, steps
+from rerun.chunk import RrdReader
+
+from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.verdict import Finding, Told, Verdict, verdict
+from workbench.recording.read.reader import read
+from workbench.recording.write.recorder import Recorder
+
+N = 6
+LOST = Verdict((), Finding("lost", "from frame 3"), ("held", "held", "held", "lost", "lost", "held"))
+
+
+def recorded(path, told=LOST):
+    evidence = Evidence(BODY)
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}, constant=("ess",)) as recorder:
+        for k, step in enumerate(steps(N, n_particles=20)):
+            recorder.log(step, {"error_abs_mm": 1.0})
+            evidence.add(step, {"doubt_arms_mm": 80.0 if k > 3 else 10.0})
+        recorder.set_verdict(told, evidence.measured())
+    return path
+
+
+def texts(path, entity, component):
+    found = []
+    for chunk in RrdReader(path).stream().filter(content=entity):
+        batch = chunk.to_record_batch()
+        found += [
+            each[0] for name in batch.schema.names if name == component for each in batch.column(name).to_pylist()
+        ]
+    return found
+
+
+def test_the_verdict_is_the_first_panel_and_a_property(tmp_path):
+    assert next(iter(laid_out(SHOWN))) == "verdict"
+    path = recorded(tmp_path / "run.rrd")
+    assert read(path).properties["verdict"] == {"kind": "lost", "sentence": "lost: from frame 3"}
+    assert texts(path, "/verdict", "TextDocument:text")[-1] == "**lost**: from frame 3"
+
+
+def test_lanes_say_where_states_change(tmp_path):
+    path = recorded(tmp_path / "run.rrd")
+    assert texts(path, "/state/person", "StateChange:state") == ["held", "lost", "held"]
+    assert texts(path, "/state/do_not_trust", "StateChange:state") == ["trusted", "arms"]
+    assert "states: held or lost; joints not to trust" in laid_out(replace(SHOWN, lanes=True))
+    assert "states: held or lost; joints not to trust" not in laid_out(SHOWN)
+
+
+def test_what_is_the_same_in_all_such_runs_has_no_panel():
+    names = list(laid_out(replace(SHOWN, constant=frozenset({"ess"}))))
+    assert not [name for name in names if "effective sample size" in name]
+
+
+def test_evidence_of_a_few_frames_is_judged():
+    evidence = Evidence(BODY)
+    for step in steps(N, n_particles=20):
+        evidence.add(step, {"error_abs_mm": 20.0})
+    found = verdict(evidence.measured(), Told())
+    assert found.kind == "held"
+    assert len(found.states) == N
+    assert np.isnan(evidence.measured().off_px).all()

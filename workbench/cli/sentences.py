@@ -1,0 +1,63 @@
+"""Errors as a person reads them: one sentence, what was meant, and what there is, a line each."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
+
+_OPTION = re.compile(r"Could not find '(\w+)/([^']*)'")
+_KEY = re.compile(r"Key '([^']+)' not in '")
+_PLACE = re.compile(r"full_key: (\S+)")
+_MOST = 40
+
+
+def lines(error: BaseException) -> list[str]:
+    """Return the error and, for Hydra's wrappers, its cause, in one line without Hydra's hints on debugging. Of an
+    option or a key that there is none of it says what was meant, and before it stands what there is, a line each."""
+    chain = list(_causes(error))
+    texts: list[str] = []
+    for cause in chain:
+        text = " ".join(str(cause).split())
+        if isinstance(cause, OSError) and cause.filename:
+            text = f"{cause.filename}: {cause.strerror}"
+        if text and not any(text in part for part in texts):
+            texts.append(text)
+    whole = ": ".join(texts)
+    if found := _OPTION.search(whole):
+        return _no_option(found[1], found[2])
+    if (found := _KEY.search(whole)) and (there := _keys(chain)):
+        place = _PLACE.search(whole)
+        name = place[1] if place else found[1]
+        before = name.rpartition(".")[0]
+        return _unknown(f"there is no key {name}", found[1], there, f"{before}." if before else "")
+    return [whole]
+
+
+def _no_option(group: str, name: str) -> list[str]:
+    from workbench.experiment.parts import options
+
+    return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
+
+
+def _unknown(told: str, name: str, there: Sequence[str], before: str) -> list[str]:
+    """List what there is, and say what was meant."""
+    near = get_close_matches(name, there, n=3, cutoff=0.6)
+    meant = f"; did you mean {' or '.join(before + each for each in near)}?" if near else ""
+    listed = [f"  {before}{each}" for each in there[:_MOST]]
+    more = [f"  and {len(there) - _MOST} more"] if len(there) > _MOST else []
+    return ["there are:", *listed, *more, f"{told}{meant}"]
+
+
+def _keys(chain: Sequence[BaseException]) -> list[str]:
+    """Find the keys that the place of an unknown one has."""
+    for cause in chain:
+        kind = getattr(cause, "object_type", None)
+        if isinstance(kind, type) and is_dataclass(kind):
+            return sorted(field.name for field in fields(kind) if not field.name.startswith("_"))
+    return []
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__

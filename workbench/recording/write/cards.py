@@ -1,0 +1,103 @@
+"""What a gallery shows: a card for each recording, beside and not in it, and how cards are laid out."""
+
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint import table
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from workbench.errors import InputError
+from workbench.recording.settings import numbers_and_texts
+from workbench.recording.write.file import CHOICES, SETTINGS, arrow
+
+CARD = "card"
+"""The property that a card adds to a recording."""
+_OPEN = "recording link"
+"""The viewer's own column of what a card opens, and shows a preview of."""
+_IMAGE = "EncodedImage:blob"
+
+
+def recording_id(path: Path) -> tuple[str, str]:
+    """Read the ids of the application and of the recording in a file; raises InputError unless there is one."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RerunWarning)  # a recording cut off has no footer
+            found = [store for store in RrdReader(path).recordings() if store.kind == "recording"]
+    except (RuntimeError, ValueError, OSError) as error:
+        raise InputError(f"{path}: expected a whole Rerun recording: {error}") from None
+    if len(found) != 1:
+        raise InputError(f"{path}: expected one recording, found {len(found)}")
+    return found[0].application_id, found[0].recording_id
+
+
+def images_in(path: Path) -> list[str]:
+    """Find the entities of a recording that are images, sorted; none of a recording that was cut off."""
+    try:
+        columns = RrdReader(path).store().schema().component_columns()
+    except (RuntimeError, ValueError, OSError):
+        return []
+    return sorted({each.entity_path for each in columns if each.component == _IMAGE})
+
+
+def has_layout(path: Path) -> bool:
+    """Whether a recording says how it is to be laid out, which a slimmed one does not."""
+    try:
+        return bool(RrdReader(path).blueprints())
+    except (RuntimeError, ValueError, OSError):
+        return False
+
+
+def write_card(
+    path: Path, ids: tuple[str, str], card: Mapping[str, Any], settings: Mapping[str, Any], choices: Mapping[str, str]
+) -> None:
+    """Write an .rrd that adds a card to the recording of these ids, and its configuration key by key.
+
+    card: strings and numbers by name. settings, choices: as `numbers_and_texts` takes them, of recordings older than
+    these were recorded.
+    """
+    application, recording = ids
+    stream = rr.RecordingStream(application, recording_id=recording, send_properties=False)
+    stream.set_log_time_enabled(False)
+    stream.set_sinks(rr.FileSink(path))
+    numbers, texts = numbers_and_texts(settings, choices)
+    for name, values in ((CARD, card), (SETTINGS, numbers), (CHOICES, texts)):
+        if values:
+            stream.send_property(name, arrow(values))
+    stream.flush()
+    stream.disconnect()
+
+
+def column(name: str, key: str) -> str:
+    """Name the column that a dataset of recordings makes of a property's key."""
+    return f"property:{name}:{re.sub('[.-]', '_', key)}"
+
+
+def write_layout(
+    path: Path, title: str, fields: Mapping[str, str], columns: Sequence[str], sort_by: str, images: Sequence[str],
+    curve: bool,
+) -> None:  # fmt: skip
+    """Write the layout, an .rbl, of a table of recordings that opens as cards and can be switched to rows.
+
+    title: the column with a card's title. fields: columns that a card shows below, and their names. columns: those that
+    come first in rows. sort_by: a column, smallest first. images: entities whose pictures a card shows beside each
+    other, as far as its recording has them. curve: whether it shows the error's curve.
+    """
+    hidden = rrb.PlotLegend(visible=False)
+    views: list[rrb.View] = [rrb.Spatial2DView(origin=image, contents=["$origin/**"]) for image in images]
+    if curve:
+        views.append(rrb.TimeSeriesView(origin="/metrics", contents=["/metrics/error_abs_mm"], plot_legend=hidden))
+    preview = table.Column(_OPEN, name="open", column_type=table.PreviewCell(*views))
+    named = [table.Column(source, name=name) for source, name in fields.items()]
+    rows = [table.Column(source, name=fields.get(source)) for source in (_OPEN, title, *columns)]
+    table.TableBlueprint(
+        card_layout=table.CardLayout(title=title, link=_OPEN, fields=[preview, *named]),
+        table_layout=table.TableLayout(columns=rows),
+        previews_config=table.PreviewsConfig(timeline="frame"),
+        sort_by=sort_by,
+    ).save("workbench-runs", path)

@@ -1,0 +1,103 @@
+"""What a run needs to be continued, in its recording: particles, weights and random streams of some frames.
+
+What the likelihood remembers is not stored, as it follows from the frames and the poses expected in them.
+"""
+
+import io
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import rerun as rr
+
+from workbench.arrays import AnyArray, FloatArray, IntArray
+from workbench.core.memory import Memory
+from workbench.core.step import Step
+from workbench.recording.write.columns import Rows, curves
+
+SHARE = 0.1
+"""Of the file that checkpoints take at most. The particles of every frame would be several times the rest; so those of
+some frames are kept, and who goes on from another repeats the frames since the last of these."""
+MEMORY, EXPECTED, TOLD, RANKS = (f"checkpoint/{name}" for name in ("memory", "expected", "told", "ranks"))
+ARCHETYPE = "Checkpoint"
+PAUSE = 5
+"""Frames until it is tried again whether one fits, as packing it takes time."""
+
+
+class Checkpoints:
+    """Stores the memory of a step whenever that leaves the checkpoints within SHARE of the file.
+
+    It is written one step later, when it is known which particles have offspring: of the others the states are left
+    out where nobody looked at them, since who goes on from a checkpoint repeats the frame after it as it was.
+
+    decode: gives the poses (N, P) of states (N, D); poses that are what it gives, bit by bit, are not stored.
+    """
+
+    def __init__(self, decode: Callable[[FloatArray], FloatArray]) -> None:
+        self._decode, self._spent, self._refused = decode, 0, 0
+        self._before: Step | None = None
+        self._owed = False
+
+    def before(self, told: FloatArray, expected: FloatArray) -> Rows:
+        """Yield of a frame before the run's first what was told of it and what its likelihood was told, (P,) each.
+
+        The first step's memory is then stored wholly, whatever room there is: nothing before it is in this file.
+        """
+        self._owed = True
+        yield from curves({TOLD: told, EXPECTED: expected})
+
+    def take_over(self, n_bytes: int) -> None:
+        """Count checkpoints that are in the file already."""
+        self._spent += n_bytes
+
+    def beside(self, step: Step, ranks: FloatArray) -> Rows:
+        """Yield the ranks (k,) of the true pose's numbers, and the pose that the likelihood was told, where it is not
+        the one that is recorded."""
+        self._spent += ranks.nbytes
+        yield from curves({RANKS: ranks})
+        if step.memory is not None and not np.array_equal(step.memory.expected, step.expected_pose):
+            self._spent += step.memory.expected.nbytes
+            yield from curves({EXPECTED: step.memory.expected})
+
+    def log(self, stream: rr.RecordingStream, step: Step, n_bytes: int) -> None:
+        """Store the memory of the step before in a file that has so many bytes by now, if there is room for it."""
+        before, self._before = self._before, step
+        room, self._refused = SHARE * n_bytes - self._spent, max(0, self._refused - 1)
+        if before is None or before.memory is None or step.memory is None:
+            return
+        if not self._owed and (room <= 0 or self._refused):
+            return
+        packed = self._packed(before.memory, None if self._owed else step.memory.parents)
+        if len(packed) > room and not self._owed:
+            self._refused = PAUSE
+        else:
+            self._spent, self._owed = self._spent + len(packed), False
+            streams = json.dumps(before.memory.streams)
+            fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([streams])}
+            time = np.timedelta64(round(before.frame.time_s * 1e9), "ns")
+            stream.send_columns(
+                MEMORY,
+                indexes=[
+                    rr.TimeColumn("frame", sequence=[before.frame.index]),
+                    rr.TimeColumn("time", duration=np.array([time])),
+                ],
+                columns=rr.DynamicArchetype.columns(archetype=ARCHETYPE, components=fields),
+            )
+
+    def _packed(self, memory: Memory, offspring_of: IntArray | None) -> bytes:
+        arrays = dict(memory.arrays)
+        if "poses" in arrays and np.array_equal(arrays["poses"], self._decode(arrays["state"])):
+            del arrays["poses"]
+        if offspring_of is not None:
+            arrays |= {name: _only(arrays[name], offspring_of) for name in ("state", "poses") if name in arrays}
+        file = io.BytesIO()
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+        return file.getvalue()
+
+
+def _only(rows: AnyArray, kept: IntArray) -> AnyArray:
+    """Return the array with zeros, which take no room, in all rows but those kept."""
+    found = np.zeros_like(rows)
+    found[kept] = rows[kept]
+    return found
