@@ -8,6 +8,23 @@ from pathlib import Path
 from workbench.errors import InputError
 
 
+def replace_text(path: Path, text: str, shorter: str = "") -> None:
+    """Write a file anew, ASCII; on a full disk within the room that it has, `shorter` where `text` is too long for it.
+
+    Raises InputError when neither is possible.
+    """
+    try:
+        with whole_file(path) as part:
+            part.write_text(text)
+    except InputError:
+        room = path.stat().st_size if path.is_file() else 0
+        fitting = next((each for each in (text, shorter) if 0 < len(each) <= room), None)
+        if fitting is None:
+            raise
+        with path.open("r+") as file:
+            file.write(fitting.ljust(room))
+
+
 @contextmanager
 def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
     """A name beside `path` to write to, which becomes `path` when the block ends well and is removed when it does not.

@@ -1,6 +1,5 @@
 """The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
 
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.shape import Triple
 from workbench.errors import InputError
+from workbench.limits import LARGEST_PX, MOST_CONFIG, check_file, check_places, parse_toml
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +80,13 @@ def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     holds size [w, h], matrix, distortions (4 or 5 numbers), rotation (Rodrigues vector) and translation (m). Raises
     InputError when the file is missing, is not TOML or a camera is incomplete."""
     path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such camera file")
+    check_file(path, MOST_CONFIG)
     try:
-        tables = tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such camera file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a camera file in TOML: {error}") from None
+        tables = parse_toml(path, path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected TOML: {error}") from None
     cameras = tuple(_camera(path, key, table) for key, table in tables.items() if key != "metadata")
     if not cameras:
         raise InputError(f"{path}: expected at least one camera table, found none")
@@ -101,7 +102,7 @@ def _camera(path: Path, key: str, table: object) -> Camera:
             values = np.array(table[name], dtype=np.float64)
         except KeyError:
             raise InputError(f"{path}: camera [{key}] lacks {name!r}") from None
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             values = np.empty(0)
         if values.shape not in shapes or not np.isfinite(values).all():
             expected = " or ".join("×".join(map(str, shape)) for shape in shapes)
@@ -111,6 +112,11 @@ def _camera(path: Path, key: str, table: object) -> Camera:
     if table.get("fisheye"):
         raise InputError(f"{path}: camera [{key}] is a fisheye, expected a pinhole camera")
     width, height = numbers("size", (2,))
+    if not (1.0 <= width <= LARGEST_PX and 1.0 <= height <= LARGEST_PX):
+        raise InputError(f"{path}: camera [{key}]: expected a size of 1 to {LARGEST_PX:g} px, found {table['size']}")
+    if not np.abs(numbers("matrix", (3, 3))).max() <= LARGEST_PX:
+        raise InputError(f"{path}: camera [{key}]: expected a matrix up to {LARGEST_PX:g} px, found {table['matrix']}")
+    check_places(f"{path}: camera [{key}]", numbers("translation", (3,)))
     rotation = cv2.Rodrigues(numbers("rotation", (3,)))[0].astype(np.float64)
     distortion = np.resize(np.append(numbers("distortions", (4,), (5,)), 0.0), 5)
     return Camera(

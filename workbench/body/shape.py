@@ -7,9 +7,14 @@ from typing import Any
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.limits import LONGEST_LIMB_M
 
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]
+
+ANKLE_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT, LEG_LENGTH = 0.039, 0.818, 0.93, 0.491
+"""Of somebody who stands, in their heights, as in `from_height`: of ankles, shoulders and the head's centre above the
+floor, and of thigh and calf together."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ def from_height(height_m: float, **given: float | tuple[float, ...]) -> Shape:
         torso_radii_low=(0.062, 0.095), torso_radii_high=(0.058, 0.100), upper_arm_radii=(0.030, 0.025),
         forearm_radii=(0.026, 0.018), thigh_radii=(0.050, 0.035), calf_radii=(0.034, 0.023),
     ).scaled(height_m)  # fmt: skip
-    return Shape(**{**average.as_dict(), **given})  # type: ignore[arg-type]
+    return _possible(Shape(**{**average.as_dict(), **given}))  # type: ignore[arg-type]
 
 
 def read_shape(place: str, found: Mapping[str, Any]) -> Shape:
@@ -90,6 +95,14 @@ def read_shape(place: str, found: Mapping[str, Any]) -> Shape:
             raise InputError(f"{place}: its shape lacks the length {name!r}")
         lengths[name] = tuple(map(float, value)) if value.ndim else float(value)
     try:
-        return Shape(**lengths)
+        return _possible(Shape(**lengths))
     except InputError as error:  # which knows the length, but not its file
         raise InputError(f"{place}: {error}") from None
+
+
+def _possible(shape: Shape) -> Shape:
+    """Refuse limbs longer than LONGEST_LIMB_M, where lengths are told; a fit may pass by such on its way."""
+    for name in ("upper_arm", "forearm", "thigh", "calf"):
+        if getattr(shape, name) > LONGEST_LIMB_M:
+            raise InputError(f"shape: {name} must be at most {LONGEST_LIMB_M} m, found {getattr(shape, name):g}")
+    return shape

@@ -26,7 +26,7 @@ def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015
     only: 12 ms for a person at 25 mm, 40 ms at 15 mm. Raises InputError when scikit-image, the optional extra "mesh",
     is not installed."""
     if not can_mesh():
-        raise InputError("the mesh of a surface needs scikit-image: install the extra, pip install 'workbench[mesh]'")
+        raise InputError("the mesh of a surface needs scikit-image: pip install -e '.[mesh]' in the clone")
     measure = importlib.import_module("skimage.measure")
     lows, highs = _boxes(surface, frames)
     corner = lows.min(axis=0) - 3.0 * spacing_m

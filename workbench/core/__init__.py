@@ -15,6 +15,7 @@ frame           one time step's observations: images or points, with its time in
 inference       turns frames, prior and likelihood into steps
 likelihood      log p(frame_t | pose_t, pose_t-1, frame_t-1), up to a constant
 look            a likelihood that has seen one frame and judges poses of it
+memory          what an inference keeps after a frame to go on from it, beside what its likelihood remembers
 move            how a particle filter takes its particles from one frame to the next
 particle        one weighted state
 pose            the body's 25 numbers: root position (m), root rotation (rad), 19 joint angles (rad)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.limits import RATES_HZ
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Range:
 
 
 POSITIVE = Range("positive", lambda value: 0.0 < value < np.inf)
+RATE = Range(f"between {RATES_HZ[0]:g} and {RATES_HZ[1]:g} Hz", lambda value: RATES_HZ[0] <= value <= RATES_HZ[1])
 INSIDE_UNIT = Range("between 0 and 1", lambda value: 0.0 < value < 1.0)
 UNIT = Range("between 0 and 1", lambda value: 0.0 <= value <= 1.0)
 UP_TO_1 = Range("above 0 and at most 1", lambda value: 0.0 < value <= 1.0)

@@ -23,7 +23,7 @@ class Clip:
 
     def __init__(self, dataset: Dataset, most_bytes: int = MOST_BYTES) -> None:
         self.known = dataset.known
-        self._dataset, self._room = dataset, most_bytes
+        self.dataset, self._room = dataset, most_bytes
         self._kept: list[Frame] = []
         self._source: Iterator[Frame] | None = None  # stands after the frames kept; None before the first and beyond
         self._complete = self._told = False
@@ -43,7 +43,7 @@ class Clip:
         """Decode and keep one more frame; False where there is none, or no room for it."""
         if self._complete or self._room <= 0:
             return False
-        source = iter(self._dataset.frames()) if self._source is None else self._source
+        source = iter(self.dataset.frames()) if self._source is None else self._source
         self._source, room, self._room = None, self._room, 0  # if decoding fails, who comes next meets the failure too
         frame = next(source, None)
         self._source, self._room = source, room
@@ -62,4 +62,4 @@ class Clip:
         if not self._told:
             log.info("%s: frames beyond the first %d are decoded again", self.known.name, len(self._kept))
             self._told = True
-        return islice(self._dataset.frames(), len(self._kept), None)
+        return islice(self.dataset.frames(), len(self._kept), None)

@@ -17,7 +17,8 @@ class Known:
 
     name: short, for plots and tables. n_frames: how many `frames` gives. rate_hz: frames a second where they are evenly
     spaced. cameras: those that see the person, in the order of the views; none where there are no images. scale: the
-    factor by which the source's images were resized.
+    factor by which the source's images were resized. source_rate_hz: what the source's file says of its rate where
+    another is told.
     shape: the person's own measurements. body: the tracked body where it is not the 25-number person, such as every
     joint of a motion file. start_pose: (P,) in the first frame. start_marks: joints marked in the first frame, and
     perhaps in some that follow. has_keypoints, has_points: whether frames show joints or points of the surface.
@@ -31,6 +32,7 @@ class Known:
     name: str
     n_frames: int
     rate_hz: float | None = None
+    source_rate_hz: float | None = None
     cameras: tuple[Camera, ...] = ()
     scale: float = 1.0
     shape: Shape | None = None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from workbench.arrays import FloatArray
 from workbench.core.frame import Frame
@@ -37,8 +37,46 @@ class Look(Protocol):
         """Return the likelihood of the next frame, which knows what was expected (P,) in this one."""
 
 
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """A log likelihood at one pose of P numbers, with its gradient (P,) and the curvature (P, P) downwards, which is
+    negative in no direction."""
+
+    log_prob: float
+    gradient: FloatArray
+    curvature: FloatArray
+
+
+@runtime_checkable
+class SlopedLook(Look, Protocol):
+    """A look that knows how the likelihood changes with the pose, and smooths the image more or less for it.
+
+    levels: of smoothing, the first being the smoothest. `evaluate` judges at the last. judges: whether anything is
+    known to judge by, as in a first frame it may not be.
+    """
+
+    @property
+    def levels(self) -> int: ...
+    @property
+    def judges(self) -> bool: ...
+
+    def slope(self, pose: FloatArray, level: int) -> Slope:
+        """Return log likelihood and derivatives at a pose (P,), which came from any other."""
+
+    def misfit(self, pose: FloatArray) -> FloatArray:
+        """Return how badly what every joint (J,) moves fits the image at a pose (P,): the mean loss of its points."""
+
+
 class Likelihood(Protocol):
     """log p(frame_t | pose_t, pose_t−1, frame_t−1): image motion needs the previous pose and frame too."""
 
     def look(self, previous: Frame | None, frame: Frame) -> Look:
         """Look at a frame and the one before, None for the first of a run, in which nothing is evaluated."""
+
+
+@runtime_checkable
+class Relearning(Protocol):
+    """A likelihood that learns from a clip, and more so when it has been tracked before."""
+
+    def relearned(self, frame: Frame, poses: Mapping[int, FloatArray]) -> Likelihood:
+        """Return the likelihood of the same clip, from `frame` on, which knows poses (P,) by its frames' indices."""

@@ -3,12 +3,13 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.core.frame import Frame
+from workbench.core.memory import Memory, Past
 from workbench.core.state_space import StateSpace
 
 
@@ -24,7 +25,8 @@ class Step:
     such as "walk", by inferences that tell it. attachment: (K,) the part of the body that each of the frame's points
     belongs to, as a number, -1 for none. diagnostics: scalars worth a curve. warnings: sentences for the person who
     runs this. evaluations: how often the likelihood was evaluated for this frame, for one pose each, or the residual by
-    inferences that solve. timing_s: seconds spent per stage.
+    inferences that solve. timing_s: seconds spent per stage. memory: what the inference goes on from after this frame,
+    None by those that cannot.
     """
 
     frame: Frame
@@ -43,6 +45,7 @@ class Step:
     warnings: tuple[str, ...] = ()
     evaluations: float = 0.0
     timing_s: Mapping[str, float] = field(default_factory=dict)
+    memory: Memory | None = None
 
     @cached_property
     def spread(self) -> BoolArray:
@@ -63,3 +66,22 @@ class Inference(Protocol):
         self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Mapping[str, np.random.Generator]
     ) -> Iterator[Step]:
         """Yield one step per frame, from the pose `start` (P,), which some can do without, by the named generators."""
+
+
+@runtime_checkable
+class Continuing(Protocol):
+    """An inference whose steps have a memory and that, where `continues` says so, takes a `Past` for a start: it then
+    looks at the frames of this again and yields the steps of those after them, bit by bit as if it had tracked all."""
+
+    @property
+    def continues(self) -> bool: ...
+
+    def run(
+        self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Mapping[str, np.random.Generator]
+    ) -> Iterator[Step]:
+        """Yield the steps as `Inference.run` does, or those after the past."""
+
+
+def continues(inference: Inference) -> TypeGuard[Continuing]:
+    """Tell whether the inference can go on from a frame."""
+    return isinstance(inference, Continuing) and inference.continues

@@ -24,6 +24,8 @@ ONE_CAMERA = "a single camera"
 ALL_JOINTS = "every joint of a motion file's skeleton"
 FOLLOWERS = "recorded windows to look ahead in, as it is set to"
 EVIDENCE = "a density of the data"
+EVEN_WEIGHTS = "particles that all weigh the same"
+FIT = "one pose, about which its particles are drawn"
 START = "a pose, marks, 2-D joints or points to start from"
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from workbench.core.checks import POSITIVE, at_least, check
+from workbench.core.checks import RATE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.given import LEAD_IN, START_POSE
@@ -29,7 +29,7 @@ class Blank:
     rate_hz: float = 30.0
 
     def __post_init__(self) -> None:
-        check("blank", self, n_frames=at_least(1), first_frame=at_least(0), rate_hz=POSITIVE)
+        check("blank", self, n_frames=at_least(1), first_frame=at_least(0), rate_hz=RATE)
 
     @cached_property
     def known(self) -> Known:

@@ -13,6 +13,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
+from workbench.core.keys import keeps_keys
 from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.datasets.files.marks import Marks, followed_marks, read_people
 from workbench.datasets.people.association import follow
@@ -25,6 +26,7 @@ Files = Mapping[str, str]
 NO_FILES: Files = MappingProxyType({})
 
 
+@keeps_keys
 class MultiView:
     """Videos that start together, one view each in every frame, with what a detector found in them.
 
@@ -33,11 +35,11 @@ class MultiView:
     all of them. person: whom to follow in the folders, the number of somebody in the first frame, of those used, in
     which the first of their cameras shows anybody, or {camera: number} for others; None: the largest and surest, see
     `follow`.
-    first_frame, last_frame, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with markers,
-    whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies, by joint,
-    where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names that are
-    no cameras and, when asked what is known, for what `Video` and `read_markers` refuse, sources of different rates and
-    a truth that has none of the frames.
+    first_frame, last_frame, n_frames, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with
+    markers, whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies,
+    by joint, where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names
+    that are no cameras and, when asked what is known, for what `Video` and `read_markers` refuse, sources of different
+    rates and a truth that has none of the frames.
     """
 
     @staticmethod
@@ -51,7 +53,7 @@ class MultiView:
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
         last_frame: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
         person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first: int = 0,
-        joint_markers: MarkersOf = NO_MARKERS,
+        joint_markers: MarkersOf = NO_MARKERS, n_frames: int | None = None,
     ) -> None:  # fmt: skip
         names = list(sources) if which is None else list(which)
         if unknown := [name for name in (*names, *keypoints) if name not in sources]:
@@ -61,7 +63,10 @@ class MultiView:
         common = (first_frame, last_frame, scale, rate_hz)
         folders = {name: keypoints[name] for name in names if name in keypoints and Path(keypoints[name]).is_dir()}
         by_hand = {name: file for name, file in keypoints.items() if name not in folders}
-        self._videos = [Video(sources[name], camera, name, *common, keypoints=by_hand.get(name)) for name in names]
+        others: dict[str, Any] = {"n_frames": n_frames}
+        self._videos = [
+            Video(sources[name], camera, name, *common, keypoints=by_hand.get(name), **others) for name in names
+        ]
         self._names, self._folders, self._person = names, folders, person
         self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
 
@@ -76,6 +81,7 @@ class MultiView:
         _ = self._true_joints  # read now, so that mistakes show before the first frame
         return Known(
             name=", ".join(one.cameras[0].name for one in known), n_frames=self._n_frames, rate_hz=rates_hz[0],
+            source_rate_hz=next((one.source_rate_hz for one in known if one.source_rate_hz is not None), None),
             cameras=tuple(one.cameras[0] for one in known), scale=known[0].scale,
             has_keypoints=any(one.has_keypoints for one in known) or bool(self._followed),
             counted=next((marks.counted for marks in self._followed.values()), {}),

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
-from workbench.core.checks import POSITIVE, at_least, check, one_of
+from workbench.core.checks import RATE, at_least, check, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.traits import POINTS, START, Traits, offering
@@ -19,6 +19,7 @@ from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
 from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
 from workbench.errors import InputError
+from workbench.limits import check_places
 from workbench.streams import stream
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -55,7 +56,7 @@ class PointFiles:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check("points", self, unit=one_of(*METRES), rate_hz=POSITIVE, most_points=at_least(1))
+        check("points", self, unit=one_of(*METRES), rate_hz=RATE, most_points=at_least(1))
         check("points", self, first_frame=at_least(0), seed=at_least(0))
 
     @cached_property
@@ -93,6 +94,7 @@ class PointFiles:
                 thinned.append(f"{name} with {len(points)}")
                 rng = stream(self.seed, "thinning", i)
                 points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
+            check_places(f"{self.source}: {name}", METRES[self.unit] * points)
             clouds.append(METRES[self.unit] * points)
         if thinned:
             many = f"{len(thinned)} of {len(clouds)} frames have more than {self.most_points} points"

@@ -20,6 +20,7 @@ from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, 
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
 from workbench.datasets.files.marks import Marks, read_marks
 from workbench.errors import InputError
+from workbench.limits import check_rate
 
 LEAST_SIZE_PX = 16
 MOST_STRETCHED = 0.01
@@ -33,14 +34,15 @@ class Video:
     source: a video file that OpenCV reads, or a folder of images, taken in natural order (frame_9 before frame_10).
     camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
     first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both included;
-    None: to the end. scale: the factor by which images are resized. rate_hz: frames per second, where the source does
-    not say or says it wrongly. start_marks: a file of marks, of which those at first_frame, with those of later frames
-    up to start_last, give the start. keypoints: a file of marks, or a folder of what a detector found (OpenPose's
-    JSON), that are observations. person: the number of the one to follow among those found in the first frame that
-    shows anybody, None for the one of them who is seen largest and surest. eval_marks: the same that is truth for the
-    evaluation only. held_out: frames whose marks are kept from the keypoints; with some, eval_marks measures in these
-    alone. hidden_weight: the weight of a mark on a hidden joint, visible ones having 1; 0.35 because hidden joints are
-    marked to 6–10 px, visible ones to 4; a detector's is its confidence.
+    None: to the end. n_frames: how many are used, where that is fewer. scale: the factor by which images are resized.
+    rate_hz: frames per second, where the source does not say or says it wrongly. start_marks: a file of marks, of which
+    those at first_frame, with those of later frames up to start_last, give the start. keypoints: a file of marks, or a
+    folder of what a detector found (OpenPose's JSON), that are observations. person: the number of the one to follow
+    among those found in the first frame that shows anybody, None for the one of them who is seen largest and surest.
+    eval_marks: the same that is truth for the evaluation only. held_out: frames whose marks are kept from the
+    keypoints; with some, eval_marks measures in these alone. hidden_weight: the weight of a mark on a hidden joint,
+    visible ones having 1; 0.35 because hidden joints are marked to 6–10 px, visible ones to 4; a detector's is its
+    confidence.
 
     Images that are up to 1 % off the camera's size are stretched to it, with a warning. Raises InputError for numbers
     out of range and, when asked what is known, for what cannot be read, frames that are not there, images of another
@@ -68,12 +70,15 @@ class Video:
     held_out: Sequence[int] = ()
     hidden_weight: float = 0.35
     person: int | None = None
+    n_frames: int | None = None
 
     def __post_init__(self) -> None:
         check("video", self, scale=UP_TO_1, hidden_weight=UNIT)
         if self.first_frame < 0 or (self.last_frame is not None and self.last_frame < self.first_frame):
             found = f"{self.first_frame} and {self.last_frame}"
             raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {found}")
+        if self.n_frames is not None and self.n_frames < 1:
+            raise InputError(f"video: n_frames must be at least 1, found {self.n_frames}")
 
     @cached_property
     def known(self) -> Known:
@@ -92,6 +97,7 @@ class Video:
         counted = {} if self._keypoints is None else self._keypoints.counted
         return Known(
             name=self._path.name, n_frames=n_frames, rate_hz=self.true_rate_hz, scale=self.scale,
+            source_rate_hz=None if self.rate_hz is None else frame_rate(self._path),
             cameras=(self.source_camera.scaled(self.scale),), start_marks=self._first_marks(),
             has_keypoints=bool(((marked >= self.first_frame) & (marked <= self.last)).any()), counted=counted,
         )  # fmt: skip
@@ -117,7 +123,7 @@ class Video:
             raise InputError(f"{self.source}: does not say its frame rate; set rate_hz")
         if not 0.0 < rate < np.inf:
             raise InputError(f"video: rate_hz must be positive, found {rate}")
-        return rate
+        return check_rate(f"{self.source}: rate_hz", rate)
 
     @cached_property
     def _path(self) -> Path:
@@ -134,13 +140,15 @@ class Video:
     @cached_property
     def last(self) -> int:
         """The number of the last frame used."""
-        n = count_frames(self._path, None if self.last_frame is None else self.last_frame + 1)
-        wanted = self.first_frame if self.last_frame is None else self.last_frame
+        enough = None if self.n_frames is None else self.first_frame + self.n_frames - 1
+        last = min((number for number in (self.last_frame, enough) if number is not None), default=None)
+        n = count_frames(self._path, None if last is None else last + 1)
+        wanted = self.first_frame if last is None else last
         if n == 0:
             raise InputError(f"{self.source}: expected frames, found none that can be decoded")
         if wanted >= n:
             raise InputError(f"{self.source}: no frame {wanted}, expected one of 0 to {n - 1}")
-        return n - 1 if self.last_frame is None else wanted
+        return n - 1 if last is None else wanted
 
     @cached_property
     def _keypoints(self) -> Marks | None:

@@ -16,6 +16,7 @@ from workbench.core.step import Inference
 from workbench.errors import InputError
 from workbench.experiment.build import build
 from workbench.experiment.compatibility import incompatibility, unread
+from workbench.experiment.lacking import what_lacks
 from workbench.experiment.tracking import Parts
 from workbench.inference.start.keypoints import trajectory_of_keypoints
 from workbench.inference.start.poses import start_poses
@@ -34,7 +35,7 @@ def assemble(config: DictConfig, stage: Stage, names: Mapping[str, str] | None =
     """
     if lacking := [name for name in ("dataset", "body", "inference") if config[name] is None]:
         raise InputError(f"config: expected a {lacking[0]} to track with, found none")
-    if sentence := incompatibility(config, names or {}):
+    if sentence := what_lacks(config, names or {}) or incompatibility(config, names or {}):
         raise InputError(sentence)
     with stage("dataset"):
         clip = Clip(build(config.dataset))

@@ -9,21 +9,28 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from workbench.errors import InputError
-from workbench.experiment.parts import OURS, how_to_allow, is_allowed
+from workbench.experiment.parts import OURS, how_to_allow, is_allowed, targets
 
 
 def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
-    """Refuse a configuration in which any `_target_` is not defined in the workbench or a package that was named.
+    """Refuse a configuration in which any `_target_` is not what an option of the workbench or of a package that was
+    named builds.
 
     A configuration may come from a stranger's recording, so this runs over the whole of it before anything is built,
     and over all names before anything is imported. Raises InputError naming the place and the target.
     """
-    found = _targets(OmegaConf.to_container(config, resolve=True), place)
-    for here, target in found.items():
-        if not (isinstance(target, str) and is_allowed(target)):
-            raise InputError(f"config: {here} must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+    found = targets_in(OmegaConf.to_container(config, resolve=True), place)
+    check_names(found)
     for here, target in found.items():
         resolved(target, f"{here} ")
+
+
+def check_names(found: Mapping[str, object]) -> None:
+    """Refuse targets, by their places, that no option names; nothing is imported. Raises InputError."""
+    known = targets() if found else set()
+    for here, target in found.items():
+        if not (isinstance(target, str) and target in known):
+            raise InputError(f"config: {here} must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
 
 
 def build(node: DictConfig, **live: object) -> Any:
@@ -33,6 +40,8 @@ def build(node: DictConfig, **live: object) -> Any:
     Raises InputError for a foreign target or a key the target does not know; what the target itself raises comes
     through unchanged.
     """
+    if not isinstance(node, DictConfig):
+        raise InputError(f"config: expected a part with the keys of its class, found {node!r}")
     check_targets(node)
     known = signature(resolved(node["_target_"])).parameters
     if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
@@ -45,9 +54,10 @@ def build(node: DictConfig, **live: object) -> Any:
 def resolved(target: str, place: str = "") -> Callable[..., object]:
     """Import the class or function of a dotted name.
 
-    Raises InputError for what does not exist or is defined outside the packages that may be built from.
+    Raises InputError for what no option names, does not exist or is defined outside the packages that may be built
+    from.
     """
-    if is_allowed(target):
+    if target in targets():
         module, _, name = target.rpartition(".")
         try:
             found = getattr(import_module(module), name, None)
@@ -72,13 +82,13 @@ def _has_target(node: DictConfig, key: Any) -> bool:
     return isinstance(inner, DictConfig) and ("_target_" in inner or any(_has_target(inner, name) for name in inner))
 
 
-def _targets(value: object, place: str) -> dict[str, Any]:
+def targets_in(value: object, place: str) -> dict[str, Any]:
     """Find every `_target_` by its place."""
     if isinstance(value, list):
-        return {here: each for k, item in enumerate(value) for here, each in _targets(item, f"{place}[{k}]").items()}
+        return {here: each for k, item in enumerate(value) for here, each in targets_in(item, f"{place}[{k}]").items()}
     found: dict[str, Any] = {}
     if isinstance(value, dict):
         for key, item in value.items():
             here = f"{place}.{key}" if place else str(key)
-            found |= {here: item} if key == "_target_" else _targets(item, here)
+            found |= {here: item} if key == "_target_" else targets_in(item, here)
     return found

@@ -1,12 +1,11 @@
 """One run: build the parts, track frame by frame, record, sum up."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
@@ -15,68 +14,98 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from workbench.clock import compiled_s, working_s
 from workbench.core.prior import Prior
+from workbench.core.step import continues
 from workbench.core.study import Study
 from workbench.errors import InputError
+from workbench.evaluation.events import WINDOW
+from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.verdict import verdict
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build, check_targets
 from workbench.experiment.compatibility import no_evidence
+from workbench.experiment.compiling import compiling
+from workbench.experiment.folder import taken
 from workbench.experiment.given import givens
 from workbench.experiment.identity import identity
+from workbench.experiment.judging import constant, told
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
-from workbench.recording.study.recorder import record_study
-from workbench.recording.write.file import RecordingFile
+from workbench.kernel_cache import go_on_without_room
+from workbench.limits import check_sizes
 from workbench.recording.write.recorder import Recorder
 
+if TYPE_CHECKING:
+    from workbench.experiment.continuing import Continued  # which reads recordings, as a run that is refused does not
+
 log = logging.getLogger(__name__)
+
+Stop = Callable[[Mapping[str, float]], bool]
+"""Whether a run ends, by its numbers so far; as text it says when."""
 _SHOWN = {"error_abs_mm": "error {:.0f} mm", "error_px": "error {:.1f} px"}  # beside the progress bar, the first
 
 
 def execute(
-    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None
-) -> Summary:
+    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
+    continued: "Continued | None" = None, stop: Stop | None = None, anew: str | None = None,
+) -> Summary:  # fmt: skip
     """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`.
 
-    quiet: no progress bar. command: what was said, which is recorded; sentences name its choices. Raises InputError for
-    what a person can mend, DegenerateWeights where the configuration asks to end there; summary.json then says so, and
-    the recording up to there is kept as `run.rrd.part`.
+    quiet: no progress bar. command: what was said, which is recorded; sentences name its choices. continued: where a
+    recorded run goes on; None: from the first frame. stop: ends the run where it holds. anew: why it does not go on
+    where an earlier attempt ended. Raises InputError for what a person can mend, DegenerateWeights where the
+    configuration asks to end there; summary.json then says so, and the recording up to there is kept as `run.rrd.part`.
+    One run at a time works in a folder, see `folder.taken`.
     """
-    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd")
-    command = command or Command()
-    names: Mapping[str, str] = command.choices
-    summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
-    try:
-        check_targets(config)
-        summary.identity, summary.provenance = identity(config), provenance(config, command)
-        _set_threads(config.threads)
-        # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
-        with threadpool_limits(limits=1, user_api="blas"):
-            if config.study is None:
-                config = _with_given(config, names)
-                summary.given = list(config.given)
-            summary.settings = _plain(config)
-            if config.study is not None:
-                _study(config, summary)
-            else:
-                parts = assemble(config, partial(_timed, summary), names)
-                summary.counted = parts.clip.known.counted
-                if reason := no_evidence(config, names):
-                    summary.left_out["log_evidence"] = reason
-                with recorder_of(config, parts, summary) as recorder:
-                    recorder.set_departures(parts.clip.known.departures)
-                    record(parts, recorder, int(config.seed), summary, quiet)
-                    recorder.set_result(summary.metrics)
-                    recorder.set_cost(summary.cost)
-        summary.status = "complete"
-    except BaseException as error:
-        summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-        summary.error = f"{type(error).__name__}: {error}"
-        raise
-    finally:
-        summary.write(folder / "summary.json")
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd", anew=anew)
+    with ending(summary):
+        _execute(config, summary, quiet, command or Command(), continued, stop)
     return summary
+
+
+@contextmanager
+def ending(summary: Summary) -> Iterator[None]:
+    """Take the run's folder, and keep summary.json there at the beginning and, with how it ended, at the end."""
+    folder = summary.recording.parent
+    with taken(folder):
+        summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
+        try:
+            yield
+            summary.status = "complete" if summary.stopped is None else "stopped"
+        except BaseException as error:
+            summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+            summary.error = f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            summary.write(folder / "summary.json")
+
+
+def _execute(
+    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: "Continued | None",
+    stop: Stop | None,
+) -> None:  # fmt: skip
+    names: Mapping[str, str] = command.choices
+    check_targets(config)
+    check_sizes(_plain(config))
+    rng_streams(summary.seed)  # which a wrong seed has none of
+    summary.identity, summary.provenance = identity(config), provenance(config, command)
+    if continued is not None:
+        summary.identity = continued.identity(summary.identity)
+        summary.provenance = {**summary.provenance, **continued.provenance}
+    _set_threads(config.threads)
+    go_on_without_room()
+    # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
+    with threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
+        if config.study is None:
+            config = _with_given(config, names)
+            summary.given = list(config.given)
+        summary.settings = _plain(config)
+        if config.study is not None:
+            _study(config, summary)
+        else:
+            _track(config, summary, names, quiet, continued, stop)
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:
@@ -95,36 +124,79 @@ def _with_given(config: DictConfig, names: Mapping[str, str]) -> DictConfig:
     return config
 
 
+def _track(
+    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: "Continued | None",
+    stop: Stop | None,
+) -> None:  # fmt: skip
+    parts = assemble(config, partial(_timed, summary), names)
+    summary.counted = parts.clip.known.counted
+    if reason := no_evidence(config, names):
+        summary.left_out["log_evidence"] = reason
+    summary.constant = constant(config, parts)
+    evidence = Evidence(parts.body, parts.clip.known.scale)
+    with recorder_of(config, parts, summary) as recorder:
+        recorder.set_departures(parts.clip.known.departures)
+        before_s = compiled_s()
+        record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
+        summary.compiling_s = compiled_s() - before_s
+        measured = evidence.measured()
+        summary.verdict = verdict(measured, told(config, summary.settings, parts))
+        recorder.set_verdict(summary.verdict, measured)
+        recorder.set_result(summary.metrics)
+        recorder.set_cost(summary.cost)
+
+
 def _study(config: DictConfig, summary: Summary) -> None:
+    from workbench.recording.study.recorder import record_study  # here, since drawing takes long to import
+    from workbench.recording.write.file import RecordingFile
+
     prior: Prior | None = None
     if config.prior is not None:
         with _timed(summary, "prior_learning"):
             prior = build(config.prior)
     study: Study = build(config.study, prior=prior)
     with RecordingFile(summary.recording, **_labels(config, summary)) as file:
+        before_s = compiled_s()
         with _timed(summary, "study"):
             result = study.run(rng_streams(int(config.seed))["study"])
+        summary.compiling_s = compiled_s() - before_s
         summary.study = result.metrics
         record_study(file, result)
-        file.send_property("cost", summary.cost)
+        file.send_numbers("cost", summary.cost)
 
 
-def record(parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool) -> None:
-    """Track, record every step with its errors, and count it in the summary; quiet: no progress bar."""
+def record(
+    parts: Parts, recorder: Recorder, seed: int, summary: Summary, quiet: bool,
+    continued: "Continued | None" = None, stop: Stop | None = None, evidence: Evidence | None = None,
+) -> None:  # fmt: skip
+    """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
+    evidence: takes in every step, too."""
     meter, disable = Meter(parts), True if quiet else None
-    with logging_redirect_tqdm(), tqdm(total=len(parts.clip), unit="frame", disable=disable) as bar:
-        for step, errors in track(parts, seed, meter):
+    n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
+    tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
+    if continued is not None and (earlier := continued.earlier) is not None:
+        summary.take_over(len(earlier.frames), earlier.per_frame)
+    with logging_redirect_tqdm(), tqdm(total=n_frames, unit="frame", disable=disable) as bar:
+        for step, errors in tracked:
             if not np.isfinite(step.log_evidence):
                 summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
-            evidence = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
+            told_evidence = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
             with _timed(summary, "recording"):
-                recorder.log(step, {**evidence, **errors})
+                recorder.log(step, {**told_evidence, **errors})
             summary.add(step, errors)
+            if evidence is not None:
+                evidence.add(step, errors)
             for sentence in step.warnings:
                 log.warning(sentence)
             shown = [form.format(errors[name]) for name, form in _SHOWN.items() if name in errors][:1]
-            bar.set_postfix_str(", ".join([*shown, f"ESS {step.ess:.0f}"]))
+            sure = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
+            bar.set_postfix_str(", ".join([*shown, *sure]))
             bar.update()
+            if stop is not None and summary.frames > WINDOW and stop(summary.metrics):  # before, one frame decides
+                summary.stopped = f"{stop} in frame {step.frame.index}"
+                recorder.set_stopped(summary.stopped)
+                log.info("stopped: %s", summary.stopped)
+                break
     summary.over_run = meter.over_run
 
 
@@ -133,7 +205,14 @@ def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     space = parts.inference.space
     n_coefficients = len(range(len(space))[space.slices.get("coefficients", slice(0))])
     scale = np.ones(n_coefficients)  # every prior counts them in standard deviations
-    live = {"path": summary.recording, "body": parts.body, "space": space, "coefficient_scale": scale}
+    live = {
+        "path": summary.recording,
+        "constant": sorted(constant(config, parts)),
+        "body": parts.body,
+        "space": space,
+        "coefficient_scale": scale,
+    }
+    live |= {"decode": parts.prior.pose} if parts.prior is not None and continues(parts.inference) else {}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))
     return recorder
 
@@ -143,6 +222,7 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
     return {
         "run_id": f"{summary.experiment}-{summary.started}-{summary.seed}",
         "config_yaml": OmegaConf.to_yaml(config, resolve=True),
+        "settings": _plain(config),
         "provenance": {
             "experiment": summary.experiment,
             "seed": summary.seed,
@@ -163,8 +243,8 @@ def _set_threads(threads: int | None) -> None:
 
 @contextmanager
 def _timed(summary: Summary, stage: str) -> Iterator[None]:
-    began = perf_counter()
+    began = working_s()
     try:
         yield
     finally:
-        summary.timing[stage] = summary.timing.get(stage, 0.0) + perf_counter() - began
+        summary.timing[stage] = summary.timing.get(stage, 0.0) + working_s() - began

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Set
+from errno import ENAMETOOLONG
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -92,11 +93,16 @@ def _files(name: str, data: Path | None) -> dict[str, Path]:
     """The files that a string in a configuration names, by their names relative to it; none for any other string."""
     library = name.rpartition(":")[0]
     path = Path(library if library.endswith((".h5", ".hdf5")) else name).expanduser()
-    if path.is_file():
-        return {path.name: path}
-    if name and path.is_dir():
-        return _below(path)
-    return {} if data is None else _recorded(name, data)
+    try:
+        if path.is_file():
+            return {path.name: path}
+        if name and path.is_dir():
+            return _below(path)
+        return {} if data is None else _recorded(name, data)
+    except OSError as error:
+        if error.errno == ENAMETOOLONG:  # a text that can be no file's name
+            return {}
+        raise
 
 
 def _recorded(name: str, data: Path) -> dict[str, Path]:

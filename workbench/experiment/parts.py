@@ -26,7 +26,7 @@ ENTRY_POINTS = OURS + ".parts"
 VARIABLE = "WORKBENCH_PARTS"
 """Environment variable with names of packages, separated by commas."""
 
-_TARGET = re.compile(r"""_target_:\s*["']?([\w.]+)""")
+_TARGET = re.compile(r"""_target_["']?:\s*["']?([\w.]+)""")
 _NOTE = re.compile(r"#   (\w+): (.+)")
 _named: list[str] = []
 
@@ -149,6 +149,6 @@ def options(group: str) -> dict[str, Option]:
 
 
 def targets() -> set[str]:
-    """Tell what the options of all packages build, parts within parts included."""
-    texts = (path.read_text(encoding="utf-8") for each in packages() for path in folder(each).glob("*/*.yaml"))
+    """Tell what the options of all packages build, parts within parts included: nothing else is ever called."""
+    texts = (path.read_text(encoding="utf-8") for each in packages() for path in folder(each).glob("**/*.yaml"))
     return {target for text in texts for target in _TARGET.findall(text)}

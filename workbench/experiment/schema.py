@@ -24,10 +24,13 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment import parts, strangers
+from workbench.experiment.admission import admit_checked_only
 from workbench.experiment.build import resolved
 from workbench.mocap.names import left_out
 
-LIVE = frozenset({"config_yaml", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id"})
+LIVE = frozenset(
+    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
+)
 """Parameters that the run fills with live objects, so that they are no keys of a configuration; beside those whose type
 says as much: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
 
@@ -103,13 +106,16 @@ class ToleranceSchema:
 class SweepSchema:
     """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
 
-    fail_fast: begin no job after one has failed. retries: of a job that a signal ended.
+    fail_fast: begin no job after one has failed. retries: of a job that a signal ended. stop_when: ends a run early.
+    halving: frames of each round of a sweep, of which the next has the best third.
     """
 
     resume: str | None = None
     reuse: str | None = None
     fail_fast: bool = False
     retries: int = 0
+    stop_when: str | None = None
+    halving: list[int] | None = None
     jobs: list[int] | None = None
     metric: str | None = None
 
@@ -149,6 +155,7 @@ def prepare_hydra() -> None:
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
     for plugin in (PartsConfigSource, PartsSearchPath):
         Plugins.instance().register(plugin)
+    admit_checked_only()
     OmegaConf.register_new_resolver("given", _given, replace=True)
     OmegaConf.register_new_resolver("performers", _performers, replace=True)
     OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
@@ -321,6 +328,15 @@ class PartsSearchPath(SearchPathPlugin):
                 element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.packages())}"
 
 
+def open_mappings(schema: DictConfig) -> DictConfig:
+    """Let a command line fill the mappings that a class leaves empty, such as a file by camera, without a plus."""
+    for key in schema:
+        node = schema._get_node(key)
+        if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
+            OmegaConf.set_struct(node, False)
+    return schema
+
+
 def typed(config: Any, file: str) -> Any:
     """Merge every mapping that names a class over the schema of that class, so that its keys are checked.
 
@@ -335,7 +351,7 @@ def typed(config: Any, file: str) -> Any:
     if not isinstance(config, DictConfig) or "_target_" not in config:
         return config
     try:
-        schema = OmegaConf.structured(schema_of(resolved(config._target_), "defaults" in config))
+        schema = open_mappings(OmegaConf.structured(schema_of(resolved(config._target_), "defaults" in config)))
     except InputError as error:
         raise ConfigCompositionException(f"{file}: {error}") from error
     known = [str(key) for key in schema]  # which `in` would not find where they have no default

@@ -18,6 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from workbench.errors import InputError
+from workbench.experiment.described import PYTHON
 from workbench.experiment.execute import execute
 from workbench.experiment.parts import GROUPS, OURS, how_to_allow, targets
 from workbench.recording.compare.compare import Finding, Tolerance
@@ -42,6 +43,10 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
     of paths.data and was not given as an override.
     """
     settings = run.settings
+    if settings.get("experiment") == PYTHON:
+        raise InputError(
+            f"{run.path}: its parts were built in Python, which no configuration does: run that code again"
+        )
     _refuse_foreign(run, settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
     moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
@@ -148,8 +153,8 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
     """Set the key that an override key=value names, and return it."""
     try:
         override = OverridesParser.create().parse_override(text)
-    except HydraException as error:
-        raise InputError(f"{text}: expected key=value: {error}") from None
+    except (HydraException, RecursionError, ValueError) as error:
+        raise InputError(f"{text[:60]}: expected key=value: {error}") from None
     key = override.key_or_group
     if override.is_add() or override.is_delete() or override.is_sweep_override():
         raise InputError(f"{text}: expected key=value with one value")
@@ -157,6 +162,11 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
     node = OmegaConf.select(config, parent) if parent else config
     if not isinstance(node, DictConfig) or name not in node:
         raise InputError(f"{run.path}: {text}: its configuration has no key {key!r}")
+    if isinstance(node[name], DictConfig) and not isinstance(override.value(), dict):
+        raise InputError(
+            f"{text}: {key} of a recording has keys of its own, which can be changed, such as {key}.KEY=VALUE; another "
+            f"part runs as workbench from={run.path} {text}"
+        )
     OmegaConf.update(config, key, override.value())
     return key
 

@@ -15,10 +15,15 @@ import numpy as np
 
 from workbench.core.step import Step
 from workbench.evaluation.events import lost_and_found, lost_share
-from workbench.files import whole_file
+from workbench.evaluation.verdict import Verdict
+from workbench.files import replace_text
 
 RMS = ("knee_deg", "hip_deg")
 """Errors that a run sums up by their root mean square, not their mean."""
+
+_ROOM = 32_768
+"""Bytes that the summary of a run takes while it goes on, so that how it ended can be written on a full disk."""
+_LEFT_OUT_FIRST = ("settings", "provenance", "versions")
 
 PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
@@ -35,8 +40,12 @@ class Summary:
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
     truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. counted:
     what the dataset counted in what it read, see `Known`. settings: the resolved configuration. provenance: see there.
-    over_run: numbers of the run as a whole, see `Meter.over_run`. left_out: numbers that would mean nothing, with the
-    reason.
+    over_run: numbers of the run as a whole, see `Meter.over_run`. stopped: why it ended before its last frame, and in
+    which; the status is then "stopped". before: frames at the beginning that an earlier attempt took, which the cost
+    does not count. anew: why nothing of an earlier attempt was taken over. left_out: numbers that would mean nothing,
+    with the reason. verdict: what became of the person, known when all steps are in. constant: numbers that say
+    nothing, as they are the same in all runs of such parts. compiling_s: what went into compiling kernels, once for a
+    machine, which is in no other time.
     """
 
     experiment: str
@@ -53,13 +62,24 @@ class Summary:
     counted: Mapping[str, int] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     frames: int = 0
+    before: int = 0
+    anew: str | None = None
     steps_s: float = 0.0
     evaluations: float = 0.0
     log_evidence: float = float("nan")
     per_frame: dict[str, list[float]] = field(default_factory=dict)
     over_run: Mapping[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    stopped: str | None = None
+    verdict: Verdict | None = None
+    constant: frozenset[str] = frozenset()
+    compiling_s: float = 0.0
     study: Mapping[str, float] | None = None
+
+    def take_over(self, n_frames: int, per_frame: Mapping[str, list[float]]) -> None:
+        """Begin with frames that an earlier attempt took, and what was measured in those after the first."""
+        self.frames = self.before = n_frames
+        self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Take in one step and its errors."""
@@ -96,16 +116,18 @@ class Summary:
     def cost(self) -> dict[str, float]:
         """What the run took, which is not among the metrics, since wall times differ between equal runs.
 
-        seconds: of the inference, or of the study; without what is done once, such as learning a prior. ms_per_frame:
-        the same per frame. likelihood_evaluations: of single poses; where an inference solves, of the residual in every
-        frame, without the search for a start. jacobian_cost_ratio: of F with its Jacobian to F alone, where an
-        inference measures that (paper D, section 4.1).
+        seconds: of the inference, or of the study; without what is done once, such as learning a prior or compiling
+        kernels. ms_per_frame: the same per frame. compiling_s: what compiling took. likelihood_evaluations: of single
+        poses; where an inference solves, of the residual in every frame, without the search for a start.
+        jacobian_cost_ratio: of F with its Jacobian to F alone, where an inference measures that (paper D, section 4.1).
         """
         if self.study is not None:
             return {"seconds": self.timing["study"]}
         found: dict[str, float] = {}
         if self.steps_s > 0.0:
-            found = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / self.frames}
+            found = {"seconds": self.steps_s, "ms_per_frame": 1e3 * self.steps_s / (self.frames - self.before)}
+        if self.compiling_s > 0.0:
+            found["compiling_s"] = self.compiling_s
         if self.evaluations > 0.0:
             found["likelihood_evaluations"] = self.evaluations
         if self.timing.get("residual", 0.0) > 0.0:
@@ -113,11 +135,12 @@ class Summary:
         return found
 
     def write(self, path: Path) -> None:
-        """Write summary.json; numbers that are not finite become null, as JSON has none."""
+        """Write summary.json; numbers that are not finite become null, as JSON has none. Sweeps look meanwhile."""
         path.parent.mkdir(parents=True, exist_ok=True)
         numbers = {**self.metrics, **self.cost}
         content = {
             "status": self.status,
+            **({} if self.verdict is None else {"verdict": self.verdict.as_dict}),
             "experiment": self.experiment,
             "seed": self.seed,
             "given": self.given,
@@ -134,6 +157,9 @@ class Summary:
             "started": self.started,
             "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,
+            **({} if self.stopped is None else {"stopped": self.stopped}),
+            **({} if self.anew is None else {"anew": self.anew}),
         }
-        with whole_file(path) as part:  # a sweep looks at it while it is written
-            part.write_text(json.dumps(content, indent=2) + "\n")
+        short = {name: value for name, value in content.items() if name not in _LEFT_OUT_FIRST}
+        text, shorter = (json.dumps(each, indent=2) + "\n" for each in (content, short))
+        replace_text(path, text.ljust(_ROOM if self.status == "running" else 0), shorter)

@@ -1,6 +1,6 @@
 """The tracking loop: steps of an inference with their errors, whoever asks for them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,13 +59,23 @@ class Meter:
         self._first = False
         return errors | self._acceleration.add(step) | self._markers.add(step)
 
+    def catch_up(self, step: Step) -> None:
+        """Take in a step before the first that is measured, for what looks back."""
+        self._acceleration.add(step)
+        self._markers.add(step)
+
+    def count(self, ranks: Iterable[FloatArray]) -> None:
+        """Count ranks (k,) of the run's frames before the first that is measured, which is then not its first."""
+        self._ranks += ranks
+        self._first = False
+
     @property
     def over_run(self) -> dict[str, float]:
         """Numbers of the run as a whole: lengths, mm, of the markers' offsets from their joints, as far as they are
         known, and the expected calibration error, see `calibration.expected_calibration_error`."""
         ranks = np.concatenate(self._ranks) if self._ranks else np.zeros(0)
         calibration = {"calibration_error": expected_calibration_error(ranks)} if len(ranks) else {}
-        return self._markers.lengths_mm | calibration
+        return self._markers.removed_mm | self._markers.lengths_mm | calibration
 
 
 def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple[Step, dict[str, float]]]:

@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.linalg import eigh
 from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray
@@ -90,11 +89,13 @@ class ActivityModel:
         return np.ascontiguousarray(by_alpha), by_mu
 
     @cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> "scipy.interpolate.CubicSpline":
         """The mean and the scaled components (1 + d, C) over the phase."""
         curves = np.concatenate([self.mean[None], self.components * self.scales[:, None, None]]).swapaxes(0, 1)
         around = np.concatenate([curves, curves[:1]])
-        return CubicSpline(np.linspace(0.0, 1.0, len(around)), around, bc_type="periodic", extrapolate="periodic")
+        return scipy.interpolate.CubicSpline(
+            np.linspace(0.0, 1.0, len(around)), around, bc_type="periodic", extrapolate="periodic"
+        )
 
 
 def learn_activities(
@@ -231,5 +232,5 @@ def _folds(
         kept = n - int(out.sum())
         mean = (total - rows[out].sum(axis=0)) / kept
         covariance = (scatter - rows[out].T @ rows[out]) / (kept - 1) - np.outer(mean, mean) * kept / (kept - 1)
-        variances, basis = eigh(covariance, subset_by_index=(r - d, r - 1))
+        variances, basis = scipy.linalg.eigh(covariance, subset_by_index=(r - d, r - 1))
         yield out, mean, basis[:, ::-1], np.sqrt(variances[::-1])

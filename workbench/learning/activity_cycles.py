@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray
@@ -149,7 +149,9 @@ def normalised(skeleton: Skeleton, poses: FloatArray, spans: FloatArray, n_phase
     for joint in np.unique(skeleton.dof_joints[N_ROOT:]):
         columns = N_ROOT + np.flatnonzero(skeleton.dof_joints[N_ROOT:] == joint)
         relative = rotations[:, skeleton.parents[joint]].swapaxes(1, 2) @ rotations[:, joint]
-        between = Slerp(np.arange(len(poses)), Rotation.from_matrix(relative))
+        between = scipy.spatial.transform.Slerp(
+            np.arange(len(poses)), scipy.spatial.transform.Rotation.from_matrix(relative)
+        )
         axes = _axes(skeleton.names[joint], skeleton.dof_axes[columns])
         for curve, places in zip(curves, frames, strict=True):
             curve[:, columns - N_ROOT] = _angles(between(places), axes, skeleton.limits[columns])
@@ -167,7 +169,7 @@ def _axes(joint: str, axes: FloatArray) -> FloatArray:
     return axes if len(axes) == 3 else np.vstack([axes, np.cross(axes[0], axes[1])])
 
 
-def _angles(turns: Rotation, axes: FloatArray, limits: FloatArray) -> FloatArray:
+def _angles(turns: "scipy.spatial.transform.Rotation", axes: FloatArray, limits: FloatArray) -> FloatArray:
     """Angles (F, k), rad, of turns about the first k of three axes, near the limits (k, 2); the others stay near 0."""
     all_limits = np.zeros((3, 2))
     all_limits[: len(limits)] = limits

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
@@ -63,7 +63,7 @@ def periodic_basis(phases: FloatArray, n_knots: int) -> FloatArray:
     """(..., K) cardinal periodic cubic splines at phases (...) in cycles, K equidistant knots."""
     knots = np.linspace(0.0, 1.0, n_knots + 1)
     unit = np.eye(n_knots)
-    return CubicSpline(knots, np.vstack([unit, unit[:1]]), bc_type="periodic")(phases % 1.0)
+    return scipy.interpolate.CubicSpline(knots, np.vstack([unit, unit[:1]]), bc_type="periodic")(phases % 1.0)
 
 
 def fit_periodic(basis: FloatArray, weights: FloatArray, values: FloatArray, roughness: float = 0.0) -> FloatArray:

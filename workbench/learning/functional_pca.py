@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg import eigh
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
@@ -86,7 +85,7 @@ def _resampled(series: FloatArray, frames: FloatArray) -> tuple[FloatArray, Bool
     frames = np.clip(frames, 0.0, last)
     before, after = np.floor(frames).astype(np.int64), np.ceil(frames).astype(np.int64)
     observed: BoolArray = valid[before] & valid[after] & inside[:, :, None]
-    return CubicSpline(np.arange(len(series)), fill_linear(series))(frames), observed
+    return scipy.interpolate.CubicSpline(np.arange(len(series)), fill_linear(series))(frames), observed
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +222,9 @@ def _low_rank(
     """
     x = spectra.reshape(len(spectra), -1)
     tall = x.shape[0] > x.shape[1]
-    values, vectors = eigh(x.T @ x if tall else x @ x.T, subset_by_index=by_index, subset_by_value=by_value)
+    values, vectors = scipy.linalg.eigh(
+        x.T @ x if tall else x @ x.T, subset_by_index=by_index, subset_by_value=by_value
+    )
     singular = np.sqrt(np.maximum(values, 0.0))
     used = singular > lower
     shrunk, basis = singular[used] - lower, vectors[:, used]
@@ -236,7 +237,7 @@ def _principal(x: FloatArray, q: int) -> tuple[FloatArray, FloatArray]:
     """The first q right singular vectors (rows) and singular values of x; each vector's largest entry is positive."""
     n, size = x.shape
     if n > size:
-        values, vectors = eigh(x.T @ x, subset_by_index=(size - q, size - 1))
+        values, vectors = scipy.linalg.eigh(x.T @ x, subset_by_index=(size - q, size - 1))
         rows, singular = vectors.T[::-1], np.sqrt(np.maximum(values[::-1], 0.0))
     else:
         rows, singular = (part[:q] for part in np.linalg.svd(x, full_matrices=False)[:0:-1])

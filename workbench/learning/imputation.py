@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.learning.alignment import Alignment, fit_periodic, periodic_basis
@@ -57,7 +57,9 @@ def fill_smooth(series: FloatArray) -> FloatArray:
     for angle, known in enumerate(np.isfinite(series).T):
         if 1 < known.sum() < len(series):
             inside = ~known & (frames > frames[known][0]) & (frames < frames[known][-1])
-            filled[inside, angle] = PchipInterpolator(frames[known], series[known, angle])(frames[inside])
+            filled[inside, angle] = scipy.interpolate.PchipInterpolator(frames[known], series[known, angle])(
+                frames[inside]
+            )
     return filled
 
 

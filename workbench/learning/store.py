@@ -13,6 +13,7 @@ import numpy as np
 from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import whole_file
+from workbench.hdf5 import opened
 
 FORMAT = "workbench model 3"
 
@@ -63,19 +64,20 @@ def save(path: Path, model: Model, provenance: Provenance) -> None:
         _write(file, model)
 
 
-def load(kind: type[Stored], path: Path) -> Stored:
-    """Read a model; raises InputError when the file is missing, holds another kind, or does not fit together."""
+def load(kind: type[Stored], path: Path, own: bool = False) -> Stored:
+    """Read a model; own: see `hdf5.opened`.
+
+    Raises InputError when the file is missing, holds another kind, or does not fit together.
+    """
     if not path.is_file():
         raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
-    try:
-        with h5py.File(path, "r") as file:
-            if (found := file.attrs.get("format")) != _format(kind):
-                raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
-            model = _read(kind, file)
-    except (OSError, KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: expected a {kind.__name__} in HDF5: {error}") from None
-    if flaw := _misfit(model) or model.flaw():
-        raise InputError(f"{path}: expected {flaw}")
+    with opened(path, f"a {kind.__name__}", own) as file:
+        found = file.attrs.get("format")
+        if not isinstance(found, str) or found != _format(kind):
+            raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
+        model = _read(kind, file)
+        if flaw := _misfit(model) or model.flaw():
+            raise InputError(f"{path}: expected {flaw}")
     return model
 
 

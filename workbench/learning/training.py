@@ -249,7 +249,7 @@ def _imported(clips: Sequence[Path], cache: Path, name: str) -> tuple[Motion, ..
             log.warning("left out of the training set: %s", sentence)
         library.parent.mkdir(parents=True, exist_ok=True)
         write_library(library, motions)
-    return read_library(library)
+    return read_library(library, own=True)
 
 
 def _digest(paths: Sequence[Path]) -> str:
@@ -271,7 +271,7 @@ def _learned(
     provenance = Provenance(sources, parameters, licences, code)
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
-        return load(kind, path)
+        return load(kind, path, own=True)
     model = learn()
     save(path, model, provenance)
     return model

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joint_jacobian
@@ -51,7 +51,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
         events = gait_events(motion)
         if len(events) < 2:
             continue
-        channels = CubicSpline(np.arange(len(motion)), motion_channels(motion))
+        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion_channels(motion))
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if SHORTEST_S <= duration <= LONGEST_S:
@@ -82,8 +82,8 @@ def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> Float
     the velocity across it. What the root does ahead of it is in the torso's speed.
     """
     frames = first + (last - first) * np.arange(n_phases + 1) / n_phases
-    root = CubicSpline(np.arange(len(motion)), motion.poses[:, :N_ROOT])(frames)
-    ground = CubicSpline(np.arange(len(motion)), motion.velocities[:, :2])(frames)
+    root = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.poses[:, :N_ROOT])(frames)
+    ground = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.velocities[:, :2])(frames)
     even = np.linspace(-0.5, 0.5, n_phases + 1)[:, None] * (root[-1] - root[0])
     swayed = root - even
     swayed -= swayed[:-1].mean(axis=0)

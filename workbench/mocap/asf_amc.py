@@ -6,10 +6,11 @@ from math import isclose
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.errors import InputError
+from workbench.limits import MOST_FRAMES, MOST_JOINTS
 from workbench.mocap.clip import Clip, clip_of_file
 from workbench.mocap.text import fail, numbers, read_lines, statements
 
@@ -84,7 +85,7 @@ def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 1
         # lower case is scipy's word for turns about fixed axes
         order = skeleton.axis_orders[k].lower()
         angles = np.stack([given.get(f"r{axis}", np.zeros(len(values))) for axis in order], axis=-1)
-        turns = Rotation.from_euler(order, angles, degrees=file.degrees).as_matrix()
+        turns = scipy.spatial.transform.Rotation.from_euler(order, angles, degrees=file.degrees).as_matrix()
         rotations[:, k] = skeleton.axes[k] @ turns @ skeleton.axes[k].T
         if k == 0:
             places[:, 0] = np.stack([given[shift] for shift in _SHIFTS], axis=-1) * skeleton.metres_per_unit
@@ -146,6 +147,8 @@ def _begin_frame(file: _AmcFile, line: int, words: list[str]) -> None:
         fail(file.path, line, f"expected {expected} of a frame, found {' '.join(words)[:60]!r}")
     if not file.frames:
         file.first = found
+    if len(file.frames) == MOST_FRAMES:
+        fail(file.path, line, f"expected at most {MOST_FRAMES} frames, found more")
     file.frames.append([0.0] * sum(own.stop - own.start for own in file.columns.values()))
     file.lacking = set(file.columns)
 
@@ -256,6 +259,8 @@ def _end_bone(file: _AsfFile, line: int, bone: _Bone) -> None:
     size = float(np.linalg.norm(bone.direction))
     if not isclose(size, 1.0, abs_tol=1e-3):  # printed with six digits; one that is far off was meant otherwise
         fail(file.path, line, f"expected a direction of length 1 for bone {bone.name}, found one of length {size:.4g}")
+    if len(file.bones) == MOST_JOINTS:
+        fail(file.path, line, f"expected at most {MOST_JOINTS} bones, found more")
     file.bones[bone.name] = bone
     file.open_bone = None
 
@@ -317,4 +322,4 @@ def _skeleton(file: _AsfFile, last_line: int) -> AsfSkeleton:
 def _axis_rotation(bone: _Bone, degrees: bool) -> FloatArray:
     given = bone.axis or [0.0, 0.0, 0.0]  # the ends have none
     angles = [given["XYZ".index(axis)] for axis in bone.axis_order]
-    return Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()
+    return scipy.spatial.transform.Rotation.from_euler(bone.axis_order.lower(), angles, degrees=degrees).as_matrix()

@@ -8,11 +8,12 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.errors import InputError
+from workbench.limits import MOST_FRAMES, MOST_JOINTS
 from workbench.mocap.clip import FILE_FROM_WORLD, Clip, clip_of_file
 from workbench.mocap.text import fail, numbers, read_lines
 
@@ -67,7 +68,7 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
         if turns := [name for name in joint.channels if name in _ROTATIONS]:
             order = "".join(name[0] for name in turns)  # upper case is scipy's word for intrinsic
             angles = np.stack([channels[name] for name in turns], axis=-1)
-            rotations[:, k] = Rotation.from_euler(order, angles, degrees=True).as_matrix()
+            rotations[:, k] = scipy.spatial.transform.Rotation.from_euler(order, angles, degrees=True).as_matrix()
         if len(channels) == 6:
             places[:, k] = np.stack([channels[name] for name in _POSITIONS], axis=-1) * _METRES[unit]
     parents = np.array([joint.parent for joint in joints])
@@ -126,6 +127,8 @@ def _read_statement(path: Path, line: int, words: list[str], tree: _Hierarchy) -
 def _add_joint(path: Path, line: int, name: str, tree: _Hierarchy, is_end: bool = False) -> None:
     if not name or any(joint.name == name for joint in tree.joints):
         fail(path, line, f"expected a new joint's name, found {name!r}")
+    if len(tree.joints) == MOST_JOINTS:
+        fail(path, line, f"expected at most {MOST_JOINTS} joints, found more")
     tree.joints.append(_Joint(name, tree.open[-1] if tree.open else -1, is_end))
     tree.waiting = True
 
@@ -148,6 +151,8 @@ def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> t
         rows.pop()
     if len(rows) != n_frames:
         fail(path, start + 2 + len(rows), f"expected {n_frames} lines of frames after the header, found {len(rows)}")
+    if n_frames > MOST_FRAMES:
+        fail(path, start + 1, f"expected at most {MOST_FRAMES} frames, found {n_frames}")
     values = np.empty((n_frames, n_channels))
     for frame, row in enumerate(rows):
         values[frame] = numbers(path, start + 3 + frame, row.split(), n_channels, f"frame {frame + 1}")

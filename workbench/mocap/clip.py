@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.limits import check_places, check_rate
 
 WORLD_FROM_FILE = [2, 0, 1]
 """Motion files are y-up with the person facing z: (x, y, z) world = (z, x, y) file. The axes are permuted cyclically,
@@ -60,6 +61,8 @@ def clip_of_file(
     places = places[..., WORLD_FROM_FILE]
     positions = joint_positions(parents, world_rotations(parents, rotations), places)
     offsets = offsets[:, WORLD_FROM_FILE]
+    check_rate(f"clip {name}", rate_hz)
+    check_places(f"clip {name}", positions)
     return Clip(name, rate_hz, first_frame, joints, parents, offsets, rotations, positions[:, 0].copy(), positions)
 
 

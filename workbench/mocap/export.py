@@ -1,8 +1,8 @@
 """Motions out: a track of joints as a file that Blender (BVH), OpenSim (TRC) or a spreadsheet (CSV) opens."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,8 @@ class Track:
     """F frames of the J joints of a skeleton, in the world.
 
     frames: (F,), their numbers in the source. times_s: (F,), rising. positions: (F, J, 3), m. poses: (F, P), m and
-    rad, that the positions are those of; None where the joints are known but not the pose.
+    rad, that the positions are those of; None where the joints are known but not the pose. bands: (F,) by name, the
+    ends of 5–95 % bands of single numbers, in their own units; of the table alone.
     """
 
     skeleton: Skeleton
@@ -32,6 +33,7 @@ class Track:
     times_s: FloatArray
     positions: FloatArray
     poses: FloatArray | None = None
+    bands: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -102,7 +104,8 @@ def trc_text(file_name: str, names: Sequence[str], positions: FloatArray, rate_h
 def csv_text(track: Track) -> str:
     """A table, one row a frame: frame, time_s, <joint>_x_m … _z_m and, where it is known, the pose: <name>_m or _rad.
 
-    World coordinates, z up. Nine decimals: nanometres. A missing joint (NaN) is three empty cells.
+    World coordinates, z up, and where they are known the ends of bands: <name>_low, <name>_high. Nine
+    decimals: nanometres. A missing joint (NaN) is three empty cells.
     """
     names = ["frame", "time_s", *[f"{joint}_{axis}_m" for joint in track.skeleton.names for axis in "xyz"]]
     values = [track.times_s[:, None], track.positions.reshape(len(track), -1)]
@@ -110,6 +113,9 @@ def csv_text(track: Track) -> str:
         dofs = track.skeleton.dof_names
         names += [f"{dof}_{'m' if column < _N_POSITIONS else 'rad'}" for column, dof in enumerate(dofs)]
         values.append(track.poses)
+    if track.bands:
+        names += list(track.bands)
+        values.append(np.column_stack(list(track.bands.values())))
     rows = [
         ",".join([str(frame), *["" if math.isnan(x) else f"{x:.9f}" for x in row]])
         for frame, row in zip(track.frames.tolist(), np.hstack(values).tolist(), strict=True)

@@ -8,7 +8,7 @@ lie along one line), upright with hanging arms. Only the way of counting angles 
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.limbs import Body, Ends, Radii, skeleton_limbs
@@ -93,7 +93,7 @@ def full_poses(clip: Clip) -> FloatArray:
         columns = np.flatnonzero(skeleton.dof_joints == joint)[-3:]  # the root's first three are translations
         if len(columns):
             order: Any = "".join("XYZ"[axis] for axis in skeleton.dof_axes[columns].argmax(axis=1))
-            angles = Rotation.from_matrix(rotations[:, joint]).as_euler(order)
+            angles = scipy.spatial.transform.Rotation.from_matrix(rotations[:, joint]).as_euler(order)
             poses[:, columns] = continuous_turns(angles, skeleton.limits[columns])
     return poses
 

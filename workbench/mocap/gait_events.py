@@ -1,7 +1,7 @@
 """Gait events: where in a motion a stride begins."""
 
 import numpy as np
-from scipy.signal import butter, find_peaks, sosfiltfilt
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
@@ -20,10 +20,12 @@ def gait_events(motion: Motion, shortest_s: float = SHORTEST_S) -> FloatArray:
     """
     left, right = (POSE_NAMES.index(f"{side}_hip_flexion") for side in ("left", "right"))
     swing = motion.poses[:, left] - motion.poses[:, right]
-    low_pass = butter(2, GAIT_CUTOFF_HZ, fs=motion.rate_hz, output="sos")
+    low_pass = scipy.signal.butter(2, GAIT_CUTOFF_HZ, fs=motion.rate_hz, output="sos")
     if len(swing) < shortest_s * motion.rate_hz:
         return np.empty(0)
-    smooth = sosfiltfilt(low_pass, swing, padtype="even")
-    peaks, _ = find_peaks(smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD)
+    smooth = scipy.signal.sosfiltfilt(low_pass, swing, padtype="even")
+    peaks, _ = scipy.signal.find_peaks(
+        smooth, distance=max(1.0, shortest_s * motion.rate_hz), prominence=LEAST_SWING_RAD
+    )
     before, at, after = smooth[peaks - 1], smooth[peaks], smooth[peaks + 1]
     return peaks + 0.5 * (before - after) / (before - 2.0 * at + after)

@@ -18,6 +18,8 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
+from workbench.hdf5 import opened
+from workbench.limits import check_places, check_rate
 from workbench.mocap.motion import Motion
 
 FORMAT = "workbench motion library"
@@ -46,20 +48,17 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
             group.create_group("shape").attrs.update(motion.shape.as_dict())
 
 
-def read_library(path: str | Path) -> tuple[Motion, ...]:
-    """The motions of a library, in the order they were written.
+def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
+    """The motions of a library, in the order they were written. own: see `hdf5.opened`.
 
-    Raises InputError when the file is missing, is not HDF5 or not a library of this version, or when a motion lacks
-    something, has arrays of a wrong shape or numbers that are not finite.
+    Raises InputError when the file is missing, is not HDF5 or not a library of this version, leads outside itself, or
+    when a motion lacks something, has arrays of a wrong shape or numbers that are not finite or out of `limits`.
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such motion library")
-    try:
-        with h5py.File(path, "r") as file:
-            return _read_motions(path, file)
-    except (OSError, RuntimeError) as error:  # h5py raises either for a damaged file
-        raise InputError(f"{path}: expected a whole motion library (HDF5): {error}") from None
+    with opened(path, "a whole motion library", own) as file:
+        return _read_motions(path, file)
 
 
 def _read_motions(path: Path, file: Any) -> tuple[Motion, ...]:
@@ -80,12 +79,14 @@ def _read_motion(path: Path, groups: Any, key: str) -> Motion:
     rate_hz = group.attrs.get("rate_hz")
     if wrong := [word for word in _WORDS if not isinstance(words[word], str)]:
         raise InputError(f"{place} lacks the text {wrong[0]!r}")
-    if not isinstance(rate_hz, float) or not 0.0 < rate_hz < np.inf:
+    if not isinstance(rate_hz, float):
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
+    check_rate(f"{place} must have a positive rate_hz", rate_hz)
     if not isinstance(group.get("shape"), h5py.Group):
         raise InputError(f"{place} lacks the group 'shape'")
     poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
     _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
+    check_places(place, poses[:, :3])
     return Motion(
         **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, group["shape"].attrs),
         joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.limits import MOST_FRAMES, MOST_JOINTS, MOST_NUMBERS, check_number, check_rate
+from workbench.mocap.c3d import read_points
 from workbench.mocap.markers import Markers, in_world
 from workbench.mocap.text import fail, numbers, read_lines
 
@@ -30,11 +32,16 @@ def _read_trc(path: Path) -> Markers:
     (rate_hz,) = numbers(path, 3, [header.get("DataRate", "").strip()], 1, "DataRate")
     if not rate_hz > 0.0:
         fail(path, 3, f"expected a DataRate above zero, found {rate_hz:g}")
+    check_rate(f"{path}, line 3: DataRate", rate_hz)
     names = [cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip()]
     if not names or len(set(names)) < len(names):
         fail(path, 4, f"expected the names of markers, all different, found {', '.join(names)!r}")
-    table = enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1)
-    rows = [_row(path, line, text, len(names)) for line, text in table if text.strip()]
+    if len(names) > MOST_JOINTS:
+        fail(path, 4, f"expected at most {MOST_JOINTS} markers, found {len(names)}")
+    table = [(line, text) for line, text in enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1) if text.strip()]
+    check_number(path, "frames", len(table), MOST_FRAMES)
+    check_number(path, "coordinates", 3 * len(table) * len(names), MOST_NUMBERS)
+    rows = [_row(path, line, text, len(names)) for line, text in table]
     if not rows:
         fail(path, len(lines), "expected a frame, found none")
     positions = np.array(rows).reshape(len(rows), len(names), 3)
@@ -55,22 +62,7 @@ def _row(path: Path, line: int, text: str, n_markers: int) -> list[float]:
 
 
 def _read_c3d(path: Path) -> Markers:
-    try:
-        import ezc3d
-    except ImportError:
-        raise InputError(f"{path}: reading C3D needs ezc3d: pip install -e '.[c3d]'") from None
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        content = ezc3d.c3d(str(path))
-    except OSError as error:  # what it raises for any file that it cannot read
-        raise InputError(f"{path}: expected a C3D file: {error}") from None
-    point = content["parameters"]["POINT"]
-    names = [str(name).strip() for name in point["LABELS"]["value"]]
-    (rate_hz,) = point["RATE"]["value"]
-    positions = np.asarray(content["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
-    if not names or not rate_hz > 0.0 or positions.shape[1] != len(names):
+    names, rate_hz, positions, unit = read_points(path)
+    if not names or not rate_hz > 0.0 or positions.shape[1:] != (len(names), 3):
         raise InputError(f"{path}: expected labelled points at a rate, found {len(names)} labels at {rate_hz:g} Hz")
-    missing = (content["data"]["meta_points"]["residuals"][0].T < 0.0)[..., None]
-    unit = next(iter(point["UNITS"]["value"]), "")
-    return in_world(str(path), names, float(rate_hz), np.where(missing, np.nan, positions), str(unit).strip())
+    return in_world(str(path), names, rate_hz, positions, unit)

@@ -11,6 +11,7 @@ import numpy as np
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.errors import InputError
+from workbench.limits import check_places, check_rate
 from workbench.mocap.clip import WORLD_FROM_FILE
 
 log = logging.getLogger(__name__)
@@ -60,6 +61,8 @@ def in_world(source: str, names: Sequence[str], rate_hz: float, positions: Float
     if unit.lower() not in (found, ""):
         log.warning("%s: says its unit is %r, but a person would be %.3g %s tall", source, unit, extent, unit)
     world = positions if up == 2 else positions[..., WORLD_FROM_FILE]
+    check_rate(source, rate_hz)
+    check_places(source, world * UNITS[found])
     return Markers(source, tuple(names), rate_hz, world * UNITS[found])
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.shape import Shape
@@ -44,4 +44,4 @@ class Motion:
             return self
         times = np.arange(len(self)) / self.rate_hz
         wanted = np.arange(int(np.floor(times[-1] * rate_hz + 1e-9)) + 1) / rate_hz
-        return replace(self, rate_hz=rate_hz, poses=CubicSpline(times, self.poses)(wanted))
+        return replace(self, rate_hz=rate_hz, poses=scipy.interpolate.CubicSpline(times, self.poses)(wanted))

@@ -1,6 +1,5 @@
 """2-D joints in OpenPose's JSON files, one file a frame, as many detectors write them."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from tqdm import tqdm
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.errors import InputError
+from workbench.limits import LARGEST_PX, check_file, parse_json
 
 Layout = Mapping[str, tuple[int, ...]]
 """Which of a detector's points make up a joint: it lies in their middle."""
@@ -90,8 +90,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
     files: dict[int, Path] = {}
     for file in sorted(folder.glob("*.json")) if folder.is_dir() else []:
         digits = re.findall(r"\d+", file.stem)
-        if not digits:
-            raise InputError(f"{file}: expected the frame's number in the file's name, found none")
+        if not digits or int(digits[-1]) >= 10**9:
+            raise InputError(f"{file}: expected the frame's number in the file's name, found {digits[-1:] or 'none'}")
         if int(digits[-1]) in files:
             raise InputError(f"{file}: frame {int(digits[-1])} is already in {files[int(digits[-1])].name}")
         files[int(digits[-1])] = file
@@ -103,9 +103,11 @@ def _numbered(folder: Path) -> dict[int, Path]:
 def _people(file: Path) -> list[FloatArray]:
     """Points (K, 3) of the people in one file, NaN where a point was not found; K is 0 for an empty person."""
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        found = [_points(one) for one in content["people"]]
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+        check_file(file)
+        found = [_points(one) for one in parse_json(file, file.read_bytes())["people"]]
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(f"{file}: expected OpenPose's people with pose_keypoints_2d, found {error!r}") from None
     sizes = {len(points) for points in found} - {0}
     if len(sizes) > 1 or not sizes <= {n for n, _ in LAYOUTS.values()}:
@@ -118,6 +120,8 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
     points = np.array(person["pose_keypoints_2d"], dtype=np.float64).reshape(-1, 3)
     if not np.isfinite(points).all():
         raise ValueError("numbers that are not finite")
+    if len(points) and np.abs(points[:, :2]).max() > LARGEST_PX:
+        raise ValueError(f"a place beyond {LARGEST_PX:g} px")
     points[points[:, 2] <= 0.0] = np.nan
     points[:, 2] = np.minimum(points[:, 2], 1.0)
     return points

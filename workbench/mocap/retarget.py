@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joint_jacobian, joints
@@ -19,6 +19,7 @@ from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
 from workbench.body.turns import wrapped
 from workbench.errors import InputError
+from workbench.limits import MOST_LEFT_MM
 from workbench.mocap.clip import Clip
 from workbench.mocap.motion import Motion
 
@@ -112,6 +113,10 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     skeleton = person_skeleton(shape)
     poses = refine(skeleton, _analytic_poses(skeleton, targets, frames, torso), targets)
     errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
+    worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
+    if not 1000.0 * errors[worst] <= MOST_LEFT_MM:
+        left = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MOST_LEFT_MM:g} mm"
+        raise InputError(f"clip {clip.name}: retargeting leaves {left}: not a person's movement?")
     return Motion(
         name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,
         joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]], source="", sha256="",
@@ -250,7 +255,7 @@ def _put_turns(skeleton: Skeleton, poses: FloatArray, joint: str, rotations: Flo
     axes = skeleton.dof_axes[columns]
     order: Any = "".join("XYZ"[int(np.argmax(np.abs(axis)))] for axis in axes)  # scipy's stubs want a literal
     # a turn by q about -x is one by -q about x
-    angles = Rotation.from_matrix(rotations).as_euler(order) * axes.sum(axis=1)
+    angles = scipy.spatial.transform.Rotation.from_matrix(rotations).as_euler(order) * axes.sum(axis=1)
     poses[:, columns] = continuous_turns(angles, skeleton.limits[columns])
 
 

@@ -15,6 +15,7 @@ from workbench.body.limbs import Body, person
 from workbench.core.given import LIMB_LENGTHS, RADII
 from workbench.core.traits import declaring, offering
 from workbench.errors import InputError
+from workbench.limits import check_rate
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
 from workbench.mocap.clip import Clip
@@ -232,8 +233,15 @@ def _index_row(path: Path) -> CmuClip | None:
 
 
 def _read_index(path: Path) -> dict[str, CmuClip]:
-    rows = {}
     reader = csv.DictReader(read_lines(path))
+    try:
+        return _index_rows(path, reader)
+    except csv.Error as error:
+        fail(path, reader.line_num + 1, f"expected a table: {error}")
+
+
+def _index_rows(path: Path, reader: "csv.DictReader[str]") -> dict[str, CmuClip]:
+    rows = {}
     columns = reader.fieldnames or ()
     if not set(CmuClip._fields) <= set(columns):
         fail(path, 1, f"expected the columns {', '.join(CmuClip._fields)} among others, found {', '.join(columns)!r}")
@@ -242,5 +250,6 @@ def _read_index(path: Path) -> dict[str, CmuClip]:
             rate_hz = float(row["rate_hz"])
         except (TypeError, ValueError):
             fail(path, reader.line_num, f"expected a row with a rate in Hz, found {row['rate_hz']!r}")
+        check_rate(f"{path}, line {reader.line_num}", rate_hz)
         rows[row["clip"]] = CmuClip(row["clip"], row["subject"], row["activity"], rate_hz)
     return rows

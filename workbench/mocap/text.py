@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from workbench.errors import InputError
+from workbench.limits import check_file
 
 
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, with any line ending. Raises InputError when it is missing, unreadable or binary."""
+    check_file(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

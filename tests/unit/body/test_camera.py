@@ -113,7 +113,7 @@ def test_cameras_of_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[cam]", "[cam", "expected a camera file in TOML"),
+        ("[cam]", "[cam", "expected TOML"),
         ("size = [640.0, 480.0]\n", "", "camera [cam] lacks 'size'"),
         ("size = [640.0, 480.0]", "size = 640", "'size' must hold 2 numbers, found 640"),
         ("size = [640.0, 480.0]", 'size = ["wide", "high"]', "'size' must hold 2 numbers"),
@@ -139,7 +139,7 @@ def test_missing_binary_and_empty_camera_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such camera file"):
         load_cameras(tmp_path / "nothing.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match="expected a camera file in TOML"):
+    with pytest.raises(InputError, match="expected TOML"):
         load_cameras(tmp_path / "binary.toml")
     (tmp_path / "empty.toml").write_text("[metadata]\n")
     with pytest.raises(InputError, match="found none"):

@@ -21,7 +21,7 @@ def test_without_scikit_image_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "skimage", None)
     monkeypatch.setitem(sys.modules, "skimage.measure", None)
     skeleton, surface = scenes.lone()
-    with pytest.raises(InputError, match=r"workbench\[mesh\]"):
+    with pytest.raises(InputError, match=r"\.\[mesh\]"):
         surface_mesh(surface, forward(skeleton, np.zeros((1, 6))))
 
 

@@ -129,6 +129,7 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
         ({"which": ["left", "left"]}, "expected one camera or more, each once, found left, left"),
         ({"truth": "nowhere.trc"}, "no such file"),
         ({"last_frame": 5}, "no frame 5"),
+        ({"n_frames": 6}, "no frame 5"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(scene, given, said):

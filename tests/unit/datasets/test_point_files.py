@@ -22,6 +22,12 @@ quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], de
 EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
 
 
+@pytest.fixture(autouse=True)
+def without_another_process(monkeypatch):
+    """HDF5 is read here at once; that another process reads it first is for test_hdf5."""
+    monkeypatch.setattr("workbench.hdf5._read_apart", lambda *_: None)
+
+
 def ply_header(form, n, properties, more=""):
     lines = ["ply", f"format {form} 1.0", "comment made up", f"element vertex {n}", *properties]
     return "\n".join([*lines, *([more] if more else []), "end_header", ""])
@@ -299,7 +305,7 @@ def test_other_sources_are_named(tmp_path):
             _ = PointFiles(str(tmp_path / name)).known
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "a.ply").mkdir()
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="expected a file, found a folder"):
         _ = PointFiles(str(tmp_path / "sub")).known
 
 

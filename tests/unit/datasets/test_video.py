@@ -1,5 +1,10 @@
 """Video from folders of images and small files: numbering, colours, scale, marks, and sentences about mistakes."""
 
+import os
+import struct
+import zlib
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -56,6 +61,16 @@ def refusal(scene, **parameters):
     with pytest.raises(InputError) as caught:
         _ = video(scene, **parameters).known
     return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "frames"),
+    [({"n_frames": 3}, [2, 3, 4]), ({"n_frames": 3, "last_frame": 3}, [2, 3]), ({"n_frames": 10}, range(2, 12))],
+)
+def test_so_many_frames_are_used_or_up_to_the_last(scene, given, frames):
+    dataset = video(scene, first_frame=2, **given)
+    assert [frame.index for frame in dataset.frames()] == list(frames)
+    assert dataset.known.n_frames == len(frames)
 
 
 def test_images_come_in_natural_order_with_their_numbers_and_times(scene):
@@ -162,6 +177,8 @@ def test_a_file_is_decoded_in_order_and_says_its_rate(scene):
         ({"first_frame": 12}, ["no frame 12", "0 to 11"]),
         ({"last_frame": 40}, ["no frame 40", "0 to 11"]),
         ({"first_frame": 5, "last_frame": 4}, ["5", "4"]),
+        ({"first_frame": 5, "n_frames": 8}, ["no frame 12", "0 to 11"]),
+        ({"n_frames": 0}, ["n_frames", "0"]),
         ({"first_frame": -1}, ["-1"]),
         ({"scale": 0.0}, ["scale"]),
         ({"scale": 0.1}, ["scale", "6×5"]),
@@ -207,3 +224,64 @@ def test_an_unreadable_video_yields_nothing(tmp_path):
     (tmp_path / "empty.mp4").touch()
     with pytest.raises(InputError, match="empty"):
         list(decode(tmp_path / "empty.mp4"))
+
+
+def clip_at(path):
+    """A small video; named so that no name of a protocol is taken for one."""
+    writer = cv2.VideoWriter(str(path.parent / "clip.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    for number in range(3):
+        writer.write(picture(40 * number))
+    writer.release()
+    (path.parent / "clip.avi").rename(path)
+
+
+@pytest.mark.parametrize("scheme", ["http", "tcp", "rtsp", "ftp", "rtmp", "udp", "https", "concat", "subfile", "file"])
+def test_a_file_named_like_an_address_is_a_file(tmp_path, monkeypatch, scheme):
+    """FFmpeg would connect to it: nobody is there, and the pictures of the file come out."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path(f"{scheme}:") / "127.0.0.1:9"
+    folder.mkdir(parents=True)
+    clip_at(tmp_path / folder / "a.avi")
+    assert len(list(decode(folder / "a.avi"))) == 3
+    assert count_frames(folder / "a.avi") == 3
+    assert "OPENCV_FFMPEG_CAPTURE_OPTIONS" not in os.environ
+    (folder / "b.avi").write_text("nothing")
+    with pytest.raises(InputError, match="expected a video"):
+        list(decode(folder / "b.avi"))
+
+
+LISTS = {
+    "a.m3u8": "#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\nclip.avi\n#EXT-X-ENDLIST\n",
+    "a.txt": "ffconcat version 1.0\nfile clip.avi\n",
+    "a.avi": "ffconcat version 1.0\nfile clip.avi\n",
+    "a.sdp": "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=video 5004 RTP/AVP 26\n",
+    "a.mpd": '<?xml version="1.0"?><MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static"><Period><AdaptationSet>'
+    '<Representation id="1" bandwidth="1"><BaseURL>clip.avi</BaseURL></Representation></AdaptationSet></Period></MPD>',
+}
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_a_list_of_other_files_is_no_video(tmp_path, name):
+    clip_at(tmp_path / "clip.avi")
+    (tmp_path / name).write_text(LISTS[name])
+    with pytest.raises(InputError, match="expected a video"):
+        list(decode(tmp_path / name))
+
+
+def test_a_pipe_is_no_source(tmp_path):
+    os.mkfifo(tmp_path / "a.avi")
+    with pytest.raises(InputError, match="no such video"):
+        count_frames(tmp_path / "a.avi")
+    (tmp_path / "images").mkdir()
+    os.mkfifo(tmp_path / "images" / "a.png")
+    with pytest.raises(InputError, match=r"a\.png: expected a file, found none"):
+        list(decode(tmp_path / "images"))
+
+
+def test_an_image_of_a_billion_pixels_is_refused_before_it_is_made(tmp_path):
+    size = struct.pack(">IIBBBBB", 32768, 32767, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + size
+    content = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.png: expected an image"):
+        list(decode(tmp_path))

@@ -51,6 +51,11 @@ def test_where_and_how_it_is_run_does_not_count(changes):
     assert identity(config(**changes)) == identity(config())
 
 
+def test_a_text_that_is_too_long_for_a_file_is_none(data):
+    long = [config(dataset__motion=10 * "a walk with a load, " + 100 * end, paths__data=str(data)) for end in "ab"]
+    assert identity(long[0]) != identity(long[1])
+
+
 @pytest.mark.parametrize(
     "changes",
     [{"seed": 1}, {"dataset__n_frames": 6}, {"dataset__motion": "35_02"}, {"prior__sigma": [0.2, 0.1]}],

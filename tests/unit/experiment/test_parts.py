@@ -237,3 +237,19 @@ def test_a_list_of_options_imports_none_of_them():
     assert done.stdout.splitlines()[-1] == "[]"
     assert "schema" not in done.stdout
     assert all(f"  {name} " in done.stdout for name in parts.options("prior"))
+
+
+LARGE = "{'rerun_bindings', 'pyarrow', 'pandas', 'datafusion', 'matplotlib', *(f'scipy.{part}' for part in PARTS)}"
+PARTS = ("signal", "stats", "interpolate", "spatial", "linalg", "special", "ndimage", "optimize", "sparse")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["dataset.n_frame=3"], "n_frame"), (["likelihood=keypoints"], "2-D joints"), (["seed=-1"], "seed")],
+)
+def test_what_is_refused_does_without_what_a_run_takes_long_to_import(words, told, tmp_path):
+    code = f"import sys; sys.argv = ['workbench', *{words}, 'hydra.run.dir={tmp_path}']; PARTS = {PARTS}\n"
+    code += f"from workbench.cli.run import main\ntry:\n    main()\nfinally:\n    print({LARGE} & {{*sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert told in done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"

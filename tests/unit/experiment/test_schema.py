@@ -106,6 +106,13 @@ def test_numbers_by_name_can_be_given_where_there_are_none(override):
     )
 
 
+@pytest.mark.parametrize("plus", ["", "+"])
+def test_files_by_camera_are_given_without_a_plus_and_with_one(plus):
+    files = [f"{plus}dataset.sources={{a: a.mp4, b: b.mp4}}", f"{plus}dataset.keypoints={{a: a.csv}}"]
+    config = compose("config", overrides=["experiment=custom", "dataset=multi_view", "dataset.camera=c.toml", *files])
+    assert (config.dataset.sources, config.dataset.keypoints) == ({"a": "a.mp4", "b": "b.mp4"}, {"a": "a.csv"})
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [

@@ -1,5 +1,8 @@
 """What a run comes to: means over the frames that were tracked."""
 
+import errno
+import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -33,3 +36,19 @@ def test_flexion_is_told_by_its_root_mean_square():
 
 def test_a_mean_is_over_the_frames_that_have_the_error():
     assert summary_of({}, {"error_px": 4.0}, {}, {"error_px": 8.0}).metrics["error_px"] == pytest.approx(6.0)
+
+
+def test_how_a_run_ended_is_written_on_a_full_disk(tmp_path, monkeypatch):
+    summary, path = summary_of({"error_px": 1.0}), tmp_path / "summary.json"
+    summary.write(path)
+
+    def refuse(*paths):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", refuse)
+    summary.status, summary.error, summary.provenance = "failed", "OSError: no room", {"difference": "+" * 40_000}
+    summary.write(path)
+    found = json.loads(path.read_text())
+    assert (found["status"], found["error"], found["seed"]) == ("failed", "OSError: no room", summary.seed)
+    assert found["metrics"]["frames"] == 1.0
+    assert "provenance" not in found

@@ -1,32 +1,11 @@
 """What motion files may not be: every refusal names the file, and the line where there is one."""
 
 import pytest
+from hostile import BVH
 
 from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc, read_asf
 from workbench.mocap.bvh import read_bvh
-
-BVH = """HIERARCHY
-ROOT hips
-{
-  OFFSET 0 0 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT arm
-  {
-    OFFSET 0 100 0
-    CHANNELS 3 Xrotation Zrotation Yrotation
-    End Site
-    {
-      OFFSET 50 0 0
-    }
-  }
-}
-MOTION
-Frames: 2
-Frame Time: 0.0333333
-1 2 3 4 5 6 7 8 9
-1 2 3 4 5 6 7 8 9
-"""
 
 BAD_BVH = {  # what: (old, new, line, what the sentence says)
     "empty": (BVH, "", 1, "expected HIERARCHY"),
@@ -231,7 +210,7 @@ def test_a_missing_file(tmp_path, name):
     with pytest.raises(InputError, match=rf"{name}: no such file$"):
         read(tmp_path / name)
     (tmp_path / name).mkdir()
-    with pytest.raises(InputError, match=rf"{name}: cannot be read"):
+    with pytest.raises(InputError, match=rf"{name}: expected a file, found a folder"):
         read(tmp_path / name)
 
 

@@ -1,5 +1,10 @@
-"""Images out of a video file or a folder, one after the other."""
+"""Images out of a video file or a folder, one after the other.
 
+A source is a file or a folder that is there. It is opened by its absolute path and as a container of its own: FFmpeg,
+which OpenCV opens videos with, would take a name such as `http:/…` for an address, and fetch what a playlist names.
+"""
+
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,8 +18,18 @@ from tqdm import tqdm
 from workbench.arrays import ByteArray
 from workbench.datasets.files import natural_order
 from workbench.errors import InputError
+from workbench.limits import check_file
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
+MOST_BYTES = 1 << 45
+"""Of a video or an image file; it is read piece by piece."""
+
+_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+_CONTAINERS = (
+    "asf,avi,dv,flv,gif,h264,hevc,ivf,m4v,matroska,webm,mjpeg,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,mxf,nut,ogg,"
+    "wtv,yuv4mpegpipe"
+)
+"""FFmpeg's names of what holds pictures itself; the others are lists of other files, streams and devices."""
 
 
 def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[ByteArray]:
@@ -24,16 +39,16 @@ def decode(source: Path, first: int = 0, last: int | None = None) -> Iterator[By
     if source.is_dir():
         files = image_files(source)
         for file in files[first : None if last is None else last + 1]:
-            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-            if image is None:
-                raise InputError(f"{file}: expected an image, found a file that cannot be read as one")
-            yield _rgb(image)
+            yield _rgb(_image(file))
         return
     with _opened(source) as video:
         index = 0
         while (last is None or index <= last) and video.grab():
             if index >= first:
-                decoded, image = video.retrieve()
+                try:
+                    decoded, image = video.retrieve()
+                except cv2.error:
+                    decoded, image = False, None
                 if not decoded:
                     raise InputError(f"{source}: frame {index} cannot be decoded")
                 yield _rgb(image)
@@ -77,13 +92,40 @@ def image_files(folder: Path) -> list[Path]:
 def _opened(source: Path) -> Iterator[Any]:
     if not source.is_file():
         raise InputError(f"{source}: no such video file or folder of images")
-    video = cv2.VideoCapture(str(source))
+    check_file(source, MOST_BYTES)
+    with _own_pictures_only():
+        video = cv2.VideoCapture(os.path.abspath(source), cv2.CAP_FFMPEG)
     try:
         if not video.isOpened():
             raise InputError(f"{source}: expected a video, found a file that cannot be read as one")
         yield video
     finally:
         video.release()
+
+
+@contextmanager
+def _own_pictures_only() -> Iterator[None]:
+    """Let FFmpeg open nothing but files, and of these nothing but _CONTAINERS."""
+    before = os.environ.get(_OPTIONS)
+    os.environ[_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{_CONTAINERS}"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_OPTIONS]
+        else:
+            os.environ[_OPTIONS] = before
+
+
+def _image(file: Path) -> Any:
+    check_file(file, MOST_BYTES)
+    try:
+        image = cv2.imread(os.path.abspath(file), cv2.IMREAD_COLOR)
+    except cv2.error:  # more pixels than OpenCV takes, and what its decoders do not check
+        image = None
+    if image is None:
+        raise InputError(f"{file}: expected an image, found a file that cannot be read as one")
+    return image
 
 
 def _rgb(image: Any) -> ByteArray:

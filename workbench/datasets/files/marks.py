@@ -13,6 +13,7 @@ from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.people.association import Followed, follow
 from workbench.errors import InputError
+from workbench.limits import LARGEST_PX, check_file
 from workbench.mocap.openpose import People, read_openpose
 
 log = logging.getLogger(__name__)
@@ -102,11 +103,12 @@ def followed_marks(people: People, followed: Followed, view: int) -> Marks:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and cells, by column, of the rows that are not blank."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file of marks")
+    check_file(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, IsADirectoryError):
-        raise InputError(f"{path}: no such file of marks") from None
-    except UnicodeDecodeError as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected a text file of marks: {error}") from None
     reader = csv.reader(text.splitlines())
     try:
@@ -141,4 +143,6 @@ def _pixel(place: str, name: str, cell: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(f"{place}: {name} must be a number of pixels, found {cell!r}")
+    if abs(value) > LARGEST_PX:
+        raise InputError(f"{place}: {name} must lie within {LARGEST_PX:g} px, found {cell!r}")
     return value

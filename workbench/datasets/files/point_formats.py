@@ -19,6 +19,8 @@ import numpy as np
 from workbench.arrays import AnyArray, FloatArray
 from workbench.datasets.files import natural_order
 from workbench.errors import InputError
+from workbench.hdf5 import opened
+from workbench.limits import MOST_NUMBERS, check_file, check_number
 from workbench.mocap.text import fail
 
 AXES = ("x", "y", "z")
@@ -34,7 +36,7 @@ _DAMAGES = (
     OSError, ValueError, LookupError, EOFError, AttributeError, TypeError, RuntimeError, MemoryError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError,
 )  # fmt: skip
-"""Errors that NumPy and h5py raise for damaged files."""
+"""Errors that NumPy raises for damaged files."""
 
 
 def read_ply(path: Path) -> FloatArray:
@@ -71,12 +73,16 @@ def read_npz(path: Path) -> FloatArray:
     """The points of an NPZ file: its array `points`, or its only one, (K, 3). Raises InputError for anything else."""
     _bytes(path, 1)
     try:
+        with zipfile.ZipFile(path) as packed:
+            check_number(path, "bytes of arrays", sum(each.file_size for each in packed.infolist()), 8 * MOST_NUMBERS)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of old headers
             with np.load(path, allow_pickle=False) as stored:
                 names = list(stored.files)
                 name = names[0] if len(names) == 1 else "points"
                 values = stored[name] if name in names else None
+    except InputError:
+        raise
     except _DAMAGES as error:
         raise InputError(f"{path}: expected a whole NPZ file of numbers: {_said(error)}") from None
     if values is None:
@@ -87,21 +93,16 @@ def read_npz(path: Path) -> FloatArray:
 def read_hdf5(path: Path) -> Iterator[FloatArray]:
     """Read the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order; raises
     InputError for anything else."""
-    try:
-        with h5py.File(path, "r") as file:
-            frames = file.get("frames")
-            names = natural_order(list(frames)) if isinstance(frames, h5py.Group) else []
-            if not names:
-                raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-            for name in names:
-                found = frames[name]
-                if not isinstance(found, h5py.Dataset):
-                    raise InputError(f"{path}: /frames/{name}: expected an array (K, 3), found none")
-                yield _table(f"{path}: /frames/{name}", found[()])
-    except InputError:
-        raise
-    except _DAMAGES as error:
-        raise InputError(f"{path}: expected a whole HDF5 file of points: {_said(error)}") from None
+    with opened(path, "a whole file of points") as file:
+        frames = file.get("frames")
+        names = natural_order(list(frames)) if isinstance(frames, h5py.Group) else []
+        if not names:
+            raise InputError(f"{path}: expected frames of points in the group /frames, found none")
+        for name in names:
+            found = frames[name]
+            if not isinstance(found, h5py.Dataset):
+                raise InputError(f"{path}: /frames/{name}: expected an array (K, 3), found none")
+            yield _table(f"{path}: /frames/{name}", found[()])
 
 
 READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file
@@ -188,6 +189,7 @@ def _table(place: str, values: AnyArray) -> FloatArray:
 
 
 def _bytes(path: Path, most: int = -1) -> bytes:
+    check_file(path)
     try:
         with path.open("rb") as file:
             return file.read(most)

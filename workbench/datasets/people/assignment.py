@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from itertools import count
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 
@@ -21,7 +21,7 @@ def best_assignments(costs: FloatArray) -> Iterator[tuple[float, IntArray]]:
 
     def push(allowed: FloatArray, fixed: int) -> None:
         try:
-            columns = linear_sum_assignment(allowed)[1]
+            columns = scipy.optimize.linear_sum_assignment(allowed)[1]
         except ValueError:  # nothing is allowed
             return
         cost = float(allowed[np.arange(len(columns)), columns].sum())

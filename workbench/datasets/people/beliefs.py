@@ -7,7 +7,7 @@ gap the belief is wider, the more so the longer it was, and joints are still bel
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
@@ -145,8 +145,8 @@ class Expected:
     def _log_density(self, rows: IntArray, off_m: FloatArray, sigma_m: FloatArray) -> float:
         if not len(rows):
             return 0.0
-        factor = cho_factor(self._innovation(rows, sigma_m), lower=True)
-        squares = off_m.ravel() @ cho_solve(factor, off_m.ravel())
+        factor = scipy.linalg.cho_factor(self._innovation(rows, sigma_m), lower=True)
+        squares = off_m.ravel() @ scipy.linalg.cho_solve(factor, off_m.ravel())
         return float(-0.5 * squares - np.log(np.diag(factor[0])).sum() - len(rows) * np.log(2.0 * np.pi))
 
     def _innovation(self, rows: IntArray, sigma_m: FloatArray) -> FloatArray:
@@ -158,9 +158,9 @@ class Expected:
         if not len(match.rows):
             return self._belief
         gains = self._with_state[:, match.rows].reshape(len(self._with_state), -1)
-        factor = cho_factor(self._innovation(match.rows, match.sigma_m), lower=True)
-        mean = self._belief.mean.ravel() + gains @ cho_solve(factor, match.off_m.ravel())
-        covariance = self._belief.covariance - gains @ cho_solve(factor, gains.T)
+        factor = scipy.linalg.cho_factor(self._innovation(match.rows, match.sigma_m), lower=True)
+        mean = self._belief.mean.ravel() + gains @ scipy.linalg.cho_solve(factor, match.off_m.ravel())
+        covariance = self._belief.covariance - gains @ scipy.linalg.cho_solve(factor, gains.T)
         return Belief(mean.reshape(self._belief.mean.shape), 0.5 * (covariance + covariance.T))
 
 

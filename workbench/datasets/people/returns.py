@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
@@ -76,7 +76,7 @@ def _pairs(tracks: Sequence[_Track], times_s: FloatArray) -> dict[int, int]:
     for later, earlier in np.ndindex(n, n):
         if tracks[earlier].frames[-1] < tracks[later].frames[0]:
             costs[later, earlier] = -_log_odds(tracks[earlier], tracks[later], times_s)
-    rows, columns = linear_sum_assignment(costs) if n else ((), ())
+    rows, columns = scipy.optimize.linear_sum_assignment(costs) if n else ((), ())
     return {int(row): int(column) for row, column in zip(rows, columns, strict=True) if column < n}
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numba
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
@@ -243,7 +243,7 @@ def _shade(scene: Scene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatAr
         those = np.flatnonzero(limb == k)
         points = placed.eyes[k] + towards[those] @ placed.rotations[k].T
         cells = (points / VOXEL_M + texture.offsets[k]).T
-        pattern = map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
+        pattern = scipy.ndimage.map_coordinates(texture.volume, cells, order=1, mode="grid-wrap")
         lit = np.maximum(_normals(points, placed.sizes[k]) @ (placed.rotations[k] @ light), 0.0)
         grey[those] = (texture.grey[k] + texture.contrast * pattern) * (_AMBIENT + (1.0 - _AMBIENT) * lit)
     return np.clip(grey, 0.0, 255.0)

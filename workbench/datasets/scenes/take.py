@@ -11,7 +11,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.skeleton import Skeleton
-from workbench.core.checks import FINITE, POSITIVE, Range, at_least, check
+from workbench.core.checks import FINITE, RATE, Range, at_least, check
 from workbench.core.frame import Truth
 from workbench.core.given import PHASE_ENDS, START_POSE
 from workbench.datasets.scenes.departures import GIVEN, sizes
@@ -30,7 +30,7 @@ START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
 _FINE = 4  # clips are spliced, and their cycles found, at this multiple of the dataset's rate
 _RANGES = {
-    "n_frames": at_least(2), "first_frame": at_least(0), "rate_hz": POSITIVE, "width": at_least(32),
+    "n_frames": at_least(2), "first_frame": at_least(0), "rate_hz": RATE, "width": at_least(32),
     "height": at_least(32), "focal_px": at_least(1), "view_deg": FINITE, "seed": at_least(0),
 }  # fmt: skip
 

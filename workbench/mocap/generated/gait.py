@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
@@ -181,13 +181,15 @@ def _root_path(subject: Subject, phases: FloatArray, curvature: float) -> tuple[
     too, so that the path is straight, or a circle that the heading follows; on a circle of 2 m, feet then skid by 3 cm.
     """
     (feet, heights), load = _feet(subject), _load(_CYCLE)
-    pinned = -(CubicSpline(_CYCLE, feet, bc_type="periodic")(_CYCLE, 1) * load).sum(axis=1)
+    pinned = -(scipy.interpolate.CubicSpline(_CYCLE, feet, bc_type="periodic")(_CYCLE, 1) * load).sum(axis=1)
     stride = pinned[:-1, 0].mean()
     omega = curvature * stride
     centre = (feet * load).sum(axis=1)
     turning = omega * np.stack([centre[:, 1], -centre[:, 0]], axis=1)
     swing = 0.5 * (pinned - pinned[:-1].mean(axis=0)) + turning - turning[:-1].mean(axis=0)
-    velocity = CubicSpline(_CYCLE, _low_pass(swing, harmonics=4) + np.array([stride, 0.0]), bc_type="periodic")
+    velocity = scipy.interpolate.CubicSpline(
+        _CYCLE, _low_pass(swing, harmonics=4) + np.array([stride, 0.0]), bc_type="periodic"
+    )
 
     fine = 8  # integration steps per frame
     dense = np.linspace(phases[0], phases[-1], (len(phases) - 1) * fine + 1)
@@ -197,7 +199,7 @@ def _root_path(subject: Subject, phases: FloatArray, curvature: float) -> tuple[
     world = np.stack([c * ahead - s * left, s * ahead + c * left], axis=1)
     steps = 0.5 * (world[1:] + world[:-1]) * (dense[1] - dense[0])
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    height = CubicSpline(_CYCLE, _low_pass(heights, harmonics=5), bc_type="periodic")(phases)
+    height = scipy.interpolate.CubicSpline(_CYCLE, _low_pass(heights, harmonics=5), bc_type="periodic")(phases)
     return places[::fine], height, headings[::fine]
 
 
@@ -247,7 +249,7 @@ def _coefficients(curve: GaitCurve) -> ComplexArray:
     """The Fourier coefficients, rad, of a gait curve: a monotone periodic spline through its keys, cut."""
     percent, degrees = np.array(curve.keys, dtype=np.float64).T
     rounds = np.concatenate([percent - 100.0, percent, percent + 100.0])
-    spline = PchipInterpolator(rounds, np.tile(np.radians(degrees), 3))
+    spline = scipy.interpolate.PchipInterpolator(rounds, np.tile(np.radians(degrees), 3))
     n = 256
     spectrum = np.fft.rfft(spline(np.arange(n) * 100.0 / n))[: N_HARMONICS + 1] / n
     spectrum[1:] *= 2.0

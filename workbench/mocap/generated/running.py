@@ -16,7 +16,7 @@ and up and down as the force says. An ankle is lowest, at its height over the so
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
@@ -103,7 +103,9 @@ def bounce(phases: FloatArray, stride_hz: float) -> FloatArray:
     omega = 2.0 * np.pi * 2.0 * stride_hz * np.arange(1, len(spectrum))
     spectrum[1:] /= -(omega**2)
     heights = np.fft.irfft(spectrum, n)
-    spline = CubicSpline(np.linspace(0.0, 0.5, n + 1), np.append(heights, heights[0]), bc_type="periodic")
+    spline = scipy.interpolate.CubicSpline(
+        np.linspace(0.0, 0.5, n + 1), np.append(heights, heights[0]), bc_type="periodic"
+    )
     return np.asarray(spline(phases % 0.5))
 
 

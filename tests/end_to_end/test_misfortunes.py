@@ -1,0 +1,116 @@
+"""What becomes of runs when folders are crowded, disks full, viewers stuck and processes killed."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from workbench.experiment.folder import taken
+from workbench.recording.read.reader import read
+
+SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
+SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+def test_the_folder_of_another_run_is_refused_before_anything_is_written(run, tmp_path):
+    with taken(tmp_path / "out"):
+        code, told, folder = run("out", *SMALL)
+        assert code == 2
+        assert f"out: a run is at work there, process {os.getpid()} on " in told
+        assert [path.name for path in folder.iterdir()] == [".taken"]
+
+
+def test_a_complete_run_is_not_overwritten(run):
+    _, _, folder = run("out", *SMALL)
+    kept = (folder / "run.rrd").read_bytes()
+    code, told, _ = run("out", "seed=1", *SMALL)
+    assert code == 0
+    assert "held a complete run, which is now in" in told
+    assert (folder / ".before" / "1" / "run.rrd").read_bytes() == kept
+    assert json.loads((folder / ".before" / "1" / "summary.json").read_text())["seed"] == 0
+    assert read(folder / "run.rrd").settings["seed"] == 1
+    code, told, _ = run("out", f"from={folder / 'run.rrd'}@2")
+    assert code == 2
+    assert "out: holds the run that is gone on from" in told
+
+
+def test_a_folder_may_have_any_name(run):
+    name = "Läufe mit Abstand/日本 (2), it's"
+    code, told, folder = run(name, *SMALL)
+    assert code == 0, told
+    assert read(folder / "run.rrd").status == "complete"
+    code, told, _ = run("Läufe mit Abstand/weiter", f"from={folder / 'run.rrd'}@2")
+    assert code == 0, told
+
+
+def started(folder, *overrides, limit=None, **environment):
+    """Start the command as a process of its own, its output piped; limit: called in it first."""
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "1", **environment}
+    environment.pop("WORKBENCH_DATA", None)
+    command = [sys.executable, "-m", "workbench", *SMALL, f"hydra.run.dir={folder}", *overrides]
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen(command, cwd=folder.parent, env=environment, preexec_fn=limit, **piped)
+
+
+@pytest.mark.slow
+def test_of_two_runs_at_once_in_one_folder_one_ends_well_and_the_other_is_told(tmp_path, cache):
+    both = [started(tmp_path / "out", f"seed={k}", WORKBENCH_CACHE=str(cache)) for k in range(2)]
+    told = [process.communicate(timeout=120)[0] for process in both]
+    assert sorted(process.returncode for process in both) == [0, 2], told
+    well, refused = sorted(range(2), key=lambda k: both[k].returncode)
+    assert f"a run is at work there, process {both[well].pid} on " in told[refused]
+    assert read(tmp_path / "out" / "run.rrd").settings["seed"] == well
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == well
+
+
+def limited_to(n_bytes):
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
+
+
+@pytest.mark.slow
+def test_a_recording_that_may_not_grow_ends_the_run_with_what_fits(tmp_path, cache):
+    given = {"WORKBENCH_CACHE": str(cache), "limit": limited_to(800_000)}
+    with started(tmp_path / "out", "dataset.n_frames=40", **given) as process:
+        told = process.communicate(timeout=120)[0]
+    assert process.returncode == 1, told
+    assert "Traceback" not in told
+    assert "out/run.rrd.part: " in told.splitlines()[-1]
+    assert "left for it on the disk" in told.splitlines()[-1]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["status"], "left for it on the disk" in summary["error"]) == ("failed", True)
+    assert len(read(tmp_path / "out" / "run.rrd.part").poses[0]) >= 3
+
+
+@pytest.mark.slow
+def test_kernels_that_cannot_be_kept_are_compiled_for_the_run(tmp_path):
+    """Of one small kernel, in a folder whose files may not grow."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    command = [sys.executable, str(tmp_path / "kernel.py")]
+    done = subprocess.run(
+        command, env=environment, preexec_fn=limited_to(100), capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "3 7\n"), done.stderr
+    assert done.stderr == "kernels are not kept, and compiled again by the next run: File too large\n"
+
+
+KERNEL = """
+from workbench.kernel_cache import go_on_without_room
+import numba
+@numba.njit(cache=True)
+def one(x):
+    return x + 1
+@numba.njit(cache=True)
+def two(x):
+    return x + 3
+go_on_without_room()
+print(one(2), two(4))
+"""

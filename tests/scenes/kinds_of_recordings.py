@@ -1,0 +1,35 @@
+"""A recording of every kind, as today's code writes them."""
+
+from dataclasses import replace
+
+import numpy as np
+from recording_steps import BODY, SCALE, SPACE, steps
+
+from workbench.core.study import Bars, StudyResult
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
+from workbench.recording.write.recorder import Recorder
+
+
+def leave_kinds(folder):
+    """Leave recordings of images, of a synthesis, which has neither images nor truth, and of a study; the folder."""
+    run = list(steps(3, n_particles=20))
+    _leave(folder / "images.rrd", "images", run, sigma=0.1)
+    blind = [replace(step, frame=replace(step.frame, views=(), truth=None)) for step in run]
+    _leave(folder / "synthesis.rrd", "synthesis", blind, sigma="wide")  # a text, where the other's is a number
+    with RecordingFile(folder / "study.rrd", **_labels("study", sigma=True)) as file:
+        figure = Bars("c1", np.arange(-1.0, 2.0), np.ones(3) / 3, "σ", np.ones(3) / 3)
+        record_study(file, StudyResult({"n_cycles": 93, "explained": 0.5}, (figure,), "A note."))
+    return folder
+
+
+def _labels(name, **settings):
+    origin = {"experiment": name, "seed": 0, "choices": [f"prior={name}", "body=dataset"]}
+    return {"run_id": name, "config_yaml": "seed: 0", "provenance": origin, "settings": {"seed": 0, **settings}}
+
+
+def _leave(path, name, run, **settings):
+    with Recorder(path, BODY, SPACE, coefficient_scale=SCALE, **_labels(name, **settings)) as recorder:
+        for step in run:
+            recorder.log(step, {"error_abs_mm": 1.0} if step.frame.truth else {})
+        recorder.set_result({"error_abs_mm": 1.0, "frames": len(run)})

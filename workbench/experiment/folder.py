@@ -1,0 +1,65 @@
+"""The folder of a run: one run at a time works in it, and a run that it holds already is not lost."""
+
+import fcntl
+import logging
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from workbench.errors import InputError
+
+log = logging.getLogger(__name__)
+
+_LOCK = ".taken"
+_BEFORE = ".before"
+"""Where in the folder earlier runs are kept, numbered; readers of recordings look into no hidden folder."""
+
+
+@contextmanager
+def taken(folder: Path) -> Iterator[None]:
+    """Keep the folder, made where there is none, for this process until the block ends; tell what it held.
+
+    The operating system gives it free when the process ends, however that comes. Raises InputError, which says who
+    works in it, or why it cannot be used.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / _LOCK).open("a+")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be the folder of a run: {error.strerror}") from None
+    with file:
+        _lock(file.fileno(), fcntl.LOCK_EX, folder)
+        file.truncate(0)
+        file.write(f"process {os.getpid()} on {platform.node()}")
+        file.flush()
+        _set_aside(folder)
+        yield
+
+
+def refuse_if_taken(folder: Path) -> None:
+    """Raise InputError, which says who, where a run works in the folder."""
+    if (folder / _LOCK).is_file():
+        with (folder / _LOCK).open() as file:
+            _lock(file.fileno(), fcntl.LOCK_SH, folder)
+
+
+def _lock(file: int, how: int, folder: Path) -> None:
+    try:
+        fcntl.flock(file, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        who = (folder / _LOCK).read_text() or "another one"
+        raise InputError(f"{folder}: a run is at work there, {who}; choose another by hydra.run.dir=FOLDER") from None
+
+
+def _set_aside(folder: Path) -> None:
+    """Move a run that ended well out of the way, its summary first, which alone would say what is not there."""
+    if (folder / "run.rrd").is_file():
+        aside = next(place for k in count(1) if not (place := folder / _BEFORE / str(k)).exists())
+        aside.mkdir(parents=True)
+        for name in ("summary.json", "run.rrd"):
+            if (folder / name).is_file():
+                os.replace(folder / name, aside / name)
+        log.warning("%s: held a complete run, which is now in %s", folder, aside)

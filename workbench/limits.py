@@ -1,0 +1,188 @@
+"""Bounds on what a stranger's file may hold, checked before anything of that size is made; see .docs/security.md."""
+
+import json
+import os
+import re
+import resource
+import stat
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from workbench.errors import InputError
+
+if TYPE_CHECKING:  # the command line reads this module before it needs arrays
+    from workbench.arrays import FloatArray
+
+MOST_JOINTS = 1_000
+"""Of a motion file's skeleton; detailed hands and faces have some hundred."""
+
+MOST_FRAMES = 1_000_000
+"""Of a clip: nine hours at 30 Hz."""
+
+MOST_NUMBERS = 50_000_000
+"""Of one array, whatever it is compressed to: 400 MB of float64."""
+
+MOST_TEXT = 300_000_000
+"""Bytes of a file that is read as text."""
+
+MOST_CONFIG = 1_000_000
+"""Characters of a configuration or a calibration; ours have some thousand."""
+
+DEEPEST = 50
+"""Levels of lists and mappings in one another."""
+
+LARGEST_M = 1e7
+"""Of a position, m: a quarter of the way around the earth."""
+
+RATES_HZ = (0.1, 1e5)
+"""The slowest and the fastest frames or samples, Hz."""
+
+LONGEST_LIMB_M = 1.5
+MOST_LEFT_MM = 200.0
+"""Of the mean distance between a joint and where the retargeting has it."""
+
+LARGEST_PX = 1e7
+"""Of a place in an image."""
+
+MOST_COUNT = 1_000_000
+"""Of anything that a configuration counts by a key that begins with n_: particles, frames, points, paths."""
+
+MOST_WHOLE = 2**63 - 1
+"""Of a seed, and of any whole number in a configuration."""
+
+WIDEST_PX = 20_000
+"""Of an image that is made."""
+
+BYTES_A_PARTICLE = 4_000
+"""What a filter takes at most for one of them: a few hundred numbers for its state, its pose and its joints."""
+
+_YAML = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def check_rate(place: object, rate_hz: float) -> float:
+    """Return a rate in Hz within RATES_HZ; raises InputError, naming the place, for any other."""
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise InputError(f"{place}: expected a rate of {RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz, found {rate_hz:g}")
+    return rate_hz
+
+
+def check_places(place: object, positions: "FloatArray") -> None:
+    """Raise InputError where a position (..., 3), m, lies farther out than LARGEST_M; NaN lies nowhere."""
+    sizes = abs(positions)
+    if (far := sizes > LARGEST_M).any():
+        raise InputError(f"{place}: expected positions up to {LARGEST_M:g} m, found {sizes[far][0]:g} m")
+
+
+def check_number(place: object, what: str, found: int, most: int) -> None:
+    """Raise InputError, naming the place, where there are more than `most` of something."""
+    if found > most:
+        raise InputError(f"{place}: expected at most {most} {what}, found {found}")
+
+
+def check_sizes(value: object, place: str = "") -> None:
+    """Raise InputError for a number in a configuration that no run can have, before anything of its size is made."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            check_sizes(item, f"{place}.{key}" if place else str(key))
+    elif isinstance(value, list):
+        for item in value:
+            check_sizes(item, place)
+    elif isinstance(value, int):
+        name, most = place.rpartition(".")[2], MOST_WHOLE
+        if name.startswith("n_"):
+            most = MOST_COUNT
+        if name in ("width", "height"):
+            most = WIDEST_PX
+        if name == "n_particles":
+            most = min(most, memory_bytes() // (2 * BYTES_A_PARTICLE))
+        if abs(value) > most:
+            raise InputError(f"config: {place}: expected at most {most}, found {value}")
+
+
+def memory_bytes() -> int:
+    """How much memory this machine has."""
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def bounded_memory(more_bytes: int) -> Iterator[None]:
+    """Let this process take no more than so much memory beyond what it has, where the system can be told so: libraries
+    that believe a damaged file's lengths then raise instead of filling the machine's."""
+    statm = Path("/proc/self/statm")
+    if not statm.exists():
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    taken = int(statm.read_text().split()[0]) * resource.getpagesize() + more_bytes
+    lowest = min(limit for limit in (taken, soft, hard) if limit != resource.RLIM_INFINITY)
+    resource.setrlimit(resource.RLIMIT_AS, (lowest, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def check_file(path: Path, most: int = MOST_TEXT) -> None:
+    """Raise InputError for what is not an existing regular file of at most `most` bytes; a pipe would be waited for."""
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError) as error:
+        said = "no such file" if isinstance(error, FileNotFoundError) else getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: {said}") from None
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path}: expected a file, found {'a folder' if stat.S_ISDIR(found.st_mode) else 'none'}")
+    check_number(path, "bytes", found.st_size, most)
+
+
+def parse_json(place: object, text: str | bytes) -> Any:
+    """Parse JSON; raises InputError, naming the place, for anything else and for what is too deep."""
+    try:
+        return json.loads(text)
+    except (ValueError, TypeError, RecursionError) as error:
+        said = "levels without end" if isinstance(error, RecursionError) else error
+        raise InputError(f"{place}: expected JSON, found {said}") from None
+
+
+def parse_toml(place: object, text: str) -> dict[str, Any]:
+    """Parse TOML; raises InputError, naming the place, for anything else, for what is too deep, and for longer keys
+    of dotted names than DEEPEST, which take the square of their length."""
+    check_number(place, "characters", len(text), MOST_CONFIG)
+    if re.search(rf"""(?<![\w"'.-])(?:[\w"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}""", text):
+        raise InputError(f"{place}: expected at most {DEEPEST} names in a dotted key, found more")
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        said = "levels without end" if isinstance(error, RecursionError) else error
+        raise InputError(f"{place}: expected TOML: {said}") from None
+
+
+def check_yaml(place: object, text: str) -> None:
+    """Raise InputError for YAML that is too long or too deep, or refers to its own parts: a few lines of references to
+    references stand for more than any memory holds."""
+    check_number(place, "characters", len(text), MOST_CONFIG)
+    depth = 0
+    try:
+        for event in yaml.parse(text, _YAML):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise InputError(f"{place}: expected at most {DEEPEST} levels in one another, found more")
+            if isinstance(event, yaml.AliasEvent):
+                raise InputError(f"{place}: expected YAML without references, found *{event.anchor}")
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{place}: expected YAML: {' '.join(str(error).split())}") from None
+
+
+def parse_yaml(place: object, text: str) -> Any:
+    """Parse plain YAML, see `check_yaml`; raises InputError, naming the place, for anything else."""
+    check_yaml(place, text)
+    try:
+        return yaml.load(text, _YAML)
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"{place}: expected YAML: {' '.join(str(error).split())}") from None
