@@ -1,5 +1,6 @@
 """A workbench for tracking articulated people in 3-D."""
 
+import os
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,6 +15,8 @@ except PackageNotFoundError:  # imported from a source tree that was never insta
 
 use_kernel_cache(Path(__file__).parent)  # before any kernel is defined
 
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 27))  # of an image file, which OpenCV asks when it loads
+
 _HOMES = {
     "Clip": "core.clip",
     "Cyclic": "priors.cyclic",
@@ -25,6 +28,9 @@ _HOMES = {
     "Synthetic": "datasets.synthetic",
     "person": "body.limbs",
     "read": "recording.read.reader",
+    "record": "api",
+    "run": "api",
+    "runs": "catalog.runs",
     "track": "experiment.tracking",
     "walking_model": "learning.training",
 }

@@ -5,9 +5,13 @@ whatever it calls, too, and the values of constants, so that an edit of these in
 kernels are kept in a folder named for everything that can have got into them.
 """
 
+import logging
 import os
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from workbench.digest import digest_of, read_sources
@@ -29,6 +33,25 @@ def use_kernel_cache(package: Path) -> Path:
     return folder
 
 
+def go_on_without_room() -> None:
+    """Have numba keep kernels in memory only where their folder cannot take them, as on a full disk; told once."""
+    from numba.core.caching import Cache
+
+    @contextmanager
+    def guard(cache: object) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            _tell_once(f"kernels are not kept, and compiled again by the next run: {error.strerror or error}")
+
+    setattr(Cache, "_guard_against_spurious_io_errors", guard)  # noqa: B010 (numba's own does nothing but on Windows)
+
+
+@cache
+def _tell_once(sentence: str) -> None:
+    logging.getLogger(__name__).warning(sentence)
+
+
 def kernel_folder(package: Path) -> Path:
     """The folder for the package as it is: in $NUMBA_CACHE_DIR, else with its byte code, else in ~/.cache."""
     own = package / "__pycache__" if os.access(package, os.W_OK) else Path("~/.cache/workbench").expanduser()
@@ -38,6 +61,6 @@ def kernel_folder(package: Path) -> Path:
 
 
 def source_key(package: Path) -> str:
-    """Hash the sources that mention numba and all that they import from the package, directly or not."""
+    """Hash the sources that define kernels and all that they import from the package, directly or not."""
     sources = read_sources(package)
-    return digest_of(sources, (name for name, source in sources.items() if b"import numba" in source))[:16]
+    return digest_of(sources, (name for name, source in sources.items() if b"njit" in source))[:16]

@@ -101,12 +101,12 @@ def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_beg
     assert composed(*chosen, "inference.n_particles=7").inference.n_particles == 7
     assert composed("experiment=points_walk_variable").prior.n_components == 30
     assert composed("experiment=points_hybrid").prior.n_components == 8
-    assert composed("experiment=balance_1cam").inference.problem.ground_m == 0.14
+    assert composed("experiment=balance_1cam").inference.problem is None  # so that nothing is measured in the truth
     assert composed("experiment=balance_1cam").likelihood.loss == "huber"
 
 
 def test_there_are_few_files():
-    assert len(list(folder("workbench").rglob("*.yaml"))) <= 98  # 90, two readings of a paper, and what came later
+    assert len(list(folder("workbench").rglob("*.yaml"))) <= 100  # 90, two readings of a paper, and what came later
 
 
 def test_nobody_whose_numbers_are_reported_is_one_to_choose_parameters_by():

@@ -1,4 +1,4 @@
-"""What every experiment is given is listed in its file and in the README, and is what its parts take."""
+"""What every experiment is given is listed in its file and in the documents, and is what its parts take."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from workbench.errors import InputError
 from workbench.experiment.compatibility import incompatibility
 from workbench.experiment.given import check_given, givens
 
-README = Path(__file__).parents[2] / "README.md"
+EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 
 
 @pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
@@ -52,8 +52,8 @@ def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
     assert set(givens(composed(*overrides))) == (before | more) - less
 
 
-def test_the_table_of_the_readme_says_what_is_given():
-    text = README.read_text(encoding="utf-8")
+def test_the_table_of_the_documents_says_what_is_given():
+    text = EXPERIMENTS.read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line.startswith("| `workbench")]
     told = {
         name: set(re.findall(r"\w+", row.split("|")[3]))
@@ -66,7 +66,7 @@ def test_the_table_of_the_readme_says_what_is_given():
     assert {name: words for name, words in told.items() if name in TRACKING} == {
         name: set(givens(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
     }
-    explained = re.search(r"What is given, in words: (.+?)\n\n", text, re.DOTALL)
+    explained = re.search(r"## What is given\n\nIn words: (.+?)\n\n", text, re.DOTALL)
     assert set(re.findall(r"`(\w+)`", explained[1])) == set(MEANING)
 
 

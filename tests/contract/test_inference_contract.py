@@ -31,9 +31,9 @@ SOLVING = ("least_squares", "synthesis")
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory):
+def parts(cache):
     prepare_hydra()
-    cache, made = str(tmp_path_factory.mktemp("cache")), {}
+    made = {}
     with initialize_config_module("workbench.conf", version_base="1.3"):
         for name in NAMES:
             usual = [*USUAL.get(name, ("experiment=custom", *SCENE)), f"inference={name}", "paths.data=null"]

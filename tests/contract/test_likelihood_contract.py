@@ -16,6 +16,7 @@ from workbench.body.shape import from_height
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Likelihood
 from workbench.errors import InputError
+from workbench.likelihoods.alignment.alignment import Alignment
 from workbench.likelihoods.appearance import Appearance
 from workbench.likelihoods.background import Background
 from workbench.likelihoods.edges import Edges
@@ -64,6 +65,7 @@ BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "silhouette": lambda: Silhouette(BODY, walls()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
+    "alignment": lambda: Alignment(BODY, walls()),
     "product": product,
 }
 
@@ -81,7 +83,7 @@ class Case:
         return self.likelihood.look(None, self.frames[0]).remember(np.zeros(25))
 
 
-REMEMBER_THE_PERSON = ("appearance", "silhouette", "product")
+REMEMBER_THE_PERSON = ("alignment", "appearance", "silhouette", "product")
 
 
 @pytest.fixture(params=BUILDERS)

@@ -91,8 +91,8 @@ def composed(name, folder):
 
 
 @pytest.fixture(scope="module")
-def cache_folder(tmp_path_factory):
-    return str(tmp_path_factory.mktemp("cache"))
+def cache_folder(cache):
+    return str(cache)
 
 
 NAMES = [*MADE, *YAMLS]

@@ -1,11 +1,12 @@
 """A file appears whole or not at all."""
 
+import errno
 import os
 
 import pytest
 
 from workbench.errors import InputError
-from workbench.files import whole_file
+from workbench.files import replace_text, whole_file
 
 
 def write_half(path):
@@ -37,3 +38,27 @@ def test_a_folder_that_is_none_is_said(tmp_path):
         whole_file(tmp_path / "file" / "a.txt", parents=True),
     ):
         pass
+
+
+@pytest.fixture
+def full(monkeypatch):
+    """A disk on which no file can be made."""
+
+    def refuse(*paths):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", refuse)
+
+
+def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
+    path = tmp_path / "a.json"
+    path.write_text("{}".ljust(20))
+    replace_text(path, "[1, 2]")
+    assert path.read_text() == "[1, 2]".ljust(20)
+    replace_text(path, "[" + "1, " * 20 + "1]", shorter="[3]")
+    assert path.read_text() == "[3]".ljust(20)
+    with pytest.raises(InputError, match=r"a\.json: cannot be written: No space left on device"):
+        replace_text(path, "x" * 30, shorter="y" * 21)
+    with pytest.raises(InputError, match="No space left"):
+        replace_text(tmp_path / "new.json", "[]", shorter="0")
+    assert os.listdir(tmp_path) == ["a.json"]

@@ -58,6 +58,7 @@ def edit(path, old, new):
     path.write_text(text.replace(old, new))
 
 
+@pytest.mark.slow
 def test_an_edited_helper_in_another_file_is_compiled_again(package):
     (package / "a_helper.py").write_text(HELPER)
     (package / "a_kernel.py").write_text(KERNEL)
@@ -78,6 +79,7 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
         ("body/lanes.py", True),
         ("body/skeleton.py", True),  # without a kernel of its own, but imported beside some
         ("cli/run.py", False),
+        ("experiment/execute.py", False),  # which sets numba's threads, but has no kernel
     ],
 )
 def test_the_key_is_of_all_that_gets_into_kernels(package, edited, matters):
@@ -93,24 +95,37 @@ import sys
 
 import numpy as np
 
-sys.path.insert(0, sys.argv[1])
-import likelihood_scenes as scenes
-from workbench.likelihoods.image_motion import ImageMotion
+sys.path[:0] = sys.argv[1:]
+import test_likelihood_contract as contract
+from workbench.priors.implicit_search import kd_tree, nearest_entries, search
+from workbench.priors.implicit_tree import draw, sign_tree
+
+
+def tell(name, *values):
+    print(name, hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in values)).hexdigest())
+
 
 rng = np.random.default_rng(0)
-frames = [scenes.frame(i, (scenes.FRONT, scenes.texture(rng, 320, 240))) for i in range(2)]
-poses = scenes.people(rng, 500), scenes.people(rng, 500)
-likelihood = ImageMotion(scenes.PERSON, sigma=10.0)
-digest = hashlib.sha256(likelihood.look(*frames).evaluate(*poses).log_prob.tobytes())
-print(digest.hexdigest())
+frames = contract.frames(rng, contract.LEFT, contract.RIGHT, n=3)
+for name, build in contract.BUILDERS.items():
+    likelihood = build().look(None, frames[0]).remember(np.zeros(25))
+    tell(name, likelihood.look(*frames[:2]).evaluate(contract.poses(500), contract.poses(500, 2)).log_prob)
+rows, probes = rng.normal(size=(3000, 8)).astype(np.float32), rng.normal(size=(300, 8))
+found = search(kd_tree(rows), probes, np.ones(300, dtype=np.int64), 0.5, rng.random(300))
+tell("search", found.entries, found.log_mass, nearest_entries(kd_tree(rows), probes, 0.5))
+tell("tree", draw(sign_tree(rows), probes, 0.5, rng.random((300, 9))))
 """
 
 
 @pytest.mark.slow
 def test_kernels_just_compiled_and_kernels_kept_give_the_same_bits(tmp_path):
+    """Of every likelihood, and of the searches of the implicit prior."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    scenes = Path(__file__).parents[1] / "scenes"
-    command = [sys.executable, "-c", EVALUATED, str(scenes)]
-    found = {subprocess.run(command, env=environment, check=True, capture_output=True).stdout for _ in range(2)}
+    tests = Path(__file__).parents[1]
+    command = [sys.executable, "-c", EVALUATED, str(tests / "scenes"), str(tests / "contract")]
+    compiled, kept = (
+        subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout for _ in range(2)
+    )
     assert list(tmp_path.rglob("*_run*.nbc"))
-    assert len(found) == 1
+    assert compiled.splitlines() == kept.splitlines()
+    assert len(compiled.splitlines()) > 12

@@ -3,17 +3,27 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.errors import InputError
 from workbench.mocap.export import Track, check_output, export
 from workbench.recording.read.chunks import timed_poses, timed_true_joints
-from workbench.recording.read.reader import Run, read
+from workbench.recording.read.probe import read_sound_run
+from workbench.recording.read.reader import Run
+
+AXES = {
+    ".bvh": "y is up, z ahead where the world has x",
+    ".trc": "y is up, z ahead where the world has x",
+    ".csv": "z is up, as in the workbench",
+}
+"""Of every format, told when it is written."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,11 +35,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("output", metavar="OUT", type=Path, help="the file to write: .bvh, .trc or .csv")
     parser.add_argument("--truth", action="store_true", help="the true joints, not the estimate (.trc and .csv)")
     parser.add_argument("--metres", action="store_true", help="lengths in metres (default: BVH in cm, TRC in mm)")
+    parser.add_argument("--bands", action="store_true", help="and the 5–95 %% bands of its numbers (.csv)")
     arguments = parser.parse_args(argv)
     try:
         check_output(arguments.output)  # before the work, not after it
-        run = read(arguments.recording)
+        run = read_sound_run(arguments.recording)
         track = true_track(run) if arguments.truth else estimated_track(run)
+        if arguments.bands:
+            track = replace(track, bands=bands(run, track.frames))
         export(arguments.output, track, metres=arguments.metres)
     except InputError as error:
         print(error, file=sys.stderr)
@@ -38,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{run.path}: {left_out} frames have no truth and are left out", file=sys.stderr)
     if run.status != "complete":
         print(f"{run.path}: the run is not complete (status: {run.status})", file=sys.stderr)
-    print(f"{arguments.output}: {len(track)} frames, {track.times_s[0]:.3f} to {track.times_s[-1]:.3f} s")
+    span = f"{len(track)} frames, {track.times_s[0]:.3f} to {track.times_s[-1]:.3f} s"
+    print(f"{arguments.output}: {span}; {AXES[arguments.output.suffix.lower()]}")
     return 0
 
 
@@ -49,6 +63,16 @@ def estimated_track(run: Run) -> Track:
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
     return Track(skeleton, frames, times_s, joints(skeleton, poses), poses)
+
+
+def bands(run: Run, frames: IntArray) -> dict[str, FloatArray]:
+    """Read the ends of the 5–95 % bands of a recording's numbers, in frames (F,): `<name>_low` and `<name>_high`."""
+    found = {}
+    for path, curve in run.scalars.items():
+        *before, name, row = path.split("/")
+        if before == ["posterior", "parameters"] and row in ("low", "high") and np.array_equal(curve.frames, frames):
+            found[f"{name}_{row}"] = curve.values[:, 0]
+    return found
 
 
 def true_track(run: Run) -> Track:

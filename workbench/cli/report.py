@@ -8,7 +8,7 @@ from pathlib import Path
 
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.recording.read.reader import open_runs
+from workbench.recording.read.probe import open_sound_runs
 from workbench.report.contents import contents, group_csv, run_csv
 from workbench.report.groups import Grouping, group_runs
 from workbench.report.page import as_markdown, as_page, terminal
@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     arguments = parser.parse_args(argv)
     try:
-        runs, unreadable = open_runs(*arguments.recordings)
+        runs, unreadable = open_sound_runs(*arguments.recordings)
         if not runs and not unreadable:
             places = ", ".join(map(str, arguments.recordings))
             raise InputError(f"{places}: expected recordings (.rrd, .rrd.part), found none")

@@ -1,8 +1,11 @@
 """The main command: compose a configuration, run it, say what came out."""
 
+import errno
 import logging
 import os
+import signal
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,12 +16,19 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from workbench import __version__
+from workbench.cli import sentences
 from workbench.cli.parts import listing
-from workbench.errors import InputError
+from workbench.cli.quoting import quoted, unquoted
+from workbench.cli.told import lines, tell_warnings
+from workbench.errors import InputError, shortened
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.experiment.schema import prepare_hydra
+from workbench.signals import Asked, ending_as_interrupted
+from workbench.sweep.halving import KEY, best_third, frames_of, metrics_of, round_of
 from workbench.sweep.plan import metric_of, run_job
 from workbench.sweep.progress import Watch, close, rest_of
+from workbench.sweep.stopping import stop_when
 
 log = logging.getLogger(__name__)
 
@@ -28,41 +38,88 @@ if TYPE_CHECKING:
 MENDABLE = (InputError, HydraException, OmegaConfBaseException, KeyboardInterrupt)
 """What is told in one sentence; anything else is a defect of ours and shows its traceback."""
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What the operating system says where there is no room to write; told in one sentence, too."""
+
 LAUNCHER_DIED = RuntimeError
 """What joblib (BrokenProcessPool) and submitit (UncompletedJobError) raise when a process of theirs is killed."""
 
+PLAIN = ("from=", "hydra.run.dir=")
+"""Arguments that are not for Hydra where a recording's configuration runs."""
+
 HELP = """usage: workbench [group=option | key=value]... [-m]
 
-{}
+To begin with:
+  workbench                                           track a person who walks; its last line says how to look at it
+  workbench seed=3 inference.n_particles=2000         the same with other numbers
+  workbench experiment=points_walk_steady             another experiment; they are listed below
+  workbench -m seed=1,2,3                             a sweep; then workbench-view, workbench-report on its folder
+  workbench-view RUN.rrd                              look at a run; workbench-runs lists them
+  workbench-parts prior.jitter                        what the keys of an option are
+
+Your own video, with a calibrated camera and joints marked or detected:
+  workbench experiment=custom dataset=video body=height body.height_m=1.72 dataset.source=walk.mp4 \\
+      dataset.camera=camera.toml dataset.keypoints=joints.csv prior=smooth likelihood=keypoints inference=least_squares
 
 An experiment chooses the parts and sets their keys; what stands on the command line replaces that:
   workbench experiment=walk_best prior=implicit seed=3
   workbench from=RUN.rrd seed=4                       the configuration of a recording, with changes
-workbench-parts prior.jitter says what the keys of an option are. -m runs a sweep: seed=1,2,3 or 'seed=range(5)'.
---cfg job prints the configuration and runs nothing, --hydra-help says what else there is."""
+  workbench from=RUN.rrd@120 seed=4                   the same from frame 120 on, as the recorded run had got there
+--cfg job prints the configuration and runs nothing, --version says which workbench this is, --hydra-help says what
+else there is.
+
+{}"""
 
 
 def main() -> int:
-    """`workbench [overrides]`: exit code 0 when all runs are complete, 2 for bad input, 1 for any other failure."""
+    """`workbench [overrides]`: exit code 0 when all runs are complete, 2 for bad input, 1 for any other failure.
+
+    128 + n where signal n ended it: SIGINT, SIGTERM, SIGHUP.
+    """
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
-    arguments, Watch.progress = sys.argv[1:], None
+    logging.raiseExceptions = False  # on a full disk, every line of run.log would bring a traceback
+    with ending_as_interrupted(first=Watch.end):
+        return _main()
+
+
+def _main() -> int:
+    arguments, Watch.progress = [quoted(text) for text in sys.argv[1:]], None
     code = 0
     try:
+        if unnamed := [text for text in arguments if text.startswith("=")]:
+            raise InputError(f"expected key=value, found {unnamed[0]!r}")
         name_parts(parts_in(arguments))
+        if "--version" in arguments:
+            print(f"workbench {__version__}")
+            return 0
         if "--help" in arguments or "-h" in arguments:
             print(HELP.format(listing()))
             return 0
+        if any(text.startswith("--experimental-rerun") for text in arguments):
+            raise InputError("--experimental-rerun would unpickle a file; from=RUN.rrd runs a recorded configuration")
         if any(text.startswith("from=") for text in arguments):
-            _branch(arguments)
+            _branch([_plain(text) if text.startswith(PLAIN) else text for text in arguments])
+        elif halved := [text.removeprefix(KEY) for text in arguments if text.startswith(KEY)]:
+            code = _rounds(arguments, frames_of(halved[-1]))
         else:
             _whole_sweep(arguments)
     except MENDABLE as error:
         code = _tell(error)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        code = _tell(error)
     finally:
         if Watch.progress is not None:
             Watch.progress.stop()
-            code = code if code == 2 else max(code, close(Watch.progress, arguments))
+            told = close(Watch.progress, arguments)
+            code = code or told
     return code
+
+
+def _plain(argument: str) -> str:
+    key, _, value = argument.partition("=")
+    return f"{key}={unquoted(value)}"
 
 
 def _branch(arguments: list[str]) -> None:
@@ -72,8 +129,34 @@ def _branch(arguments: list[str]) -> None:
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))
     root.setLevel(logging.INFO)
-    logging.captureWarnings(True)
+    tell_warnings()
     _report(branch(arguments))
+
+
+def _rounds(arguments: list[str], frames: list[int]) -> int:
+    """Run a sweep in rounds of more and more frames, of each the best third; returns the worst exit code."""
+    if "-m" not in arguments and "--multirun" not in arguments:
+        raise InputError("sweep.halving is of a sweep: say -m")
+    given = [text.partition("=")[2] for text in arguments if text.startswith("hydra.sweep.dir=")]
+    folder = given[-1] if given else f"recordings/sweeps/halving/{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
+    jobs: list[int] | None = None
+    code = 0
+    for k, n_frames in enumerate(frames):
+        print(f"round {k + 1} of {len(frames)}: {n_frames} frames", flush=True)
+        Watch.progress = None
+        own = round_of(arguments, folder, k, n_frames, jobs)
+        _whole_sweep(own)
+        if Watch.progress is None:
+            return 1
+        Watch.progress.stop()
+        if (progress := Watch.progress).plan.varied is None:
+            raise InputError("sweep.halving: expected a sweep whose jobs are known beforehand, not a tuner")
+        code, plan = max(code, close(progress, own)), progress.plan
+        if not (jobs := best_third(plan, metrics_of(plan))):
+            break
+        print(f"best: {plan.of(jobs[0])}", flush=True)
+    Watch.progress = None
+    return code
 
 
 def _whole_sweep(arguments: list[str]) -> None:
@@ -99,7 +182,7 @@ def _whole_sweep(arguments: list[str]) -> None:
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")
 def _job(config: DictConfig) -> float | None:
     """One job; returns the number a tuner minimises, see `metric_of`."""
-    logging.captureWarnings(True)
+    tell_warnings()
     settings, sweep = HydraConfig.get(), config.sweep
     name_parts(parts_in(settings.overrides.task))  # as a launcher's worker has not seen the command line
     config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as when it runs alone
@@ -113,9 +196,14 @@ def _job(config: DictConfig) -> float | None:
     try:
         choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
         command = Command(list(settings.overrides.task), choices)
-        summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command)
+        stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
+        summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command, stop=stop)
         metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
     except (*MENDABLE, DegenerateWeights) as error:
+        sys.exit(_tell(error))
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
         sys.exit(_tell(error))
     _report(summary)
     return metric
@@ -124,29 +212,19 @@ def _job(config: DictConfig) -> float | None:
 def _tell(error: BaseException) -> int:
     """Print the error as one sentence; the exit code it stands for."""
     if isinstance(error, KeyboardInterrupt):
-        print("workbench: interrupted; what was recorded is kept as run.rrd.part", file=sys.stderr)
-        return 130
-    print(f"workbench: {_sentence(error)}", file=sys.stderr)
+        number = error.number if isinstance(error, Asked) else signal.SIGINT
+        by = signal.Signals(number).name
+        print(f"workbench: interrupted by {by}; what was recorded is kept as run.rrd.part", file=sys.stderr)
+        return 128 + number
+    *there, sentence = sentences.lines(error)
+    told = shortened(sentence) if isinstance(error, MENDABLE) else sentence
+    print("\n".join([*there, f"workbench: {told}"]), file=sys.stderr)
     return 2 if isinstance(error, MENDABLE) else 1
 
 
 def _report(summary: "Summary") -> None:
-    width = max(map(len, summary.metrics), default=0)
-    for name, value in summary.metrics.items():
-        log.info("%-*s %10.4g", width, name, value)
-    log.info("look at it: workbench-view %s", os.path.relpath(summary.recording))
-
-
-def _sentence(error: BaseException) -> str:
-    """The error and, for Hydra's wrappers, its cause, in one line without Hydra's hints on debugging."""
-    parts: list[str] = []
-    cause: BaseException | None = error
-    while cause is not None:
-        text = " ".join(str(cause).split())
-        if text and not any(text in part for part in parts):
-            parts.append(text)
-        cause = cause.__cause__
-    return ": ".join(parts)
+    for line in lines(summary):
+        log.info("%s", line)
 
 
 prepare_hydra()  # here, since the workers of a launcher import this module and call no `main`

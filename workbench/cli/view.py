@@ -1,16 +1,20 @@
 """workbench-view: open recordings in the viewer; two are shown beside each other, more under what varied in them."""
 
 import argparse
+import platform
 import shutil
+import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from workbench.errors import InputError
 from workbench.recording.compare.side_by_side import write_names, write_side_by_side
-from workbench.recording.read.reader import Run, open_runs
+from workbench.recording.read.probe import open_sound_runs
+from workbench.recording.read.reader import Run
 from workbench.recording.write.file import HOST
 from workbench.report.variation import flat, label, what_varied
 
@@ -25,14 +29,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         "recordings", metavar="RUN|FOLDER", type=Path, nargs="+",
         help="recordings, or folders with recordings; exactly two recordings are compared",
     )  # fmt: skip
-    places: list[Path] = parser.parse_args(argv).recordings
+    parser.add_argument(
+        "--web", action="store_true", help="for a browser, on a server too: says what to open and how to forward it"
+    )
+    arguments = parser.parse_args(argv)
+    places: list[Path] = arguments.recordings
     try:
         program = viewer()
         runs = _readable(places)
         pair = len(places) == len(runs) == 2 and all(place.is_file() for place in places)
         with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
             files = _beside(runs, places, Path(folder)) if pair else _together(runs, Path(folder))
-            command = [str(program), "--bind", HOST, "--port", "auto", *map(str, files)]
+            command = [str(program), "--bind", HOST, *_ports(arguments.web), *map(str, files)]
             code = subprocess.run(command, check=False).returncode
         if code:
             print(f"workbench-view: the viewer ended with exit code {code}", file=sys.stderr)
@@ -42,6 +50,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _ports(web: bool) -> list[str]:
+    """Where the viewer listens; of one in a browser, said with what opens it from here and from elsewhere."""
+    if not web:
+        return ["--port", "auto"]
+    page, data = _free_ports(2)
+    address = f"http://{HOST}:{page}/?url=rerun%2Bhttp://{HOST}:{data}/proxy"
+    print(f"open {address}")
+    ports = f"-L {page}:{HOST}:{page} -L {data}:{HOST}:{data}"
+    print(f"from another machine first: ssh {ports} {platform.node()}", flush=True)
+    return ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
+
+
+def _free_ports(n: int) -> list[int]:
+    """Numbers of ports that nobody listens at now."""
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(n)]
+        for each in sockets:
+            each.bind((HOST, 0))
+        return [int(each.getsockname()[1]) for each in sockets]
 
 
 def viewer() -> Path:
@@ -72,7 +101,7 @@ def names(runs: Sequence[Run]) -> list[str]:
 
 def _readable(places: Sequence[Path]) -> list[Run]:
     """The recordings there, one of each run. Those left out are told; raises InputError when none is left."""
-    runs, problems = open_runs(*places)
+    runs, problems = open_sound_runs(*places)
     left_out = [problem.reason for problem in problems]
     kept: dict[str, Run] = {}
     for run in runs:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray, IntArray
@@ -170,7 +170,7 @@ class CoefficientHistograms:
                 low, high = min(centre - 3.5 * deviation, drawn.min()), max(centre + 3.5 * deviation, drawn.max())
                 edges = np.linspace(low, high + 1e-9, self.n_bins + 1)
                 mass = np.histogram(draws[name][:, k - 1], edges)[0] / self.n_draws
-                model, width = np.diff(ndtr((edges - centre) / deviation)), edges[1] - edges[0]
+                model, width = np.diff(scipy.special.ndtr((edges - centre) / deviation)), edges[1] - edges[0]
                 middles = 0.5 * (edges[1:] + edges[:-1])
                 figures.append(Bars(f"coefficients/{label}, c{k}", middles, mass / width, f"c{k} (σ)", model / width))
                 outside = 1.0 - model.sum()  # the Gaussian's tails, where nothing was drawn

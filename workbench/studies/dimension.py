@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
@@ -71,7 +71,9 @@ class Independent:
     def predicted(self) -> FloatArray:
         """Covariance (2, 2) of an angle and its velocity before it is observed, in the steady state."""
         noise = self.jerk**2 * np.array([[0.25, 0.5], [0.5, 1.0]])
-        return solve_discrete_are(np.array([[1.0, 0.0], [1.0, 1.0]]), np.array([[1.0], [0.0]]), noise, np.eye(1))
+        return scipy.linalg.solve_discrete_are(
+            np.array([[1.0, 0.0], [1.0, 1.0]]), np.array([[1.0], [0.0]]), noise, np.eye(1)
+        )
 
     @property
     def filtered(self) -> FloatArray:

@@ -231,8 +231,8 @@ def seven_steps(with_points):
 
 
 def rows_with_figures():
-    """(paper, numbers of figures, experiments) of every row of the README's table that names published figures."""
-    table = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Experiments")[2].partition("\n\nThe ")[0]
+    """(paper, numbers of figures, experiments) of every row of the documents' table that names published figures."""
+    table = (ROOT / ".docs" / "experiments.md").read_text(encoding="utf-8").partition("## The papers")[0]
     for row in table.splitlines():
         if figures := re.search(r"\((?:paper )?([ABCD]), figs?\. ([^)]+)\)", row):
             numbers = [int(number) for number in re.findall(r"\d+", figures[2])]

@@ -70,7 +70,8 @@ def test_bvh_of_the_estimate(recorded, estimated, tmp_path, capsys, options, uni
     output = tmp_path / "OUT.BVH"
     assert main([str(recorded), str(output), *options]) == 0
     printed = capsys.readouterr()
-    assert (printed.err, printed.out) == ("", f"{output}: 12 frames, 0.000 to 0.367 s\n")
+    axes = "y is up, z ahead where the world has x"
+    assert (printed.err, printed.out) == ("", f"{output}: 12 frames, 0.000 to 0.367 s; {axes}\n")
     clip = read_bvh(output, unit)
     assert clip.rate_hz == 30.0
     np.testing.assert_allclose(clip.positions, estimated, atol=4e-6)  # six decimals of metres
@@ -102,6 +103,16 @@ def test_csv_keeps_frames_times_and_poses(recorded, run, tmp_path):
         assert float(row["root_x_m"]) == float(row["pelvis_x_m"])
 
 
+def test_csv_has_bands_where_they_are_asked_for(recorded, tmp_path):
+    output = tmp_path / "out.csv"
+    assert main([str(recorded), str(output), "--bands"]) == 0
+    with output.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        low, high = float(row["left_knee_flexion_low"]), float(row["left_knee_flexion_high"])
+        assert low < high
+
+
 def test_a_run_cut_off_is_exported_and_said_to_be(run, tmp_path, capsys):
     def broken():
         yield from run[:4]
@@ -112,21 +123,21 @@ def test_a_run_cut_off_is_exported_and_said_to_be(run, tmp_path, capsys):
     part, output = tmp_path / "run.rrd.part", tmp_path / "out.bvh"
     assert main([str(part), str(output)]) == 0
     printed = capsys.readouterr()
-    assert printed.err == f"{part}: the run is not complete (status: failed)\n"
+    assert printed.err == f"{part}: the run is not complete (status: interrupted)\n"
     assert "4 frames" in printed.out
     assert len(read_bvh(output)) == 4
 
 
 def test_a_run_still_at_work_is_exported_as_far_as_it_is_written(run, estimated, tmp_path, capsys, recwarn):
     with recorder(tmp_path / "run.rrd") as recording:
-        for step in run:
+        for step in run[:11]:
             recording.log(step, {})
         part = shutil.copy(recording.part, tmp_path / "killed.rrd.part")
     for options in ([], ["--truth"]):
         assert main([str(part), str(tmp_path / "out.csv"), *options]) == 0
         assert capsys.readouterr().err == f"{part}: the run is not complete (status: running)\n"
         rows = np.loadtxt(tmp_path / "out.csv", skiprows=1, delimiter=",")
-        assert rows[:, 0].tolist() == [step.frame.index for step in run[:10]]  # one flush
+        assert rows[:, 0].tolist() == [step.frame.index for step in run[:9]]  # three flushes
     assert len(recwarn) == 0
 
 

@@ -2,11 +2,17 @@
 
 import csv
 import json
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
 from io import StringIO
 
 import pytest
 from run_folders import leave, leave_sweep
+from small_recordings import leave_recorded
 
+from workbench.cli import gallery, view
 from workbench.cli.runs import main
 
 
@@ -102,3 +108,40 @@ def test_what_cannot_be_met_is_a_sentence(told, words):
     assert code == 2
     assert err.startswith("workbench-runs: ")
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
+def test_a_gallery_that_is_only_served_says_what_opens_it_here_and_elsewhere(tmp_path, capsys, monkeypatch):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    leave_recorded(tmp_path / "a", "a")
+    leave(tmp_path / "b", status="failed", day=2)
+    monkeypatch.setattr(gallery, "wait", interrupt)
+    assert main([str(tmp_path), "--serve"]) == 0
+    out, err = capsys.readouterr()
+    url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
+    assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
+    assert f"ssh -N -L {url[2]}:127.0.0.1:{url[2]} " in out
+    assert err.startswith(f"workbench-runs: {tmp_path / 'b'}: left out")
+
+
+def test_the_best_two_are_handed_to_the_viewer_by_one_command(tmp_path, monkeypatch):
+    for k, error in enumerate([30.0, 10.0, 20.0]):
+        leave_recorded(tmp_path / str(k), f"run {k}", error=error, day=1 + k)
+    opened = []
+    monkeypatch.setattr(view, "main", lambda words: opened.append(words) or 0)
+    for order in ([], ["--sort", "error_abs_mm"]):
+        assert main([str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
+        assert opened.pop() == [str(tmp_path / k / "run.rrd") for k in "12"]
+    assert main([str(tmp_path), "--sort=-error_abs_mm", "--view"]) == 0
+    assert opened.pop() == [str(tmp_path / "0" / "run.rrd")]
+
+
+def test_a_query_that_the_index_answers_loads_nothing_large(root):
+    words = [str(root), "prior=smooth"]
+    main(words)
+    large = "{'rerun', 'hydra', 'numpy'} & {*sys.modules}"
+    code = f"import sys; from workbench.cli.runs import main; main({words}); print({large})"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.endswith("\nset()\n")

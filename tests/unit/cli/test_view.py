@@ -145,5 +145,5 @@ def test_a_viewer_that_fails_is_told(sweep, shown, capsys):
 
 
 def test_runs_of_one_name_get_their_place(sweep):
-    run = view.open_runs(sweep / "0")[0][0]
+    run = view.open_sound_runs(sweep / "0")[0][0]
     assert view.names([run, run]) == [f"walk ({run.path})"] * 2

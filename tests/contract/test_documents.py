@@ -1,0 +1,105 @@
+"""The documents hold together: links lead somewhere, commands name what there is, and nothing is said twice."""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from workbench.experiment.parts import GROUPS, options
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / ".docs"
+PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
+WRITTEN = [page for page in PAGES if "_generated" not in page.parts]
+_FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+GENERATED = ("options.md", "parts_of_experiments.md", "glossary.md")
+
+
+def prose(page):
+    return _FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def commands(page):
+    """Every command line of the workbench in a shell block, continued lines joined."""
+    for block in re.findall(r"```sh\n(.+?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        yield from (line for line in block.replace("\\\n", " ").splitlines() if "workbench" in line)
+
+
+def anchors(page):
+    """What a heading is called in a link: as GitHub and MyST make it."""
+    titles = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def is_there(page, link):
+    """Whether a link of a page leads to a file, and a heading of it where it names one."""
+    target, _, anchor = link.partition("#")
+    file = (page.parent / target).resolve() if target else page
+    if file.parent.name == "_generated" and file.name in GENERATED:  # made when the pages are
+        return True
+    return file.exists() and (not anchor or anchor in anchors(file))
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    links = re.findall(r"\]\(([^)\s]+)\)|\{download\}`[^<]*<([^>]+)>`", prose(page))
+    here = [link for found in links for link in found if link and not link.startswith(("http:", "https:"))]
+    assert [link for link in here if not is_there(page, link)] == []
+    assert all(link.startswith("https:") or link.startswith("http://mocap.cs.cmu.edu")
+               for found in links for link in found if link.startswith("http"))  # fmt: skip
+
+
+def test_a_broken_link_is_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Here it is\n")
+    assert is_there(page, "#here-it-is")
+    assert not is_there(page, "#there")
+    assert not is_there(page, "other.md")
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_choose_what_there_is(page):
+    own = {"prior": {"still"}, "likelihood": {"upright"}, "dataset": {"nodding"}}  # of the package my_parts
+    for line in commands(page):
+        for group, chosen in re.findall(r"\b(experiment|paper|" + "|".join(GROUPS) + r")=([\w,]+)", line):
+            known = set(options(group)) | (own.get(group, set()) if "my_parts" in line else set())
+            assert set(chosen.split(",")) <= known, line
+
+
+def test_no_page_says_what_another_says():
+    paragraphs = Counter()
+    for page in WRITTEN:
+        own = {" ".join(each.split()) for each in re.split(r"\n\s*\n|(?<=\.)\s+(?=[A-Z`])", prose(page))}
+        paragraphs.update(each for each in own if len(each) > 80)
+    assert [text for text, n in paragraphs.items() if n > 1] == []
+
+
+def test_no_command_stands_on_two_pages():
+    lines = Counter()
+    for page in WRITTEN:
+        lines.update({" ".join(line.partition("  #")[0].split()) for line in commands(page)})
+    assert [line for line, n in lines.items() if n > 1 and len(line) > 50] == []
+
+
+def test_the_readme_is_short_and_its_two_commands_stand():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 130
+    begin = "python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e"
+    assert f"<!-- run -->\n```sh\n{begin} . && .venv/bin/workbench\n```" in text
+    assert f'<!-- test -->\n```sh\n{begin} ".[test]" && .venv/bin/pytest\n```' in text
+
+
+def test_every_page_is_reached_from_the_first():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert re.search(r"^\*$", index, re.MULTILINE)  # all that lies beside it
+    assert re.search(r"^howto/\*$", index, re.MULTILINE)
+    for page in WRITTEN:
+        if page.is_relative_to(DOCS) and page.parent not in (DOCS, DOCS / "howto"):
+            assert str(page.relative_to(DOCS).with_suffix("")) in index, page
+
+
+@pytest.mark.parametrize("picture", sorted(DOCS.rglob("*.png")) + sorted((ROOT / "analysis").rglob("*.png")), ids=str)
+def test_pictures_are_small_and_shown(picture):
+    assert picture.stat().st_size <= 300_000
+    assert any(picture.name in prose(page) for page in WRITTEN)

@@ -1,0 +1,69 @@
+"""What was meant by a wrong option or key, and messages that can be pasted."""
+
+import sys
+from dataclasses import make_dataclass
+from types import SimpleNamespace
+
+from workbench.cli import told
+from workbench.cli.sentences import lines
+from workbench.evaluation.verdict import Finding, Verdict
+
+
+class _UnknownKeyError(Exception):
+    object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("move", str)])
+
+
+def test_a_wrong_option_tells_what_was_meant_and_what_there_is():
+    found = lines(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
+    assert found[-1] == "dataset: there is no option 'syntetic'; did you mean dataset=synthetic?"
+    assert "  dataset=video" in found
+
+
+def test_a_wrong_key_tells_what_was_meant_and_what_there_is():
+    error = ValueError("Could not override 'inference.n_particle'.")
+    error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
+    assert lines(error) == [
+        "there are:", "  inference.move", "  inference.n_particles",
+        "there is no key inference.n_particle; did you mean inference.n_particles?",
+    ]  # fmt: skip
+
+
+def test_anything_else_is_one_line_with_its_cause():
+    error = ValueError("wrong\n  indeed")
+    error.__cause__ = KeyError("why")
+    assert lines(error) == ["wrong indeed: 'why'"]
+
+
+def summary(tmp_path, **changes):
+    outcome = Finding("held", "in all 9 frames")
+    metrics = {"error_abs_mm": 31.0, "error_procrustes_mm": 25.0, "ess_mean": 500.0, "offset_neck_mm": 3.0}
+    known = {"verdict": Verdict((), outcome, ()), "metrics": metrics, "constant": frozenset({"ess_mean"}),
+             "study": None, "cost": {"seconds": 2.0, "ms_per_frame": 200.0, "compiling_s": 7.0},
+             "recording": tmp_path / "a folder" / "run.rrd"}  # fmt: skip
+    return SimpleNamespace(**{**known, **changes})
+
+
+def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_told(tmp_path):
+    first, *others = told.lines(summary(tmp_path))
+    assert first == "verdict: held: in all 9 frames"
+    text = "\n".join(others)
+    assert "PA-MPJPE (error_procrustes_mm)" in text
+    assert "25 mm" in text
+    assert "ess_mean" not in text
+    assert "2 more numbers" in text
+    assert "took 2.0 s, 200 ms a frame; compiling kernels, once on this machine, 7.0 s" in text
+
+
+def test_the_last_line_can_be_pasted(tmp_path, monkeypatch):
+    """Also where the environment is not active, and of a folder with a blank in its name."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "workbench-view").touch(mode=0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.chdir(tmp_path)
+    assert list(told.lines(summary(tmp_path)))[-1] == "look at it: bin/workbench-view 'a folder/run.rrd'"
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    assert list(told.lines(summary(tmp_path)))[-1] == "look at it: workbench-view 'a folder/run.rrd'"
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert str(tmp_path) in list(told.lines(summary(tmp_path)))[-1]

@@ -1,0 +1,151 @@
+"""The workbench from Python: runs by name, parts built by hand, and that a recording says what was swapped."""
+
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compositions import composed
+
+import workbench as wb
+from workbench.errors import InputError
+from workbench.experiment.stored import runnable
+from workbench.likelihoods.uniform import Uniform
+from workbench.priors.jitter import Jitter
+
+SMALL = (
+    "dataset.n_frames=3", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
+    "inference.n_particles=20", "recorder.n_particles_shown=5", "recorder.marginal_bins=8",
+)  # fmt: skip
+STILL = ("experiment=custom", "dataset=blank", "dataset.n_frames=3", "prior=smooth", "likelihood=uniform")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nobodys_data(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("WORKBENCH_DATA", raising=False)
+        patch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """A run with another prior than its experiment's, a class; its folder."""
+    folder = tmp_path_factory.mktemp("runs") / "swapped"
+    prior = partial(Jitter, base=partial(wb.Smooth, damping=2.0), keep=0.5, sigma=0.01)
+    return wb.run("walk_prior_only", "seed=3", *SMALL, folder=folder, quiet=True, prior=prior), folder
+
+
+def hand_built(n_frames=3):
+    clip = wb.Clip(wb.Synthetic(n_frames=n_frames, width=160, height=120, person_px=80.0, focal_px=175.0))
+    prior = wb.Smooth(damping=1.5, sigma={"root_x": 0.02})
+    body = wb.person(clip.known.shape)
+    return wb.Parts(clip, body, prior, wb.ParticleFilter(prior, Uniform(), n_particles=20), clip.known.start_pose)
+
+
+def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
+    run, folder = swapped
+    assert run.folder == folder
+    assert {path.name for path in folder.iterdir()} == {".taken", "run.rrd", "summary.json"}
+    assert run.status == "complete"
+    assert run.settings["seed"] == 3
+    prior = run.settings["prior"]
+    assert (prior["_target_"], prior["keep"]) == ("workbench.priors.jitter.Jitter", 0.5)
+    assert (prior["base"]["_target_"], prior["base"]["damping"]) == ("workbench.priors.smooth.Smooth", 2.0)
+    assert prior["base"]["start_pose"] == 2.0  # a default, which the class has
+    assert "prior=Jitter" in run.provenance["choices"]
+    said = run.provenance["command"]
+    assert said.startswith("workbench.run('walk_prior_only', 'seed=3'")
+    assert (
+        "prior=partial(workbench.priors.jitter.Jitter, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
+        in said
+    )
+    assert json.loads((folder / "summary.json").read_text())["settings"]["prior"] == prior
+
+
+def test_parts_built_by_hand_are_recorded_as_they_are(tmp_path, capsys):
+    parts = hand_built()
+    run = wb.record(parts, tmp_path / "out", seed=5)
+    assert capsys.readouterr().out == f"written to {tmp_path / 'out'}\n"
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+    settings = run.settings
+    assert settings["seed"] == 5
+    assert settings["prior"]["_target_"] == "workbench.priors.smooth.Smooth"
+    assert settings["prior"]["damping"] == 1.5
+    assert settings["prior"]["sigma"] == {"root_x": 0.02}
+    assert settings["likelihood"] == {"_target_": "workbench.likelihoods.uniform.Uniform"}
+    assert settings["inference"]["n_particles"] == 20
+    assert settings["dataset"]["width"] == 160
+    with pytest.raises(InputError, match=r"run.rrd: its parts were built in Python"):
+        runnable(run, [], composed("experiment=custom"))
+    tracked = np.array([step.expected_pose for step, _ in wb.track(hand_built(), seed=5)])
+    np.testing.assert_array_equal(run.poses[1], tracked)
+
+
+def test_without_a_folder_a_run_goes_where_the_command_puts_it_and_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = wb.record(hand_built(2))
+    assert run.folder.parent == Path("recordings", "runs", "python")
+    assert f"written to {run.folder}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts", "sentence"),
+    [
+        (("walk_nowhere",), {}, "Could not find 'experiment/walk_nowhere'"),
+        (("walk_straight", "seeed=3"), {}, "Could not override 'seeed'"),
+        (("walk_straight",), {"priors": wb.Smooth}, "expected a part by its group, one of body, .* found 'priors'"),
+        (("walk_straight",), {"prior": "smooth"}, "prior: expected a class, or functools.partial"),
+        (("walk_straight",), {"prior": partial(wb.Smooth, ("root_x",))}, "prior: expected a class, or functools.part"),
+        (("walk_straight",), {"prior": partial(wb.Smooth, dampin=1.0)}, "Smooth has no key 'dampin'; it has"),
+        (("walk_straight",), {"prior": partial(wb.Smooth, damping="much")}, "damping"),
+        (("walk_straight",), {"prior": Path}, "must name a part of the workbench"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_a_sentence(arguments, parts, sentence, tmp_path):
+    with pytest.raises(InputError, match=sentence):
+        wb.run(*arguments, folder=tmp_path / "out", **parts)
+
+
+def test_an_error_says_where_the_run_was_left(tmp_path):
+    parts = hand_built()
+    broken = wb.Parts(parts.clip, parts.body, parts.prior, parts.inference, None)
+    with pytest.raises(InputError, match="needs a pose to start from") as caught:
+        wb.record(broken, tmp_path / "out")
+    assert caught.value.__notes__ == [f"what there is of the run is in {tmp_path / 'out'}"]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def test_importing_the_workbench_imports_none_of_what_it_offers():
+    code = "import sys, workbench; print({'numpy', 'hydra', 'rerun', 'numba', 'pandas', 'polars'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_every_name_is_there_and_no_room_stands_in_its_place():
+    import workbench.catalog.index
+    import workbench.sweep.watch  # noqa: F401 (which sets attributes of the package)
+
+    for name in wb.__all__:
+        assert callable(getattr(wb, name)), name
+
+
+@pytest.mark.slow
+def test_a_run_from_python_is_the_commands(tmp_path):
+    from workbench.cli.run import main
+
+    small = [*SMALL, "seed=4"]
+    run = wb.run("walk_straight", *small, folder=tmp_path / "python", quiet=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            sys, "argv", ["workbench", "experiment=walk_straight", *small, f"hydra.run.dir={tmp_path / 'cli'}"]
+        )
+        assert main() == 0
+    told = wb.read(tmp_path / "cli")
+    assert told.provenance["identity"] == run.provenance["identity"]
+    assert told.provenance["choices"] == run.provenance["choices"]
+    np.testing.assert_array_equal(told.poses[1], run.poses[1])
+    assert told.result == run.result

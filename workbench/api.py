@@ -1,0 +1,143 @@
+"""Runs from Python: an experiment by its name, or parts that were built by hand."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from functools import partial
+from inspect import isclass
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from threadpoolctl import threadpool_limits
+
+from workbench.errors import InputError
+from workbench.experiment.described import PYTHON, settings_of
+from workbench.experiment.execute import ending, execute, recorder_of
+from workbench.experiment.execute import record as record_steps
+from workbench.experiment.parts import GROUPS, name_parts, parts_in
+from workbench.experiment.provenance import Command, provenance
+from workbench.experiment.schema import prepare_hydra, typed
+from workbench.experiment.summary import Summary
+from workbench.experiment.tracking import Parts
+from workbench.recording.read.reader import Run, read
+
+
+def run(
+    experiment: str = "walk_straight", *overrides: str, folder: str | Path | None = None, quiet: bool = False,
+    **parts: Callable[..., object],
+) -> Run:  # fmt: skip
+    """Run an experiment as `workbench experiment=… …` does, say where it was written, and read it back.
+
+    overrides: as on the command line, "seed=3" or "prior=smooth". folder: where run.rrd and summary.json go; None:
+    recordings/runs/EXPERIMENT/TIME. quiet: no progress bar and no sentence. parts: by group, a class in place of what
+    the experiment chose, or `functools.partial(Class, key=value)` with keys of it; the recording says these.
+
+    Raises InputError for what a person can mend, and what the parts raise; a note on the error says where the run was
+    left.
+    """
+    nodes = {group: _node(part, group) for group, part in parts.items()}
+    config, choices = _composed(experiment, overrides)
+    for group, node in nodes.items():
+        OmegaConf.update(config, group, node, merge=False)
+        choices[group] = str(node["_target_"]).rpartition(".")[2]
+    place, said = _place(folder, experiment), ""
+    if parts:  # which no command says
+        words = [*map(repr, (experiment, *overrides)), *(f"{group}={_written(part)}" for group, part in parts.items())]
+        said = f"workbench.run({', '.join(words)})"
+    command = Command([f"experiment={experiment}", *overrides], choices, said=said)
+    with _telling(place, quiet):
+        execute(config, experiment, place, quiet=quiet, command=command)
+    return read(place)
+
+
+def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, quiet: bool = False) -> Run:
+    """Track with parts that were built in Python, without a configuration, record every step, and read it back.
+
+    The recording's settings are read off the live objects, see `experiment.described`, so that what was swapped is what
+    it says. folder: where run.rrd and summary.json go; None: recordings/runs/python/TIME. Raises InputError as `track`
+    does; a note on the error says where the run was left.
+    """
+    place = _place(folder, PYTHON)
+    settings = settings_of(parts, seed)
+    recorder_keys = {"_target_": "workbench.recording.write.recorder.Recorder"}
+    config = OmegaConf.create({**settings, "recorder": recorder_keys})
+    summary = Summary(PYTHON, seed, place / "run.rrd", settings=settings)
+    summary.provenance = provenance(config, Command())
+    one_thread = threadpool_limits(limits=1, user_api="blas")  # as `execute` does
+    with _telling(place, quiet), ending(summary), one_thread, recorder_of(config, parts, summary) as recorder:
+        recorder.set_departures(parts.clip.known.departures)
+        record_steps(parts, recorder, seed, summary, quiet)
+        recorder.set_result(summary.metrics)
+        recorder.set_cost(summary.cost)
+    return read(place)
+
+
+def _composed(experiment: str, overrides: tuple[str, ...]) -> tuple[DictConfig, dict[str, str]]:
+    """Compose the configuration as the command does; returns it with the option chosen by group."""
+    prepare_hydra()
+    name_parts(parts_in(overrides))
+    try:
+        with initialize_config_module("workbench.conf", version_base="1.3"):
+            config = compose("config", [f"experiment={experiment}", *overrides], return_hydra_config=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(" ".join(str(error).split())) from error
+    choices = {str(group): str(option) for group, option in config.hydra.runtime.choices.items()}
+    kept = [str(key) for key in config if key not in ("hydra", "sweep")]  # as when the command runs one
+    return OmegaConf.masked_copy(config, kept), choices
+
+
+def _node(part: object, group: str) -> DictConfig:
+    """The configuration of a class or a `functools.partial` of one, with the defaults of its keys.
+
+    Raises InputError for another group, for what is neither, arguments without a name, and keys that it does not know.
+    """
+    if group not in GROUPS:
+        raise InputError(f"expected a part by its group, one of {', '.join(GROUPS)}, found {group!r}")
+    config = OmegaConf.create(_keys(part, group))
+    try:
+        found: DictConfig = typed(OmegaConf.create({group: config}), "Python")[group]
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(" ".join(str(error).split())) from error
+    return found
+
+
+def _keys(part: object, place: str) -> dict[str, Any]:
+    target, keywords, nameless = part, {}, False
+    if isinstance(part, partial):
+        target, keywords, nameless = part.func, part.keywords, bool(part.args)
+    if nameless or not (isclass(target) or (callable(target) and hasattr(target, "__qualname__"))):
+        raise InputError(f"{place}: expected a class, or functools.partial(Class, key=value), found {part!r}")
+    name = f"{target.__module__}.{target.__qualname__}"
+    nested = {key: isclass(value) or isinstance(value, partial) for key, value in keywords.items()}
+    values = {key: _keys(value, f"{place}.{key}") if nested[key] else value for key, value in keywords.items()}
+    return {"_target_": name, **values}
+
+
+def _written(part: Any) -> str:
+    """A class, or a partial of one, as Python has it."""
+    if isinstance(part, partial):
+        keys = [f"{key}={_written(value)}" for key, value in part.keywords.items()]
+        return f"partial({', '.join([_written(part.func), *keys])})"
+    return f"{part.__module__}.{part.__qualname__}" if isclass(part) else repr(part)
+
+
+def _place(folder: str | Path | None, experiment: str) -> Path:
+    if folder is not None:
+        return Path(folder)
+    return Path("recordings", "runs", experiment, f"{datetime.now():%Y-%m-%d_%H-%M-%S-%f}")
+
+
+@contextmanager
+def _telling(place: Path, quiet: bool) -> Iterator[None]:
+    """Say where the run is: in a sentence, or on the error that ends it."""
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(f"what there is of the run is in {place}")
+        raise
+    if not quiet:
+        print(f"written to {place}")
