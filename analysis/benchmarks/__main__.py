@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, memory, start, step
+from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, memory, runs, start, step
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -34,6 +34,8 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "memory_1e5_gb": memory.figures,
     "start_compile_s": start.figures,
     "start_cached_s": start.figures,
+    "runs_first_s": runs.figures,
+    "runs_later_s": runs.figures,
 }
 """What measures each figure."""
 

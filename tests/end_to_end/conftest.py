@@ -37,12 +37,6 @@ def no_handlers_left():
 
 
 @pytest.fixture
-def cache(tmp_path):
-    """The folder of the cache; a module whose tests may share one has its own fixture of this name."""
-    return tmp_path / "cache"
-
-
-@pytest.fixture
 def run(tmp_path, cache, monkeypatch, capfd):
     """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there."""
 

@@ -4,7 +4,10 @@ import json
 import os
 import shutil
 import xml.etree.ElementTree as ET
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -14,6 +17,7 @@ from rerun.chunk import RrdReader
 
 from workbench.cli.check import main
 from workbench.errors import InputError
+from workbench.experiment import checking_code, other_code
 from workbench.experiment import stored as again_module
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import own_defaults, runnable, tolerances
@@ -25,11 +29,6 @@ SMALL = (
     "dataset.n_frames=4", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
     "inference.n_particles=60", "recorder.n_particles_shown=5",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
 
 
 @pytest.fixture(autouse=True)
@@ -75,7 +74,7 @@ def check(capsys, *arguments, suspicious=False):
     """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
     with pytest.MonkeyPatch.context() as patch:
         if not suspicious:
-            patch.setattr("workbench.cli.check.fatal", lambda paths: set())
+            patch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())
         code = main([str(argument) for argument in arguments])
     printed = capsys.readouterr()
     return code, printed.out + printed.err
@@ -105,7 +104,7 @@ def test_a_constant_that_moved_by_one_percent_fails_and_names_metric_and_frame(w
 
 
 def test_two_recordings_are_compared_without_running(walk, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.cli.check.again", None)
+    monkeypatch.setattr("workbench.experiment.checking.again", None)
     other = shutil.copy(walk, tmp_path / "other.rrd")
     code, told = check(capsys, walk, other, "-v")
     assert code == 0, told
@@ -187,17 +186,133 @@ def test_seeds_compare_distributions(walk, capsys):
     assert "means of 1 and 4 seeds lie too far apart" in told
 
 
-def test_pairs_of_seeds_find_a_small_change(walk, capsys, tmp_path):
-    kept = tmp_path / "kept"
-    assert check(capsys, walk, "seed=1", "--keep", kept)[0] == 1
-    both = walk, kept / "000" / "run.rrd"
-    code, told = check(capsys, *both, "--paired")
+@pytest.fixture(scope="module")
+def seeds(walk, cache, tmp_path_factory):
+    """Recordings of five seeds."""
+    folder, run = tmp_path_factory.mktemp("seeds"), read(walk)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("WORKBENCH_CACHE", str(cache))
+        configs = [runnable(run, [f"seed={seed}"], own_defaults([])) for seed in range(1, 5)]
+        made = [again_module.again(run, config, folder / str(k)) for k, config in enumerate(configs)]
+    return [walk, *(each.path for each in made)]
+
+
+@pytest.mark.slow
+def test_pairs_of_seeds_find_a_small_change(walk, seeds, capsys):
+    code, told = check(capsys, *seeds, "--paired")
     assert code == 0, told
     code, told = check(capsys, walk, "--paired")
     assert (code, "expected recordings of two seeds or more" in told) == (2, True)
-    code, told = check(capsys, *both, "--paired", "prior.start_position=0.5", "-v")
+    code, told = check(capsys, *seeds, "--paired", "prior.start_position=0.5", "-v")
     assert code == 1
     assert "would have been found" in told
+
+
+@pytest.mark.slow
+def test_pairs_are_added_until_it_is_decided(seeds, capsys, monkeypatch):
+    """Five are recorded; for more seeds the recorded code runs, which here is today's."""
+    monkeypatch.setattr(checking_code, "_recorded_commit", lambda run: "")
+    monkeypatch.setattr(checking_code, "other_code", lambda: nullcontext(str))
+    monkeypatch.setattr(checking_code, "run_by", run_here)
+    code, told = check(capsys, *seeds, "--until", "1mm", "-v")
+    assert code == 0, told
+    assert "unchanged after 6 pairs; by +0, in +0 … +0" in told
+    code, told = check(capsys, *seeds, "--until", "1mm", "prior.start_position=0.5")
+    assert code == 1
+    (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
+    assert "FAILED changed after" in line
+
+
+def run_here(recordings, overrides, folder, code=None):
+    run = read(recordings[0])
+    return [again_module.again(run, runnable(run, overrides, own_defaults([])), folder)]
+
+
+@pytest.mark.parametrize("kept", [{}, {"commit": "0" * 40, "changed": "yes"}, {"commit": "--x", "changed": "no"}])
+def test_without_a_recorded_commit_no_pairs_can_be_added(kept):
+    with pytest.raises(InputError, match=r"run\.rrd: --until needs more pairs than are recorded"):
+        checking_code._recorded_commit(SimpleNamespace(path="run.rrd", provenance=kept))
+
+
+def test_tolerances_are_measured(walk, capsys):
+    code, told = check(capsys, walk, "--calibrate")
+    assert code == 0
+    found = yaml.safe_load(told)["check"]
+    assert found == {"default": {"absolute": 0.0, "relative": 1e-9}}  # results do not depend on threads
+    code, told = check(capsys, walk, "--calibrate", "prior.sigma_phase=0.0091")
+    sizes = yaml.safe_load(told)["check"]
+    assert sizes["error_abs_mm"]["absolute"] > sizes["error_px"]["absolute"] > 0.0
+
+
+def in_clone(patch, clone):
+    for name in ("other_code", "commits_between", "subject"):
+        patch.setattr(checking_code, name, partial(getattr(other_code, name), root=clone))
+
+
+def commit(clone, message):
+    who = ("-c", "user.name=a", "-c", "user.email=a@localhost")
+    other_code.git(clone, *who, "commit", "--quiet", "--all", "--message", message)
+
+
+FAKE = """\
+import pathlib, shutil, sys
+folder = pathlib.Path(sys.argv[sys.argv.index("--keep") + 1], "000")
+folder.mkdir(parents=True)
+shutil.copy({source!r}, folder / "run.rrd")
+"""
+
+
+def test_of_32_commits_the_one_that_moved_numbers_is_found_in_six_runs(seeds, tmp_path, monkeypatch, capsys):
+    """In a repository whose workbench-check leaves one recording before a commit, and another one since."""
+    code = tmp_path / "repository" / "workbench" / "cli" / "check.py"
+    code.parent.mkdir(parents=True)
+    clone = tmp_path / "repository"
+    other_code.git(tmp_path, "init", "--quiet", str(clone))
+    for k in range(33):
+        code.write_text(FAKE.format(source=str(seeds[k >= 21])) + f"# {k}\n")
+        other_code.git(clone, "add", ".")
+        commit(clone, f"Change {k}")
+    in_clone(monkeypatch, clone)
+    code, told = check(capsys, seeds[0], "--bisect", "HEAD~32..HEAD")
+    assert code == 1, told
+    assert "  error_abs_mm  " in told
+    rows = [line for line in told.splitlines() if " FAILED " in line]
+    assert len(rows) > 10
+    assert all(line.endswith("Change 21") and " exact " in line for line in rows)
+    assert told.count(": by ") == 1 + 6  # the good one; the bad one and what lies between
+    assert other_code.git(clone, "worktree", "list").count("\n") == 1
+    code, told = check(capsys, seeds[0], "--bisect", "HEAD~9..HEAD~3")
+    assert (code, ": nothing moved" in told) == (0, True)
+
+
+@pytest.mark.slow
+def test_the_commit_that_moved_a_number_is_found(settings, tmp_path, capsys, monkeypatch):
+    """In a clone with two more commits, of which the second makes errors two per cent larger."""
+    clone, tiny = tmp_path / "clone", {"dataset": {"n_frames": 2}, "inference": {"n_particles": 20}}
+    recording = stored(tmp_path / "tiny.rrd", changed(settings, tiny)).path
+    try:
+        other_code.git(other_code.ROOT, "clone", "--quiet", "--no-hardlinks", ".", str(clone))
+    except InputError as reason:
+        pytest.skip(f"no clone: {reason}")
+    errors = clone / "workbench" / "evaluation" / "errors.py"
+    for k, change in enumerate([lambda text: text + "# another line\n", worse]):
+        errors.write_text(change(errors.read_text()))
+        commit(clone, f"Change {k}")
+    in_clone(monkeypatch, clone)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes longer
+    code, told = check(capsys, recording, "--bisect", "HEAD~2..HEAD")
+    assert code == 1, told
+    (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
+    assert line.endswith("Change 1")
+    assert " exact " in line
+    assert not [line for line in told.splitlines() if "  error_px  " in line]
+
+
+def worse(text):
+    """The source of the errors with those in space two per cent larger."""
+    before = "1e3 * "
+    assert before in text
+    return text.replace(before, "1.02e3 * ")
 
 
 def test_new_runs_may_be_kept(walk, capsys, tmp_path):
@@ -218,6 +333,7 @@ DAMAGE = {
     "empty": lambda content: b"",
     "truncated": lambda content: content[: len(content) // 2],
     "torn inside a message": lambda content: content[:-300],
+    "without its last byte": lambda content: content[:-1],
     "header only": lambda content: content[:16],
     "other bytes": lambda content: os.urandom(len(content)),
     "bits flipped": lambda content: bytes(b ^ (k % 97 == 0) for k, b in enumerate(content)),
@@ -230,7 +346,7 @@ def test_a_damaged_recording_is_refused_by_name_and_the_others_are_checked(walk,
     folder.mkdir()
     (folder / "bad.rrd").write_bytes(DAMAGE[damage](walk.read_bytes()))
     code, told = check(capsys, folder, suspicious=damage == "bits flipped")
-    assert code == 2
+    assert code == 2, told
     (line,) = [line for line in told.splitlines() if "REFUSED" in line]
     assert "bad.rrd: expected" in line
     assert "Traceback" not in told
@@ -245,7 +361,7 @@ def test_a_single_flipped_bit_never_passes_for_a_crash_of_the_check(walk, capsys
         flipped[(k * len(content)) // 12 + 7] ^= 1 << (k % 8)
         (folder / f"{k:02d}.rrd").write_bytes(flipped)
     with pytest.MonkeyPatch.context() as patch:  # what is readable needs no running here
-        patch.setattr("workbench.cli.check.again", lambda was, config, place: was)
+        patch.setattr("workbench.experiment.checking.again", lambda was, config, place: was)
         code, told = check(capsys, folder, suspicious=True)
     assert code == 2
     assert len({line.split()[0] for line in told.splitlines() if "flipped" in line}) == 12
@@ -260,7 +376,7 @@ HOSTILE = {
     "foreign target inside": ({"prior": {"extra": [{"_target_": "subprocess.run"}]}}, "prior.extra[0]._target_"),
     "arguments by place": ({"recorder": {"_args_": ["/tmp/x"]}}, "recorder._args_[0]"),
     "interpolation": ({"dataset": {"motion": "${oc.env:HOME}"}}, "dataset.motion"),
-    "interpolated seed": ({"seed": "${oc.env:SECRET,0}"}, "seed"),
+    "interpolated seed": ({"seed": "${oc.env:SECRET,0}"}, "expected a configuration with a whole number as its seed"),
     "absolute path": ({"dataset": {"motion": "/etc/passwd.bvh"}}, "dataset.motion"),
     "home": ({"prior": {"motions": "~/.ssh/motions.h5"}}, "prior.motions"),
     "climbing": ({"prior": {"motions": "../../motions.h5"}}, "prior.motions"),
@@ -284,7 +400,7 @@ def test_a_hostile_configuration_is_refused_with_its_key(settings, capsys, tmp_p
     code, told = check(capsys, tmp_path / "hostile.rrd")
     assert code == 2
     (line,) = [line for line in told.splitlines() if "REFUSED" in line]
-    assert f"hostile.rrd: {key}: " in line
+    assert f"hostile.rrd: {key}" in line
     assert not list(Path.cwd().iterdir())
 
 
@@ -331,6 +447,13 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["WALK", "--seeds", "1"], "--seeds: expected 2 or more, found 1"),
         (["WALK", "--seeds", "3", "--update"], "--seeds compares many runs"),
         (["WALK", "--seeds", "3", "--paired"], "say one of them"),
+        (["WALK", "--paired", "seed=3"], "seed= would part the pairs"),
+        (["WALK", "--until", "1"], "--until: expected millimetres or pixels such as 1mm"),
+        (["WALK", "--until", "1mm", "--record", "x.rrd"], "it goes with neither --update nor --record"),
+        (["WALK", "--bisect", "HEAD"], "--bisect: expected GOOD..BAD, two commits, found 'HEAD'"),
+        (["WALK", "--bisect", "no_such..HEAD"], "no such commit: no_such"),
+        (["WALK", "--bisect", "HEAD..HEAD"], "HEAD does not lie behind HEAD"),
+        (["WALK", "--python", "python3"], "it goes with --calibrate"),
         (["WALK", "--why", "because"], "it goes with --update"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "+prior.x=1"], "expected key=value with one value"),

@@ -35,7 +35,8 @@ STUDIES = (
     "temperature",
 )  # fmt: skip
 WITH_DATA = (
-    "balance_1cam", "balance_4cam", "balance_arm", "points_full", "walk_keypoints", "walk_video", "walk_video_best",
+    "balance_1cam", "balance_4cam", "balance_arm", "points_full", "track_video", "walk_keypoints", "walk_video",
+    "walk_video_best",
 )  # fmt: skip
 """Those that show nobody without recordings; the others show generated people here."""
 FEW = ("walk_straight", "points_walk_variable", "walk_keypoints_synthetic")

@@ -24,11 +24,6 @@ RUNS = {
 FAST = ("walk_straight", "points_walk_steady")
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.mark.parametrize(
     "experiment", [pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in RUNS]
 )

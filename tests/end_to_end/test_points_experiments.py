@@ -5,12 +5,6 @@ import pytest
 
 from workbench.recording.read.reader import read
 
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 ALIKE = ("points_walk_variable", "points_run_steady", "points_run_variable", "stereo_walk")
 FITTED = ["points_walk_steady", "points_transition", *(pytest.param(name, marks=pytest.mark.slow) for name in ALIKE)]
 

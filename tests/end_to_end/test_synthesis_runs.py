@@ -18,11 +18,6 @@ BUILTIN = ("prior.motions=builtin", "dataset.motion=builtin")
 SHORT = "dataset.n_frames=12"
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 def metrics_of(folder):
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["status"] == "complete"
@@ -69,6 +64,7 @@ def test_a_run_with_images_has_no_trails(run):
     assert not RrdReader(folder / "run.rrd").stream().filter(content="/world/estimate/trails/**").to_chunks()
 
 
+@pytest.mark.slow
 def test_what_is_synthesised_can_be_exported(run):
     folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
     for suffix in ("bvh", "trc", "csv"):
@@ -97,6 +93,7 @@ def test_any_prior_can_be_synthesised_from(run, prior):
     assert read(folder / "run.rrd").poses[1].shape == (12, 25)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(run):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         assert run(name, "experiment=synthesize_run", *BUILTIN, SHORT, f"seed={seed}").code == 0
@@ -152,5 +149,6 @@ def test_without_recordings_one_sentence_says_what_is_needed(run, experiment):
 def test_wrong_input_is_one_clear_sentence(run, overrides, words):
     done = run("out", "experiment=synthesize_run", *BUILTIN, SHORT, *overrides)
     assert done.code == 2
-    assert words in done.err
-    assert len(done.err.strip().splitlines()) == 1
+    *there, sentence = done.err.strip().splitlines()
+    assert words in sentence
+    assert not there or there[0] == "there are:"

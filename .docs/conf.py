@@ -1,0 +1,25 @@
+"""How the documents are made: `sphinx-build -W .docs build/docs`, then open build/docs/index.html."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import generate
+
+import workbench
+
+generate.write(Path(__file__).parent / "_generated")
+
+project = "workbench"
+release = workbench.__version__
+copyright = ""
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+exclude_patterns = ["_generated/glossary.md"]  # included where it belongs
+root_doc = "index"
+myst_heading_anchors = 3
+autodoc_typehints = "none"  # docstrings say shapes and units
+default_role = "code"
+html_theme = "furo"  # brings its own scripts and styles, and asks for nothing from elsewhere
+html_title = "workbench"
+html_show_copyright = html_show_sphinx = html_copy_source = False
+highlight_language = "text"

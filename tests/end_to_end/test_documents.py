@@ -1,0 +1,104 @@
+"""What the documents tell a person to do is done: tutorial, Python's pages, notebook; and pages are built."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / ".docs"
+
+
+@pytest.fixture(scope="module")
+def shell(tmp_path_factory):
+    """Run a block of shell commands in one folder, with the workbench's commands as this Python's."""
+    folder, commands = tmp_path_factory.mktemp("tutorial"), tmp_path_factory.mktemp("bin")
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    for name, place in scripts.items():
+        module, _, function = place.partition(":")
+        code = f"import sys; from {module} import {function}; sys.exit({function}())"
+        (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{code}" "$@"\n')
+        (commands / name).chmod(0o755)
+    path = f"{commands}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "WORKBENCH_CACHE": str(folder / "cache"), "MPLBACKEND": "agg"}
+    environment.pop("WORKBENCH_DATA", None)
+
+    def run(*command):
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=900, check=False
+        )
+        assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
+        return done.stdout
+
+    return folder, run
+
+
+def blocks(page):
+    """The page's blocks in their order, each with its language; without those that say that they are not run."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    text = re.sub(r"<!-- not run:[^>]*-->\n```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    return re.findall(r"^```(sh|python)\n(.+?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.slow
+def test_the_tutorial_can_be_followed_to_the_letter(shell):
+    folder, run = shell
+    told = []
+    for language, text in blocks("start/tutorial.md"):
+        told.append(run("bash", "-euc", text) if language == "sh" else run(sys.executable, "-c", text))
+    first, again, table, sweep = told[:4]
+    assert re.search(r"^verdict: held", first, re.MULTILINE)
+    assert re.search(r"^look at it: \S*workbench-view first/run\.rrd$", first, re.MULTILINE)
+    assert "prior._target_: workbench.priors.from_motions.walking → workbench.priors.smooth.Smooth" in again
+    rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
+    assert rows["first"][0] == "walking"
+    assert rows["first"][-1] == "1"  # held, as the tutorial says
+    assert rows["smooth"][-1] == "0"
+    assert float(rows["smooth"][2]) > 2.0 * float(rows["first"][2])
+    assert "4 complete" in sweep
+    assert (folder / "knee.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_python_of_the_pages_on_python_and_reading_runs(shell):
+    folder, run = shell
+    if not (folder / "first").is_dir():
+        pytest.skip("needs what the tutorial leaves: run the whole file")
+    for page in ("python.md", "howto/read.md"):
+        code = "\n".join(text for language, text in blocks(page) if language == "python")
+        assert "recordings/runs/python" in run(sys.executable, "-c", code) or page != "python.md"
+
+
+@pytest.mark.slow
+def test_the_notebook_runs(tmp_path, monkeypatch):
+    import nbformat
+    from nbclient import NotebookClient
+
+    monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    notebook = nbformat.read(DOCS / "notebook.ipynb", as_version=4)
+    assert all(not cell.outputs for cell in notebook.cells if cell.cell_type == "code")  # kept without what it shows
+    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    shown = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert any("image/png" in output.get("data", {}) for output in shown)
+    (inside,) = [cell for cell in notebook.cells if cell.cell_type == "code"][-2].outputs
+    assert 0.0 < float(inside.data["text/plain"]) <= 1.0
+
+
+@pytest.mark.slow
+def test_the_pages_are_built_without_a_warning_and_ask_for_nothing_from_elsewhere(tmp_path):
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", str(DOCS), str(tmp_path / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for page in (tmp_path / "html").rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert re.findall(r'<(?:script|img|link|iframe)[^>]+(?:src|href)="(?:https?:)?//[^"]+"', text) == [], page
+    for style in (tmp_path / "html").rglob("*.css"):
+        assert re.findall(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", style.read_text(encoding="utf-8")) == [], style
+    options = (tmp_path / "html" / "_generated" / "options.html").read_text(encoding="utf-8")
+    assert "prior=jitter" in options
+    assert "ess_threshold" in options or "sigma_phase" in options
