@@ -18,8 +18,8 @@ SCALE = 0.5
 
 
 @pytest.fixture(scope="module")
-def prior(data, tmp_path_factory):
-    return walking(motions="cmu", data=str(data), cache=str(tmp_path_factory.mktemp("cache")))
+def prior(data, cache):
+    return walking(motions="cmu", data=str(data), cache=str(cache))
 
 
 @pytest.fixture(scope="module")

@@ -16,17 +16,12 @@ OPTIONS = {"variance": 0.95, "n_components": None, "scaling": "joints"}
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return str(tmp_path_factory.mktemp("cache"))
-
-
-@pytest.fixture(scope="module")
 def learned(data, cache):
-    return walking_model(motions="cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+    return walking_model(motions="cmu", data=str(data), cache=str(cache), subjects=SUBJECTS, **OPTIONS)
 
 
 def test_cycles_of_walking_people(data, cache):
-    cycles = walking_cycles(training_motions("cmu", data=str(data), cache=cache, subjects=SUBJECTS))
+    cycles = walking_cycles(training_motions("cmu", data=str(data), cache=str(cache), subjects=SUBJECTS))
     assert len(cycles.curves) > 40
     assert {source.split("_")[0] for source in cycles.sources} == set(SUBJECTS)
     assert 0.8 < np.median(cycles.durations_s) < 1.4  # 27–39 frames at 30 Hz
@@ -34,7 +29,7 @@ def test_cycles_of_walking_people(data, cache):
 
 
 def test_the_cache_gives_the_same_model(data, cache, learned):
-    again = walking_model(motions="cmu", data=str(data), cache=cache, subjects=SUBJECTS, **OPTIONS)
+    again = walking_model(motions="cmu", data=str(data), cache=str(cache), subjects=SUBJECTS, **OPTIONS)
     assert (again.components == learned.components).all()
     assert again.cycle_rate_hz == learned.cycle_rate_hz
 
@@ -65,4 +60,4 @@ def test_unseen_people_are_near_the_model(data, learned):
 
 def test_missing_recordings_are_said(cache, tmp_path):
     with pytest.raises(InputError, match=r"index\.csv"):
-        walking_model(motions="cmu", data=str(tmp_path), cache=cache, subjects=SUBJECTS, **OPTIONS)
+        walking_model(motions="cmu", data=str(tmp_path), cache=str(cache), subjects=SUBJECTS, **OPTIONS)

@@ -18,8 +18,7 @@ RUNS = ("dataset-1_run_active_001", "dataset-1_run_tired_001", "dataset-2_run_el
 
 
 @pytest.fixture(scope="module")
-def model(data, tmp_path_factory):
-    cache = tmp_path_factory.mktemp("cache")
+def model(data, cache):
     return activity(
         motions="recorded", data=str(data), cache=str(cache), leave_out=[*WALKS, *RUNS], n_components=30
     ).model  # fmt: skip
