@@ -31,6 +31,7 @@ class Measured:
     in the marks that errors are measured by. lengths_m: of the body tracked, by limb.
     doubted: (F,) groups of joints whose stated error is larger than LARGE_MM, see `doubt`.
     inliers: (F,) share of the observations near the body. iterations: of a fit, 0 where there is none.
+    feet: (F, 3, 3), m, of the estimate: pelvis, left and right ankle.
     """
 
     frames: IntArray
@@ -51,6 +52,7 @@ class Measured:
     doubted: tuple[tuple[str, ...], ...]
     iterations: float
     has_points: bool
+    feet: FloatArray = field(default_factory=lambda: np.empty((0, 3, 3)))
 
     @property
     def has_keypoints(self) -> bool:
@@ -58,6 +60,7 @@ class Measured:
         return bool(self.marked.any())
 
 
+_FEET = ("pelvis", "left_ankle", "right_ankle")
 ERRORS = ("error_abs_mm", "error_procrustes_mm", "error_px", "forearm_px")
 
 
@@ -71,6 +74,7 @@ class _Row:
     errors: Mapping[str, float]
     inliers: float
     doubted: tuple[str, ...] = ()
+    feet: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
     off_px: dict[str, float] = field(default_factory=dict)
     height_px: dict[str, float] = field(default_factory=dict)
     expected: dict[str, bool] = field(default_factory=dict)
@@ -102,6 +106,8 @@ class Evidence:
             float(step.diagnostics.get("inliers", np.nan)), _doubted(errors), apart=together.apart,
         )  # fmt: skip
         estimate = joints(self._body.skeleton, step.expected_pose[None])[0]
+        if set(_FEET) <= set(self._body.skeleton.names):
+            row.feet = estimate[[self._body.skeleton.joint(name) for name in _FEET]]
         for view in frame.views:
             self._look(row, view, estimate)
         row.moved = self._moved({view.camera.name: found_marks(view) for view in views}, row.height_px)
@@ -173,6 +179,7 @@ class Evidence:
             doubted=tuple(row.doubted for row in rows),
             iterations=self._iterations,
             has_points=self._has_points,
+            feet=np.array([row.feet for row in rows]).reshape(len(rows), 3, 3),
         )
 
 

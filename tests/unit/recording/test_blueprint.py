@@ -2,12 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+import rerun as rr
 from layouts import SHOWN, laid_out
-from recording_steps import BODY, SPACE, steps
+from recording_steps import BODY, CAMERA, SPACE, steps
 from rerun.chunk import RrdReader
 
-from workbench.recording.write import colours
+from workbench.recording.write import blueprint, colours
+from workbench.recording.write.images import picture
+from workbench.recording.write.posterior import DEGREES
 from workbench.recording.write.recorder import Recorder
 
 
@@ -15,7 +19,7 @@ def test_errors_come_first_then_certainty_then_the_posterior():
     names = list(laid_out(SHOWN))
     expected = [
         "distance from the true joints (mm)", "distance in the image (pixels)", "effective sample size (of 500)",
-        "truth inside the 5–95 % bands (0.9 is right)", "left knee flexion (rad)",
+        "truth inside the 5–95 % bands (0.9 is right)", "left knee flexion (degrees)",
     ]  # fmt: skip
     assert [name for name in names if name in expected] == expected
 
@@ -36,6 +40,63 @@ def test_what_there_is_not_has_no_panel():
     names = list(laid_out(blind))
     assert not [name for name in names if "true" in name or "truth" in name or "warnings" in name]
     assert "warnings" in laid_out(replace(blind, warned=True))
+
+
+def test_titles_say_what_is_drawn_and_nothing_else():
+    seen = replace(SHOWN, drawn=frozenset({"particles", "marks"}))
+    assert "world: estimate orange, particles purple" in laid_out(seen)
+    cameras = [picture(replace(CAMERA, name=name)) for name in ("a", "b", "c", "d")]
+    one, four = (laid_out(replace(seen, cameras=cameras[:n])) for n in (1, 4))
+    assert "image: estimate orange, marks blue, particles purple" in one
+    assert {"a", "b", "c", "d", "world: estimate orange, particles purple; in the images marks blue"} <= set(four)
+    assert not [name for name in four if "truth blue" in name]
+
+
+def test_angles_are_drawn_in_degrees_and_what_coverage_should_be_beside_it():
+    found = laid_out(SHOWN)
+    origins = {view.origin for name, view in found.items() if name == "left knee flexion (degrees)"}
+    assert origins <= {f"/{DEGREES}/left_knee_flexion", "/posterior/pictures/left_knee_flexion"}
+    assert not [name for name in found if "rad)" in name]
+    coverage = found["truth inside the 5–95 % bands (0.9 is right)"]
+    assert coverage.contents == ["/metrics/coverage_90", "/guides/coverage_90"]
+
+
+def test_a_metric_of_few_frames_is_marks_and_a_threshold_stays_a_line():
+    found = laid_out(replace(SHOWN, sparse=frozenset({"error_px", "forearm_px"})))
+    overrides = found["distance in the image (pixels)"].visualizer_overrides
+    assert list(overrides) == ["/metrics/error_px"]
+    assert isinstance(overrides["/metrics/error_px"], rr.SeriesPoints)
+
+
+def test_legends_find_room_above_the_curves():
+    names = ("error_abs_mm", "error_abs_mm_map", "error_rel_mm")
+    spans = {f"metrics/{name}": (10.0, 20.0 + k) for k, name in enumerate(names)}
+    view = laid_out(replace(SHOWN, spans=spans))["distance from the true joints (mm)"]
+    (low, high), rows = view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0], len(names)
+    assert low < 10.0
+    assert (high - 22.0) / (high - low) * blueprint.CURVES_HEIGHT > rows * blueprint.ROW
+    assert "ScalarAxis" not in laid_out(SHOWN)["distance from the true joints (mm)"].properties
+
+
+def test_where_there_is_no_truth_the_cameras_residuals_are_shown():
+    paths = ("residual_px/a", "residual_px/forearm")
+    title = "joints from each camera's keypoints (pixels)"
+    assert laid_out(replace(SHOWN, metrics=("ess",), residuals=paths))[title].contents == [f"/{each}" for each in paths]
+    assert title not in laid_out(replace(SHOWN, residuals=paths))
+
+
+def brightness(colour):
+    """A colour's relative luminance, after WCAG 2."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (each / 255.0 for each in colour)]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+def test_lines_are_seen_on_black_and_on_white():
+    lines = [colours.ESTIMATE, colours.TRUTH, colours.MODEL, colours.BAND, colours.HEAVIEST_PARTICLE, *colours.SERIES,
+             *colours.PARTS, colours.LIGHTEST_PARTICLE, colours.TRAIL]  # fmt: skip
+    for colour in lines:
+        light = brightness(colour)
+        assert min((light + 0.05) / 0.05, 1.05 / (light + 0.05)) > 1.9, colour
 
 
 def record(path, run, errors):

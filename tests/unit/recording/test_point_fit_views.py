@@ -107,6 +107,7 @@ SHOWN = blueprint.Shown(
     cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), parameters=("root_x",), units=("m",),
     pictured=("root_x",), metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_coefficients=0, n_particles=20,
     flexions=("left_knee", "left_hip"), activity=True, surface=True,
+    drawn=frozenset({"truth", "particles"}),
 )  # fmt: skip
 
 WORLD = "world: estimate orange, truth blue, particles purple"

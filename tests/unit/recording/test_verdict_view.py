@@ -47,8 +47,21 @@ def test_lanes_say_where_states_change(tmp_path):
     path = recorded(tmp_path / "run.rrd")
     assert texts(path, "/state/person", "StateChange:state") == ["held", "lost", "held"]
     assert texts(path, "/state/do_not_trust", "StateChange:state") == ["trusted", "arms"]
-    assert "states: held or lost; joints not to trust" in laid_out(replace(SHOWN, lanes=True))
-    assert "states: held or lost; joints not to trust" not in laid_out(SHOWN)
+    assert "states: held or lost, what not to trust" in laid_out(replace(SHOWN, lanes=("person", "do_not_trust")))
+    assert not [name for name in laid_out(SHOWN) if name.startswith("states")]
+
+
+def test_feet_that_stand_are_lanes(tmp_path):
+    path = tmp_path / "run.rrd"
+    evidence = Evidence(BODY)
+    with Recorder(path, BODY, SPACE, run_id="run", config_yaml="", provenance={}) as recorder:
+        for step in steps(24, n_particles=5):
+            recorder.log(replace(step, expected_pose=step.frame.truth.pose), {})
+            evidence.add(replace(step, expected_pose=step.frame.truth.pose), {})
+        recorder.set_verdict(verdict(evidence.measured(), Told()), evidence.measured())
+    found = [texts(path, f"/state/foot_{side}", "StateChange:state") for side in ("left", "right")]
+    assert set(found[0] + found[1]) == {"stands", "swings"}
+    assert found[0] != found[1]
 
 
 def test_what_is_the_same_in_all_such_runs_has_no_panel():

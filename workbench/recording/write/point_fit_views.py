@@ -48,9 +48,10 @@ def views(names: Sequence[str]) -> rrb.Grid:
         rrb.TimeSeriesView(
             origin=f"/{FLEXION}/{name}",
             name=f"{name.replace('_', ' ')} flexion (degrees)",
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=k == 0),
+            plot_legend=rrb.PlotLegend(visible=False),  # the world's title says which colour is whose
         )
-        for k, name in enumerate(name for name in FLEXIONS if name in names)
+        for name in FLEXIONS
+        if name in names
     ]
     return rrb.Grid(*plots, grid_columns=2, name="flexion")
 

@@ -15,7 +15,7 @@ from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.step_calibration import pose_ranks
-from workbench.recording.write import colours
+from workbench.recording.write import colours, marginal_pictures
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
 
@@ -32,6 +32,8 @@ _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
 RANKS = "evaluation/ranks"
 _RANK_BINS = 10
+PARAMETERS, DEGREES = "posterior/parameters", "posterior/degrees"
+"""The bands of favourites that are angles, to be looked at; `posterior/parameters` has them in radians."""
 _CURVES = (  # row, name in the viewer, colour, width
     ("mean", "estimate", colours.ESTIMATE, 2.5),
     ("low", "5 %", colours.BAND, 1.0),
@@ -56,6 +58,7 @@ class Posterior:
         self._varying = self.names  # of the first particles, once they are known
         self._began = False
         self.frames: list[int] = []
+        self._truth: list[dict[str, float]] = []  # by frame
         self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
@@ -86,15 +89,25 @@ class Posterior:
         low, high = _band_ends(values, weights)
         rows = {"mean": weights @ values, "low": low, "high": high}
         numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
+        true: dict[str, float] = {}
         if (known := step.frame.truth) is not None and known.pose is not None:
             dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
-            numbers |= {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
-        return numbers
+            true = {name: float(pose[dofs.index(name)]) for name in self.names if name in dofs}
+            numbers |= {_band(name, "truth"): value for name, value in true.items()}
+        self._truth.append(true)
+        angles = [name for name in self.favourites if self.unit(name) == "rad"]
+        bands = [(name, row) for name in angles for row, *_ in _CURVES if _band(name, row) in numbers]
+        return numbers | {_band(*each, DEGREES): float(np.degrees(numbers[_band(*each)])) for each in bands}
+
+    def unit(self, name: str) -> str:
+        """Return a parameter's unit."""
+        return self.units[self.names.index(name)]
 
     def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
         """Begin with frames whose marginals were `pictures`."""
         self._marginals.take_over(low, high, log_mass)
         self.frames += frames
+        self._truth = [{} for _ in self.frames]  # not drawn over their marginals
 
     def begin(self, step: Step) -> Entities:
         """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
@@ -104,7 +117,8 @@ class Posterior:
         for name in self.favourites:
             known = name in self._skeleton.dof_names  # else there is no truth to compare with
             for row, label, colour, width in _CURVES if known else _CURVES[:3]:
-                yield _band(name, row), rr.SeriesLines(colors=[colour], widths=[width], names=[label])
+                for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
+                    yield _band(name, row, root), rr.SeriesLines(colors=[colour], widths=[width], names=[label])
         for k, column in enumerate(self.coefficients, start=1):
             samples = step.particles[:, column]
             reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
@@ -130,12 +144,19 @@ class Posterior:
         low, high, log_mass = self._marginals.picture()
         axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": self.frames}
         lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
-        rows = zip(self.names, low, high, self.units, strict=True)
-        lines += [f"| {k} | {name} | {a:.3g} | {b:.3g} | {unit} |" for k, (name, a, b, unit) in enumerate(rows)]
+        for k, (name, a, b, unit) in enumerate(zip(self.names, low, high, self.units, strict=True)):
+            factor, shown = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)
+            lines.append(f"| {k} | {name} | {factor * a:.3g} | {factor * b:.3g} | {shown} |")
         dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
         tensor = rr.Tensor(log_mass.astype(np.float32), dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
-        return iter([("posterior/marginals", tensor), ("posterior/legend", legend)]), axes
+        drawn = [each for name in self.favourites for each in self._picture(name, low, high, log_mass)]
+        return iter([("posterior/marginals", tensor), ("posterior/legend", legend), *drawn]), axes
+
+    def _picture(self, name: str, low: FloatArray, high: FloatArray, log_mass: FloatArray) -> Entities:
+        k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
+        axis = (float(low[k]), float(high[k]))
+        return marginal_pictures.entities(name, self.units[k], axis, log_mass[k], self.frames, truth)
 
 
 class Ranks:
@@ -184,8 +205,8 @@ def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
     return np.partition(np.ascontiguousarray(drawn.T), ends, axis=1)[:, ends].T
 
 
-def _band(name: str, row: str) -> str:
-    return f"posterior/parameters/{name}/{row}"
+def _band(name: str, row: str, root: str = PARAMETERS) -> str:
+    return f"{root}/{name}/{row}"
 
 
 def _bars(edges: FloatArray, fill: float) -> dict[str, FloatArray]:

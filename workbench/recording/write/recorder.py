@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         images,
         marginals,
         posterior,
+        residuals,
         scene,
         trails,
         verdict_view,
@@ -44,11 +45,14 @@ if TYPE_CHECKING:
     from workbench.recording.write import series_styles as styles
 else:  # Rerun takes half a second to import, which a configuration that is refused does without
     rr = lazily("rerun")
-    blueprint, columns, file, images, marginals, posterior, scene, trails, verdict_view, stored, fit, styles = (
+    (
+        blueprint, columns, file, images, marginals, posterior, residuals, scene, trails, verdict_view, stored, fit,
+        styles,
+    ) = (
         lazily(f"workbench.recording.write.{name}")
         for name in (
-            "blueprint", "columns", "file", "images", "marginals", "posterior", "scene", "trails", "verdict_view",
-            "checkpoints", "point_fit_views", "series_styles",
+            "blueprint", "columns", "file", "images", "marginals", "posterior", "residuals", "scene", "trails",
+            "verdict_view", "checkpoints", "point_fit_views", "series_styles",
         )
     )  # fmt: skip
 
@@ -100,6 +104,7 @@ class Recorder:
         self._n_frames = self._n_frames_pictured = 0
         self._diagnostics: tuple[str, ...] = ()
         self._constant, self._told = frozenset(constant), dict[str, int]()
+        self._spans: dict[str, tuple[float, float]] = {}
         self._marks = False
         self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
@@ -173,10 +178,14 @@ class Recorder:
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
         self._bands.add(frame.index, time, columns.curves(self._posterior.add(step)))
         numbers = {f"metrics/{name}": value for name, value in measured.items()} | {"estimate/pose": step.expected_pose}
+        numbers |= styles.guides(measured)
         numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
         self._file.send(fit.activities(step))
         ranks = self._ranks.add(step)
         self._told |= {name: self._told.get(name, 0) + 1 for name in measured}
+        for path, value in ((f"metrics/{name}", value) for name, value in measured.items() if np.isfinite(value)):
+            low, high = self._spans.get(path, (value, value))
+            self._spans[path] = (min(low, value), max(high, value))
         self._diagnostics = tuple(step.diagnostics)
         if self._shown is None:  # what stays as the first step finds it
             self._file.send(self._posterior.begin(step), static=True)
@@ -201,15 +210,21 @@ class Recorder:
             self._file.check_space()
 
     def set_verdict(self, verdict: "Verdict", measured: "Measured") -> None:
-        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and lay the
-        page out anew without curves of a single frame."""
+        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and how far it
+        is from the keypoints; lay the page out anew, without curves of a single frame and with few frames' as marks."""
         self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})
         self._file.send(verdict_view.told(verdict), static=True)
         lanes = verdict_view.log_lanes(self._stream, verdict, measured)
+        far = residuals.log_residuals(self._stream, measured)
         if self._shown is None or len(self._trails):
             return
-        metrics = tuple(name for name in self._shown.metrics if self._told[name] > 1 or self._n_frames == 1)
-        self._shown = replace(self._shown, metrics=metrics, lanes=lanes)
+        names = tuple(name for name in self._shown.metrics if self._told[name] > 1 or self._n_frames == 1)
+        sparse = frozenset(name for name in names if self._told[name] < 0.5 * self._told["ess"])
+        spans = self._spans | far if self._told["ess"] == self._n_frames else {}  # of earlier frames none is known
+        self._shown = replace(
+            self._shown, metrics=names, lanes=lanes, sparse=sparse, spans=spans, residuals=tuple(far),
+            letters=len(verdict.sentence),
+        )  # fmt: skip
         self._stream.send_blueprint(blueprint.layout(self._shown))
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
@@ -287,10 +302,10 @@ class Recorder:
             constant=self._constant,
         )
         new = tuple(name for name in metrics if name not in before.metrics)
-        warned = before.warned or bool(self._file.warnings or step.warnings)
-        if new or warned > before.warned:
+        warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
+        if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.fixed(new), static=True)
-            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned)
+            self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
             self._stream.send_blueprint(blueprint.layout(self._shown))
 
     def _send_pictures(self) -> None:
@@ -301,13 +316,26 @@ class Recorder:
             self._file.send_property("marginals", axes)
             self._file.send(self._ranks.pictures(), static=True)
             if len(self._trails):
+                warned = self._shown is not None and self._shown.warned
                 self._file.send(self._trails.pictures(), static=True)
-                self._stream.send_blueprint(self._trails.layout(self._diagnostics))
+                self._stream.send_blueprint(self._trails.layout(self._diagnostics, warned))
             self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
         self._columns.write(self._stream)
         self._file.flush()
+
+
+def _drawn(step: Step) -> frozenset[str]:
+    """Say which of `blueprint.KEY` a step shows."""
+    known, views = step.frame.truth, step.frame.views
+    shown = {
+        "truth": known is not None and (known.joints is not None or known.pose is not None),
+        "marks": bool(views) and known is not None and known.marks is not None,
+        "particles": len(step.particles) > 1,
+        "keypoints": any(view.keypoints is not None for view in views),
+    }
+    return frozenset(name for name, there in shown.items() if there)
 
 
 def _time(time_s: float) -> np.timedelta64:

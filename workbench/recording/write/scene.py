@@ -129,9 +129,9 @@ def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:
-    """Return colours (n, 3): light for the heaviest particle, dark from e⁻⁶ of its weight down.
+    """Return colours (n, 3): bright purple for the heaviest particle, greyish from e⁻⁶ of its weight down.
 
-    The viewer draws lines opaque, so that brightness has to say what transparency would.
+    The viewer draws lines opaque, so that the colour has to say what transparency would.
     """
     height = np.clip(1.0 - (log_weights - log_weights.max()) / _FAINTEST_LOG_WEIGHT, 0.0, 1.0)[:, None]
     low, high = np.array(colours.LIGHTEST_PARTICLE), np.array(colours.HEAVIEST_PARTICLE)

@@ -1,6 +1,6 @@
 """How curves look and what they are called: the estimate orange, as everywhere, and each title with its unit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 
 import rerun as rr
@@ -10,27 +10,33 @@ from workbench.recording.write.columns import Entities
 
 _ESTIMATE = ("expected pose", colours.ESTIMATE, 2.5)
 _HEAVIEST = ("heaviest particle", colours.HEAVIEST_PARTICLE, 1.0)
-_MOVED = ("pelvis moved onto pelvis", colours.PELVIS_ON_PELVIS, 1.0)
 _CURVES = {
     "error_abs_mm": _ESTIMATE,
     "error_abs_mm_map": _HEAVIEST,
-    "error_rel_mm": _MOVED,
-    "error_offset_free_mm": ("markers' offsets removed", colours.MODEL, 1.0),
-    "error_procrustes_mm": ("turned, moved and scaled onto the truth", colours.PARTS[2], 1.0),
+    "error_rel_mm": ("pelvis on pelvis", colours.SERIES[3], 1.0),
+    "error_offset_free_mm": ("without markers' offsets", colours.MODEL, 1.0),
+    "error_procrustes_mm": ("best similarity (PA)", colours.SERIES[0], 1.0),
     "error_px": _ESTIMATE,
     "error_px_map": _HEAVIEST,
-    "forearm_px": ("lost above this, a forearm's width", colours.MODEL, 1.0),
+    "forearm_px": ("lost above this, a forearm's width", colours.MODEL, 1.5),
 }
 """Metrics that share a plot with others: (name in the legend, colour, width)."""
 
-_DOUBTS = {"root": 0, "head": 1, "arms": 2, "legs": 3}
-_CURVES |= {f"doubt_{group}_mm": (group, colours.PARTS[k], 2.0) for group, k in _DOUBTS.items()}
-_CURVES |= {f"missed_{group}_mm": (f"{group}, in truth", colours.PARTS[k], 0.7) for group, k in _DOUBTS.items()}
+DOUBTS = {"head": ("green", 0), "arms": ("red", 1), "legs": ("blue", 2), "root": ("pink", 3)}
+"""Groups of joints: the colour's name, and its number in the series."""
+_CURVES |= {f"doubt_{group}_mm": (group, colours.SERIES[k], 2.5) for group, (_, k) in DOUBTS.items()}
+_CURVES |= {f"missed_{group}_mm": (f"{group}, in truth", colours.SERIES[k], 0.7) for group, (_, k) in DOUBTS.items()}
+
+GUIDES = {"coverage_90": 0.9}
+"""What a metric should be: a line in its plot."""
+_GUIDE = "guides"
 
 _TITLES = {
     "error_abs_mm": "distance from the true joints (mm)",
     "error_rel_mm": "the same, pelvis moved onto pelvis (mm)",
     "error_px": "distance in the image (pixels)",
+    "jump_deg": "largest change of a joint angle (degrees)",
+    "same_activity": "drawn of the same activity (1: all)",
     "coverage_90": "truth inside the 5–95 % bands (0.9 is right)",
     "crps_mm": "CRPS of the root's position (mm)",
     "crps_deg": "CRPS of the angles (degrees)",
@@ -45,15 +51,35 @@ _TITLES = {
 
 def fixed(metrics: Sequence[str]) -> Entities:
     """Yield the styles of the curves of `metrics`, to be logged static."""
-    cues = {name: (title(name), colour, 2.0) for name, colour in zip(shares(metrics), cycle(colours.PARTS))}
     for name in metrics:
-        label, colour, width = cues.get(name) or _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
+        label, colour, width = _look(name, metrics)
         yield f"metrics/{name}", rr.SeriesLines(colors=[colour], widths=[width], names=[label])
+        if name in GUIDES:
+            yield f"{_GUIDE}/{name}", rr.SeriesLines(colors=[colours.MODEL], widths=[1.5], names=["what is right"])
+
+
+def guides(metrics: Iterable[str]) -> dict[str, float]:
+    """Return what those of a frame's metrics should be, by entity path."""
+    return {f"{_GUIDE}/{name}": GUIDES[name] for name in metrics if name in GUIDES}
+
+
+def marks(name: str, metrics: Sequence[str]) -> rr.SeriesPoints:
+    """Return the style of a metric that few frames have, among all `metrics`: marks, which no line joins."""
+    label, colour, _ = _look(name, metrics)
+    return rr.SeriesPoints(colors=[colour], markers="circle", marker_sizes=[4.0], names=[label])
+
+
+def _look(name: str, metrics: Sequence[str]) -> tuple[str, tuple[int, int, int], float]:
+    cues = dict(zip(shares(metrics), cycle(colours.SERIES)))
+    if name in cues:
+        return title(name), cues[name], 2.0
+    return _CURVES.get(name, (title(name), colours.ESTIMATE, 2.0))
 
 
 def title(name: str, unit: str = "") -> str:
     """Return a metric's or parameter's name as words, with its unit."""
     words = _TITLES.get(name, name.replace("_", " "))
+    unit = "degrees" if unit == "rad" else unit  # in which angles are drawn
     return f"{words} ({unit})" if unit not in ("", "1") else words
 
 

@@ -1,21 +1,23 @@
 """Where a body went: stick figures along the way and the paths of both hands (paper C, fig. 5)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.arrays import FloatArray
-from workbench.recording.write import colours
+from workbench.recording.write import colours, verdict_view
+from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import page
 from workbench.recording.write.columns import Entities
+from workbench.recording.write.posterior import DEGREES
 from workbench.recording.write.scene import ESTIMATE, Figure
 
 EVERY = 4
 """Frames from one stick figure to the next."""
-HANDS = (("left_wrist", colours.ESTIMATE), ("right_wrist", (120, 220, 130)))
-_LEGS = tuple(f"{side}_{joint}_flexion" for joint in ("hip", "knee") for side in ("left", "right"))
+HANDS = (("left_wrist", colours.ESTIMATE), ("right_wrist", (60, 180, 90)))
 _HIDDEN = rrb.PlotLegend(visible=False)
 
 
@@ -45,19 +47,33 @@ class Trails:
             drawn = rr.LineStrips3D([path], colors=[colour], radii=thick, labels=[name], show_labels=False)
             yield f"{ESTIMATE}/trails/{name}", drawn
 
-    def layout(self, metrics: Sequence[str]) -> rrb.Blueprint:
-        """Lay out the whole way from its right-hand side, with curves of the legs' angles and of the metrics below."""
-        legs = [f"/posterior/parameters/{name}/mean" for name in _LEGS if name in self._drawn.skeleton.dof_names]
-        plots = [rrb.TimeSeriesView(origin=f"/metrics/{name}", name=name, plot_legend=_HIDDEN) for name in metrics]
-        title, origin = "flexion of hips and knees (rad)", "/posterior/parameters"
-        plots.append(rrb.TimeSeriesView(origin=origin, contents=legs, name=title, plot_legend=_HIDDEN))
+    def layout(self, metrics: Sequence[str], warned: bool = False) -> rrb.Blueprint:
+        """Lay out the verdict, the whole way from its right-hand side, and below it curves of the legs' angles, in
+        which left and right have their hands' colours, and of the metrics."""
+        plots = [
+            rrb.TimeSeriesView(origin=f"/metrics/{name}", name=styles.title(name), plot_legend=_HIDDEN)
+            for name in metrics
+        ]
+        plots += [plot for joint in ("hip", "knee") if (plot := self._legs(joint)) is not None]
         below = rrb.Tabs(
             rrb.Horizontal(*plots, name="curves"),
-            rrb.TextLogView(origin="/log", name="warnings"),
+            *[rrb.TextLogView(origin="/log", name="warnings")] * warned,
             rrb.TextDocumentView(origin="/__properties/config", name="config"),
         )
-        world = rrb.Spatial3DView(origin="/world", name="world", eye_controls=self._eye())
-        return page(rrb.Vertical(world, below, row_shares=[2.2, 1.0]))
+        name = "world: the whole way grey, left wrist orange, right wrist green, as the legs below"
+        world = rrb.Spatial3DView(origin="/world", name=name, eye_controls=self._eye())
+        return page(rrb.Vertical(verdict_view.view(), world, below, row_shares=[0.25, 2.2, 1.0]))
+
+    def _legs(self, joint: str) -> rrb.TimeSeriesView | None:
+        paths: dict[Any, rr.SeriesLines] = {
+            f"/{DEGREES}/{side}_{joint}_flexion/mean": rr.SeriesLines(colors=[colour], widths=[2.0], names=[side])
+            for side, (_, colour) in zip(("left", "right"), HANDS, strict=True)
+            if f"{side}_{joint}_flexion" in self._drawn.skeleton.dof_names
+        }
+        title = f"flexion of the {joint}s (degrees)"
+        return rrb.TimeSeriesView(
+            origin=f"/{DEGREES}", contents=list(paths), name=title, plot_legend=_HIDDEN, overrides=paths
+        ) if paths else None  # fmt: skip
 
     def _eye(self) -> rrb.EyeControls3D:
         places = np.stack(self._places)
