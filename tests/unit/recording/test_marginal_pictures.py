@@ -22,12 +22,12 @@ def drawn(truth, unit="rad", axis=(0.0, np.pi / 2.0)):
 
 def test_the_truth_lies_on_the_bin_that_holds_it():
     found = drawn(np.full(6, 0.3 * np.pi / 2.0))
-    blob = np.asarray(found[""][0].blob.as_arrow_array().to_pylist()[0], dtype=np.uint8)
+    blob = np.asarray(found["mass"][0].blob.as_arrow_array().to_pylist()[0], dtype=np.uint8)
     rows = cv2.imdecode(blob, cv2.IMREAD_COLOR).sum(axis=2)
     assert rows.shape == (4, 6)
     assert set(rows.argmax(axis=0)) == {2}  # the second from below
     (strip,) = found["truth"][0].strips.as_arrow_array().to_pylist()
-    np.testing.assert_allclose(np.array(strip), [[k + 0.5, 2.8] for k in range(6)], atol=1e-5)
+    np.testing.assert_allclose(np.array(strip), [[(k + 0.5) * 320.0 / 6.0, 0.7 * 80.0] for k in range(6)], atol=1e-4)
 
 
 @pytest.mark.parametrize(("unit", "ends"), [("rad", ["90", "0"]), ("m", ["1.57", "0"])])

@@ -41,11 +41,14 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     tabs, order = [], count()
     for title, figures in pages(result.figures):
         columns, rows = grid(len(figures))
-        views = []
-        for figure in figures:
-            file.stream.log(entity(figure), arrow(numbers(figure) | {"order": next(order)}), static=True)
-            views.append(_draw(file, figure, _WINDOW[0] / columns, _WINDOW[1] / rows - _TITLE))
-        tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
+        lines = []
+        for line in (figures[k : k + columns] for k in range(0, len(figures), columns)):  # the last may have fewer
+            views = []
+            for figure in line:
+                file.stream.log(entity(figure), arrow(numbers(figure) | {"order": next(order)}), static=True)
+                views.append(_draw(file, figure, _WINDOW[0] / len(line), _WINDOW[1] / rows - _TITLE))
+            lines.append(rrb.Horizontal(*views))
+        tabs.append(rrb.Vertical(*lines, name=title))
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
     note = rrb.TextDocumentView(origin="/note", name="note")
     content = rrb.Vertical(rrb.Tabs(*tabs, config, active_tab=0), note, row_shares=[5.5, 1.0])
@@ -82,7 +85,7 @@ def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
 
 
 def grid(n: int) -> tuple[int, int]:
-    """Count columns and rows for n figures of one page."""
+    """Count columns and rows for n figures of one page, of which the last row may have fewer."""
     columns = n if n <= 3 else -(-n // 2)
     return columns, -(-n // columns)
 

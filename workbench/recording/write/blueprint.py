@@ -97,8 +97,11 @@ def _numbers(shown: Shown) -> rrb.Vertical:
     above: list[rrb.View | rrb.Container]
     if shown.flexions:
         above = [fit.views(shown.flexions), *[fit.timeline()] * shown.activity]
-        first = [rrb.Horizontal(*errors, *coverage, name="errors")] if errors or coverage else []
-        below = rrb.Tabs(*first, *details)
+        beside = [*errors, *coverage]
+        pairs = [
+            rrb.Horizontal(*beside[k : k + 2], name="more errors" if k else "errors") for k in (0, 2) if beside[k:]
+        ]
+        below = rrb.Tabs(*pairs, *details)  # of three the titles would be cut
         return rrb.Vertical(*above, below, row_shares=[2.4, *[0.8] * shown.activity, 1.4])
     title = f"effective sample size (of {shown.n_particles})"
     ess = [] if "ess" in shown.constant else [_metric("ess", shown, (0.0, float(shown.n_particles)), title)]

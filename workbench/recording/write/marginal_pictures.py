@@ -23,23 +23,21 @@ def entities(
     path, factor = f"{PICTURES}/{name}", np.degrees(1.0) if unit == "rad" else 1.0
     bright = np.rint(255.0 * (1.0 - log_mass[::-1] / LOWEST_LOG_MASS)).astype(np.uint8)
     _, png = cv2.imencode(".png", cv2.applyColorMap(bright, cv2.COLORMAP_INFERNO))
-    scale = rr.Transform3D(scale=[*(_SIZE / bright.shape[::-1]), 1.0])
-    yield path, rr.EncodedImage(contents=png.tobytes(), media_type="image/png")
-    yield path, scale
+    yield f"{path}/mass", rr.EncodedImage(contents=png.tobytes(), media_type="image/png")
+    yield f"{path}/mass", rr.Transform3D(scale=[*(_SIZE / bright.shape[::-1]), 1.0])  # of a view's origin none counts
     low, high = axis
-    places = np.column_stack([np.arange(len(truth)) + 0.5, (high - truth) / (high - low) * len(log_mass)])
-    inside = np.isfinite(places[:, 1]) & (places[:, 1] >= 0.0) & (places[:, 1] <= len(log_mass))
+    across, down = (np.arange(len(truth)) + 0.5) / len(truth), (high - truth) / (high - low)
+    inside = np.isfinite(down) & (down >= 0.0) & (down <= 1.0)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    strips = [(places[a:b]).astype(np.float32) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    places = (np.column_stack([across, down]) * _SIZE).astype(np.float32)
+    strips = [places[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True)]
     blue, line = [colours.TRUTH], rr.Radius.ui_points(1.25)
     yield f"{path}/truth", rr.LineStrips2D(strips, colors=blue, radii=line, draw_order=20.0)
-    spots = np.array([[-24.0, 0.0], [-24.0, _SIZE[1]], [12.0, _SIZE[1] + 12.0], [_SIZE[0] - 12.0, _SIZE[1] + 12.0]])
+    width, height = _SIZE
+    spots = np.array([[-24.0, 0.0], [-24.0, height], [12.0, height + 14.0], [width - 12.0, height + 14.0]])
     labels = [f"{factor * high:.3g}", f"{factor * low:.3g}", f"#{frames[0]}", f"#{frames[-1]}"]
-    marks = rr.Points2D(
-        (spots - [0.0, _ABOVE]) / _SIZE * bright.shape[::-1], labels=labels, show_labels=True, colors=[colours.MODEL],
-        radii=rr.Radius.ui_points(0.0),
-    )  # fmt: skip
-    yield f"{path}/values", marks
+    none, grey = rr.Radius.ui_points(0.0), [colours.MODEL]
+    yield f"{path}/values", rr.Points2D(spots - [0.0, _ABOVE], labels=labels, show_labels=True, colors=grey, radii=none)
 
 
 def view(name: str, title: str) -> rrb.Spatial2DView:
