@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import HANG_S, KINDS, main, mutated, prepare, read_properties, some_properties
+from hostile import HANG_S, KINDS, OWN_PROCESS, main, mutated, prepare, read_properties, some_properties
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,9 +15,6 @@ from workbench.errors import LONGEST, InputError
 from workbench.recording.read.properties import check_settings, checked
 
 SCRIPT = Path(sys.modules[main.__module__].__file__)
-OWN_PROCESS = ("c3d", "library", "points", "models")
-"""Kinds whose readers are libraries in C, tried in a process of their own."""
-
 CASES = dict.fromkeys(OWN_PROCESS, 20)
 MOST_MB = 1000
 

@@ -5,7 +5,7 @@ import os
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -80,7 +80,11 @@ def entry_of_folder(folder: Path) -> Entry:
             known |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        return Entry(**known, **_of_summary(summary))
+        entry = Entry(**known, **_of_summary(summary))
+        if entry.status in ("running", "killed") and entry.recording == str(folder / RECORDINGS[0]):
+            whole = entry_of_recording(Path(entry.recording))  # published, and then killed before it could say so
+            return replace(whole, path=entry.path, sweep=entry.sweep, started=entry.started)
+        return entry
     except (OSError, *_NO_SUMMARY) as error:
         folder.stat()  # raises where all of it is gone
         reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
