@@ -46,7 +46,7 @@ from workbench.recording.read.properties import check_settings, checked
 HANG_S = 5.0
 """Seconds of the processor, of all processes of a case: what else the machine does counts nothing."""
 
-ASLEEP_S = 60.0
+ASLEEP_S = 600.0
 MEMORY_BYTES = 4 << 30
 
 ASF = """:units
@@ -347,7 +347,12 @@ def in_a_fork(command, **_):
         finally:
             sys.stdout.flush(), sys.stderr.flush()
             os._exit(code)
-    _, status = os.waitpid(child, 0)
+    try:
+        _, status = os.waitpid(child, 0)
+    except TimeoutError:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
     said = [os.pread(file, os.fstat(file).st_size, 0) for file in (out, error)]
     os.close(out), os.close(error)
     return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), *said)

@@ -34,7 +34,7 @@ from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
 from workbench.kernel_cache import go_on_without_room
-from workbench.limits import check_sizes
+from workbench.limits import check_products, check_sizes
 from workbench.recording.write.recorder import Recorder
 from workbench.signals import finishing
 
@@ -96,6 +96,7 @@ def _execute(
     names: Mapping[str, str] = command.choices
     check_targets(config)
     check_sizes(_plain(config))
+    check_products(_plain(config))
     rng_streams(summary.seed)  # which a wrong seed has none of
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
