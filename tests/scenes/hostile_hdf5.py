@@ -44,7 +44,7 @@ def changed_hdf5(path, rng):
             names = [""]
             file.visit(names.append)
             name = names[int(rng.integers(0, len(names)))]
-            with suppress(ValueError, TypeError, KeyError, OSError, RuntimeError):  # what the library refuses to write
+            with suppress(AttributeError, ValueError, TypeError, KeyError, OSError, RuntimeError):  # is refused
                 _change(file, name, path.parent, rng)
 
 

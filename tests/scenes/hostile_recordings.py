@@ -1,4 +1,5 @@
-"""Recordings with flipped bits, and cut ones, through the commands: `python hostile_recordings.py CASES SEED [FOLDER]`.
+"""Recordings with flipped bits, and cut ones, through the commands: `python hostile_recordings.py recordings CASES SEED
+[FOLDER]`.
 
 It prints one line of JSON. Beside so many damaged recordings of all kinds lies a sound one, which every command shows.
 """
@@ -13,6 +14,7 @@ import tempfile
 import traceback
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from hostile import spent_s
@@ -37,6 +39,10 @@ def damaged(content, rng):
     if way < 0.4:  # the footer tells where everything is
         at = max(0, len(content) - int(rng.integers(1, 4000)))
         return content[:at] + flipped(content[at:], rng)
+    if way < 0.7:
+        data = bytearray(content)
+        data[int(rng.integers(0, len(data)))] ^= 1 << int(rng.integers(0, 8))
+        return bytes(data)
     return flipped(content, rng)
 
 
@@ -62,6 +68,16 @@ def called(told, words, main, *arguments):
     return code, out.getvalue(), error.getvalue()
 
 
+opened = []
+"""What the viewer was asked to open."""
+
+
+def _opened(command, **_):
+    """What `subprocess.run` does of the viewer's command, but for a window."""
+    opened.extend(command)
+    return SimpleNamespace(returncode=0)
+
+
 def together(told, folder, sound, kinds, n, rng):
     """Give a folder of damaged recordings beside a sound one to every command."""
     paths = []
@@ -80,13 +96,16 @@ def together(told, folder, sound, kinds, n, rng):
             ("many report", report.main, [folder]), ("many view", view.main, [folder]),
             ("many runs", runs.main, [folder, "--all"]),
         ):  # fmt: skip
+            opened.clear()
             code, out, _ = called(told, words, main, *arguments)
-            if code != 0 or ("sound" not in out and words != "many report"):
+            if words == "many view" and str(sound) not in opened:
+                told["first"].add("many view: the sound one is not opened")
+            if code != 0 or (str(sound) not in out and words == "many runs"):
                 told["first"].add(f"{words}: the sound one is hidden: {code}")
         for path in paths:
             code, _, said = called(told, "export", export.main, path, folder / "out.csv")
             code, _, said = called(told, "check", check.main, path, sound)
-            told["read"] += code in (0, 1) and "expected" not in said
+            told["read" if code in (0, 1) and "expected" not in said else "refused"] += 1
             called(told, "view", view.main, path, sound)
     finally:
         probe.fatal = known
@@ -98,7 +117,7 @@ def main(cases, seed, folder):
     """Damage so many recordings."""
     warnings.simplefilter("ignore")
     logging.disable()
-    view.viewer = lambda: Path("/bin/true")  # no window
+    view.subprocess = SimpleNamespace(run=_opened)
     rng = np.random.default_rng(seed)
     leave_kinds(folder)
     kinds = [path.read_bytes() for path in sorted(folder.glob("*.rrd"))]
@@ -106,7 +125,7 @@ def main(cases, seed, folder):
         path.unlink()
     (folder / "sound.rrd").write_bytes(kinds[0])
     told = {"cases": cases, "slowest_s": 0.0, "codes": {}, "first": set()}
-    told |= dict.fromkeys(("read", "fatal", "long", "hangs", "tracebacks"), 0)
+    told |= dict.fromkeys(("read", "refused", "fatal", "long", "hangs", "tracebacks"), 0)
     for k in range(0, cases, TOGETHER):
         together(told, folder, folder / "sound.rrd", kinds, min(TOGETHER, cases - k), rng)
     most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
@@ -115,4 +134,4 @@ def main(cases, seed, folder):
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
-        main(int(sys.argv[1]), int(sys.argv[2]), Path(made if len(sys.argv) < 4 else sys.argv[3]))
+        main(int(sys.argv[2]), int(sys.argv[3]), Path(made if len(sys.argv) < 5 else sys.argv[4]))
