@@ -98,10 +98,10 @@ def finishing() -> Iterator[None]:
     handlers: dict[int, Callable[[int, FrameType | None], object]] = {}
     came: list[int] = []
     try:
-        for number in signal.valid_signals():
-            if callable(handler := signal.getsignal(number)):
-                handlers[number] = handler
-                signal.signal(number, lambda number, _: came.append(number))
+        for each in signal.valid_signals():
+            if callable(handler := signal.getsignal(each)):
+                handlers[each] = handler
+                signal.signal(each, lambda number, _: came.append(number))
         yield
     finally:
         for number, handler in handlers.items():

@@ -17,7 +17,7 @@ from workbench.recording.read.properties import check_settings, checked
 
 SCRIPT = Path(sys.modules[main.__module__].__file__)
 EVERY = 10_000
-CASES = {**dict.fromkeys(OWN_PROCESS, 400), "recordings": 100}
+CASES = {**dict.fromkeys(OWN_PROCESS, 250), "recordings": 50}
 """Of those that take long each; $WORKBENCH_CASES is how many there are to be of every kind instead."""
 
 MOST_MB = 1000

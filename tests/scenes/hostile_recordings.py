@@ -90,7 +90,7 @@ def together(told, folder, sound, kinds, n, rng):
     told["fatal"] += len(fatal)
     if sound in fatal:
         told["first"].add("the sound one is fatal")
-    known, probe.fatal = probe.fatal, lambda some, **_: fatal & set(some)  # told once, not by every command again
+    known, probe.fatal = probe.fatal, lambda some, *_: fatal & set(some)  # told once, not by every command again
     try:
         for words, main, arguments in (
             ("many report", report.main, [folder]), ("many view", view.main, [folder]),
@@ -118,6 +118,9 @@ def main(cases, seed, folder):
     warnings.simplefilter("ignore")
     logging.disable()
     view.subprocess = SimpleNamespace(run=_opened)
+    check.prepare_hydra()
+    own = check.own_defaults([])  # composed once, as it takes most of the time
+    check.own_defaults, check.prepare_hydra = lambda _: own, lambda: None
     rng = np.random.default_rng(seed)
     leave_kinds(folder)
     kinds = [path.read_bytes() for path in sorted(folder.glob("*.rrd"))]
