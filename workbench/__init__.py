@@ -1,5 +1,8 @@
 """A workbench for tracking articulated people in 3-D."""
 
+import workbench.starting  # noqa: F401 (before anything that takes long)
+
+# isort: split
 import os
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version

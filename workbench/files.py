@@ -1,11 +1,17 @@
 """Files that appear whole or not at all."""
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
-from workbench.errors import InputError
+from workbench.errors import InputError, shortened
+
+
+class NotWrittenError(InputError):
+    """A file cannot be written."""
 
 
 def replace_text(path: Path, text: str, shorter: str = "") -> None:
@@ -39,7 +45,25 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
         yield part
         os.replace(part, path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise NotWrittenError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         if part.is_file():
             part.unlink()
+
+
+@contextmanager
+def kept_for_later() -> Iterator[None]:
+    """Write, in the block, what can be made again to a cache; where that cannot be written, go on and tell it once."""
+    try:
+        yield
+    except (
+        NotWrittenError,
+        OSError,
+        RuntimeError,
+    ) as error:  # the last is h5py's, of a full disk
+        _tell_once(shortened(f"{' '.join(str(error).split())}; the run goes on, and the next one makes it again"))
+
+
+@cache
+def _tell_once(sentence: str) -> None:
+    logging.getLogger(__name__).warning(sentence)

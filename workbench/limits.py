@@ -1,12 +1,13 @@
 """Bounds on what a stranger's file may hold, checked before anything of that size is made; see .docs/security.md."""
 
 import json
+import math
 import os
 import re
 import resource
 import stat
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,6 +103,36 @@ def check_sizes(value: object, place: str = "") -> None:
             most = min(most, memory_bytes() // (2 * BYTES_A_PARTICLE))
         if abs(value) > most:
             raise InputError(f"config: {place}: expected at most {most}, found {value}")
+
+
+_PRODUCTS: Sequence[tuple[str, float]] = (
+    ("dataset.n_frames dataset.width dataset.height", 1),
+    ("dataset.width dataset.height", 200),
+    ("dataset.n_points", 400),
+    ("dataset.clutter", 400),
+    ("dataset.n_frames", 2_000),
+    ("inference.lag inference.n_particles", BYTES_A_PARTICLE),
+    ("inference.n_paths inference.n_particles dataset.n_frames", BYTES_A_PARTICLE / 500),
+    ("inference.n_paths dataset.n_frames", BYTES_A_PARTICLE),
+    ("dataset.n_frames recorder.marginal_bins", 60 * 12),
+    ("study.n_draws study.n_probes", BYTES_A_PARTICLE),
+)
+"""Keys whose numbers multiply in memory, and the bytes that one of the product takes."""
+
+
+def check_products(config: Mapping[str, Any]) -> None:
+    """Raise InputError where keys of a configuration, each within its own bound, come to more than half the memory."""
+    half = memory_bytes() // 2
+    for keys, bytes_each in _PRODUCTS:
+        parts = [(config.get(group) or {}, key) for group, _, key in (text.partition(".") for text in keys.split())]
+        found = [part.get(key) if isinstance(part, Mapping) else None for part, key in parts]
+        numbers = [number for number in found if isinstance(number, int | float)]
+        needed = math.prod((bytes_each, *numbers)) if len(numbers) == len(found) else 0
+        if not needed <= half:
+            said = ", ".join(f"{key}={number:.6g}" for key, number in zip(keys.split(), numbers, strict=True))
+            raise InputError(
+                f"config: {said}: about {needed / 1e9:.3g} GB together, expected at most {half / 1e9:.3g} GB"
+            )
 
 
 def memory_bytes() -> int:

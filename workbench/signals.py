@@ -5,6 +5,7 @@ from C, where it is lost and leaves the compiler without what the callback was t
 """
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -82,3 +83,28 @@ def held_back(*more: signal.Signals) -> Iterator[Callable[[], None]]:
         yield release
     finally:
         release()
+
+
+@contextmanager
+def finishing() -> Iterator[None]:
+    """Let whatever would raise in the main thread wait until the block ends, which publishes files that must agree.
+
+    `held_back` does not do: a signal that one thread lets wait reaches another one, and is raised in the main thread
+    all the same.
+    """
+    if threading.current_thread() is not threading.main_thread():  # where nothing is raised
+        yield
+        return
+    handlers: dict[int, Callable[[int, FrameType | None], object]] = {}
+    came: list[int] = []
+    try:
+        for each in signal.valid_signals():
+            if callable(handler := signal.getsignal(each)):
+                handlers[each] = handler
+                signal.signal(each, lambda number, _: came.append(number))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)

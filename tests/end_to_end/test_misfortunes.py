@@ -71,6 +71,25 @@ def test_of_two_runs_at_once_in_one_folder_one_ends_well_and_the_other_is_told(t
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == well
 
 
+@pytest.mark.slow
+def test_a_full_cache_is_gone_on_without(tmp_path, cache):
+    """Neither the images nor the learned model of the run find a place in it."""
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache" / "models").touch()
+    (tmp_path / "cache" / "scenes").touch()
+    with started(tmp_path / "out", WORKBENCH_CACHE=str(tmp_path / "cache")) as process:
+        told = process.communicate(timeout=120)[0]
+    assert process.returncode == 0, told
+    assert told.count("cannot be written: ") == told.count("the run goes on, and the next one makes it again") == 2
+    with started(tmp_path / "other", WORKBENCH_CACHE=str(cache)) as process:
+        process.communicate(timeout=120)
+    numbers = [json.loads((tmp_path / name / "summary.json").read_text())["metrics"] for name in ("out", "other")]
+    timeless = [
+        {k: v for k, v in each.items() if k not in ("seconds", "ms_per_frame", "compiling_s")} for each in numbers
+    ]
+    assert timeless[0] == timeless[1]
+
+
 def limited_to(n_bytes):
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
 

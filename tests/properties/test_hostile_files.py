@@ -1,13 +1,14 @@
 """Whatever is done to a file or to what a run recorded of itself, its reader reads it or says one sentence, soon."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import HANG_S, KINDS, main, mutated, prepare, read_properties, some_properties
+from hostile import HANG_S, KINDS, OWN_PROCESS, main, mutated, prepare, read_properties, some_properties
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,10 +16,10 @@ from workbench.errors import LONGEST, InputError
 from workbench.recording.read.properties import check_settings, checked
 
 SCRIPT = Path(sys.modules[main.__module__].__file__)
-OWN_PROCESS = ("c3d", "library", "points", "models")
-"""Kinds whose readers are libraries in C, tried in a process of their own."""
+EVERY = 10_000
+CASES = {**dict.fromkeys(OWN_PROCESS, 250), "recordings": 50}
+"""Of those that take long each; $WORKBENCH_CASES is how many there are to be of every kind instead."""
 
-CASES = dict.fromkeys(OWN_PROCESS, 20)
 MOST_MB = 1000
 
 seeds = st.integers(0, 2**32 - 1)
@@ -80,13 +81,16 @@ def test_a_hostile_run_hides_no_sound_one(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [*KINDS, "properties"])
+@pytest.mark.parametrize("kind", [*KINDS, "properties", "recordings"])
 def test_ten_thousand_of_a_kind(kind, tmp_path):
-    """Nothing but sentences, soon, within bounds of memory; fewer of those that are read in a process each."""
+    """Nothing but sentences, soon, within bounds of memory; fewer of those that take long each."""
     if kind == "c3d":
         pytest.importorskip("ezc3d")
-    command = [sys.executable, str(SCRIPT), kind, str(CASES.get(kind, 10_000)), "7", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2])
+    script = SCRIPT.with_name("hostile_recordings.py") if kind == "recordings" else SCRIPT
+    command = [sys.executable, str(script), kind, os.environ.get("WORKBENCH_CASES", str(CASES.get(kind, EVERY))), "7"]
+    done = subprocess.run(
+        [*command, str(tmp_path)], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2]
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     told = json.loads(done.stdout.splitlines()[-1])
     assert (told["hangs"], told["tracebacks"], told["long"], told["first"]) == (0, 0, 0, []), told

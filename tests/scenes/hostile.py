@@ -4,22 +4,27 @@ A process of its own, as a reader may end it. It prints one line of JSON: how ma
 refused in a sentence, the first of those that ended otherwise, the slowest in s, and the most memory in MB.
 """
 
+import io
 import json
 import logging
+import os
 import resource
 import signal
+import subprocess
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
+from hostile_hdf5 import changed_c3d, changed_hdf5, flipped
 from omegaconf import OmegaConf
 
+from workbench import apart, hdf5
 from workbench.body.camera import load_cameras
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
@@ -29,6 +34,7 @@ from workbench.errors import LONGEST, InputError
 from workbench.learning.linear_motion import LinearMotion
 from workbench.learning.store import Provenance, load, save
 from workbench.limits import parse_yaml
+from workbench.mocap import c3d
 from workbench.mocap.asf_amc import read_amc, read_asf
 from workbench.mocap.bvh import read_bvh
 from workbench.mocap.generated.gait import subjects, walker
@@ -38,6 +44,9 @@ from workbench.mocap.openpose import read_openpose
 from workbench.recording.read.properties import check_settings, checked
 
 HANG_S = 5.0
+"""Seconds of the processor, of all processes of a case: what else the machine does counts nothing."""
+
+ASLEEP_S = 600.0
 MEMORY_BYTES = 4 << 30
 
 ASF = """:units
@@ -221,6 +230,9 @@ KINDS = {
 }  # fmt: skip
 """By kind: the file's name, what is in a sound one, and its reader."""
 
+OWN_PROCESS = ("c3d", "library", "points", "models")
+"""Kinds whose readers are libraries in C, tried in a process of their own."""
+
 
 def prepare(kind, folder):
     """Leave a sound file of a kind in the folder; its path and its bytes."""
@@ -301,6 +313,56 @@ def read_properties(folder, rng):
     runnable(hostile, [], own)
 
 
+def changed(kind, path, content, rng):
+    """Change the file of a kind: any bytes, a few bits, or, where a library wrote it, what it holds."""
+    way = rng.random()
+    if kind not in OWN_PROCESS or way < 0.2:
+        path.write_bytes(mutated(content, rng))
+        return
+    if way < 0.6:
+        path.write_bytes(flipped(content, rng))
+    elif kind == "c3d":
+        path.write_bytes(changed_c3d(content, rng))
+    else:
+        path.write_bytes(content)
+        changed_hdf5(path, rng)
+        if way > 0.9:
+            path.write_bytes(flipped(path.read_bytes(), rng))
+
+
+def in_a_fork(command, **_):
+    """What `subprocess.run` does of `python -m MODULE PATH`, but for starting Python, which takes most of the time."""
+    _, _, _, module, path = command
+    out, error = os.memfd_create("out"), os.memfd_create("error")
+    if (child := os.fork()) == 0:
+        code = 1
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            os.dup2(out, 1), os.dup2(error, 2)
+            sys.stdout, sys.stderr = io.TextIOWrapper(os.fdopen(1, "wb")), io.TextIOWrapper(os.fdopen(2, "wb"))
+            apart.bounded(path, {"workbench.hdf5": hdf5._touch, "workbench.mocap.c3d": c3d._points}[module])
+            code = 0
+        except SystemExit as end:
+            code = end.code
+        finally:
+            sys.stdout.flush(), sys.stderr.flush()
+            os._exit(code)
+    try:
+        _, status = os.waitpid(child, 0)
+    except TimeoutError:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    said = [os.pread(file, os.fstat(file).st_size, 0) for file in (out, error)]
+    os.close(out), os.close(error)
+    return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), *said)
+
+
+def spent_s():
+    """Seconds of the processor so far, of this process and of those that it began."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
 def run(kind, cases, seed, folder):
     """Read so many changed files; what became of them."""
     rng = np.random.default_rng(seed)
@@ -314,10 +376,11 @@ def run(kind, cases, seed, folder):
     reader = (lambda _: read_properties(folder, rng)) if kind == "properties" else KINDS[kind][2]
     for _ in range(cases):
         if path is not None:
-            path.write_bytes(mutated(content, rng))
-        began = time.perf_counter()
+            changed(kind, path, content, rng)
+            hdf5._read_apart.cache_clear()  # two files of one moment have one time
+        began = spent_s()
         try:
-            signal.setitimer(signal.ITIMER_REAL, HANG_S)
+            signal.setitimer(signal.ITIMER_REAL, ASLEEP_S)
             reader(path)
             told["read"] += 1
         except InputError as error:
@@ -329,8 +392,9 @@ def run(kind, cases, seed, folder):
             first.append(f"{type(error).__name__}: {str(error)[:100]} at {Path(where.filename).name}:{where.lineno}")
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-        told["slowest_s"] = round(max(told["slowest_s"], time.perf_counter() - began), 3)
-    told["most_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+        told["slowest_s"] = round(max(told["slowest_s"], spent_s() - began), 3)
+    most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    told["most_mb"] = most // 1024
     return {**told, "first": sorted(set(first))[:20]}
 
 
@@ -344,6 +408,10 @@ def main(kind, cases, seed, folder=None):
     signal.signal(signal.SIGALRM, _out_of_time)
     warnings.simplefilter("ignore")
     logging.disable()
+    if kind in OWN_PROCESS:
+        apart.subprocess = SimpleNamespace(run=in_a_fork, TimeoutExpired=subprocess.TimeoutExpired)
+    if kind == "c3d":
+        import ezc3d  # noqa: F401 (before all forks)
     with tempfile.TemporaryDirectory() as made:
         print(json.dumps(run(kind, int(cases), int(seed), Path(folder or made))), flush=True)
 

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from workbench.errors import InputError
-from workbench.files import replace_text, whole_file
+from workbench.files import NotWrittenError, kept_for_later, replace_text, whole_file
 
 
 def write_half(path):
@@ -62,3 +62,17 @@ def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
     with pytest.raises(InputError, match="No space left"):
         replace_text(tmp_path / "new.json", "[]", shorter="0")
     assert os.listdir(tmp_path) == ["a.json"]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(28, "No space left on device"), RuntimeError("Can't decrement id"), NotWrittenError("x: cannot be")],
+)
+def test_what_cannot_be_kept_in_a_cache_is_told_once(error, caplog):
+    for _ in range(2):
+        with kept_for_later():
+            raise error
+    (told,) = caplog.messages
+    assert told.endswith("the run goes on, and the next one makes it again")
+    with pytest.raises(InputError, match="expected"), kept_for_later():
+        raise InputError("expected something else")

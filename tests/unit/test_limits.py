@@ -23,6 +23,7 @@ from workbench.limits import (
     MOST_NUMBERS,
     bounded_memory,
     check_file,
+    check_products,
     check_rate,
     check_sizes,
     parse_json,
@@ -173,6 +174,26 @@ def test_sizes_of_a_configuration():
         {"dataset": {"width": 10**6}}, {"a": [{"n_points": 10**8}]},
     ):  # fmt: skip
         assert "expected at most" in refusal(check_sizes, found)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    ["dataset.n_frames=100_000 dataset.width=10_000 dataset.height=10_000", "dataset.clutter=1e18",
+     "inference.lag=100_000 inference.n_particles=1_000_000", "inference.n_paths=1_000_000 dataset.n_frames=1_000_000",
+     "dataset.n_frames=1_000_000 recorder.marginal_bins=1024", "study.n_draws=1_000_000 study.n_probes=1_000_000",
+     "dataset.clutter=nan"],
+)  # fmt: skip
+def test_sizes_that_only_keys_together_make(keys, monkeypatch):
+    monkeypatch.setattr("workbench.limits.memory_bytes", lambda: 24_000_000_000)
+    config = {}
+    for key, _, value in (text.partition("=") for text in keys.split()):
+        group, _, name = key.partition(".")
+        config.setdefault(group, {})[name] = float(value) if "e" in value or "n" in value else int(value)
+    check_sizes(config)  # which are no sizes of their own
+    said = refusal(check_products, config)
+    assert all(key.partition("=")[0] in said for key in keys.split())
+    assert "GB" in said
+    check_products({"dataset": {"n_frames": None, "width": 640, "height": 480}, "inference": {"lag": 5}, "study": None})
 
 
 def test_memory_is_bounded_and_then_no_more():

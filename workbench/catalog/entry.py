@@ -5,7 +5,7 @@ import os
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -80,20 +80,29 @@ def entry_of_folder(folder: Path) -> Entry:
             known |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        return Entry(**known, **_of_summary(summary))
+        entry = Entry(**known, **_of_summary(summary))
+        if entry.status in ("running", "killed") and entry.recording == str(folder / RECORDINGS[0]):
+            # published, and then killed before it could say so
+            whole = entry_of_recording(Path(entry.recording), suspicious=True)
+            return replace(whole, path=entry.path, sweep=entry.sweep, started=entry.started)
+        return entry
     except (OSError, *_NO_SUMMARY) as error:
         folder.stat()  # raises where all of it is gone
         reason = f"{folder / SUMMARY}: expected what a run leaves, found {type(error).__name__}: {error}"
         return Entry(**known, status="unreadable", error=reason[:300])
 
 
-def entry_of_recording(path: Path) -> Entry:
-    """A recording that lies by itself, such as a baseline; raises FileNotFoundError for one that is not there."""
-    from workbench.recording.read.reader import read  # here, as an index seldom needs it and it takes long to import
+def entry_of_recording(path: Path, suspicious: bool = False) -> Entry:
+    """A recording that lies by itself, such as a baseline; raises FileNotFoundError for one that is not there.
+
+    suspicious: another process reads it first, see `probe`, which has not been done before.
+    """
+    from workbench.recording.read.probe import read_sound_run  # here, as an index seldom needs it, and it takes long
+    from workbench.recording.read.reader import read
 
     known: dict[str, Any] = {"path": str(path), "recording": str(path), "size": path.stat().st_size}
     try:
-        run = read(path)
+        run = read_sound_run(path) if suspicious else read(path)
         origin = dict(run.provenance)
         numbers = {**run.result, **run.properties.get("cost", {})}
         summary = {

@@ -31,32 +31,44 @@ def entries(*places: Path) -> list[Entry]:
     for place in places:
         if not place.exists():
             raise InputError(f"{place}: expected a folder of runs or a recording, found nothing there")
-        known = _below(place) if place.is_dir() else [entry_of_recording(place)]
-        found |= {entry.path: entry for entry in known}
+        known = _below(place) if place.is_dir() else [_read(str(place), _damaged([str(place)]))]
+        found |= {entry.path: entry for entry in known if entry is not None}
     return sorted(found.values(), key=lambda entry: (entry.started, entry.path), reverse=True)
 
 
 def _below(root: Path) -> list[Entry]:
     """The runs below a folder, by its index, which is brought up to date."""
-    kept, read = _kept(root), 0
-    found: dict[str, tuple[_Version, Entry]] = {}
+    kept = _kept(root)
+    known: dict[str, tuple[_Version, Entry | None]] = {}
     for path in runs_in(root):
         was, fields = kept.get(path, ([], {}))
         version = _version(path)
         entry = entry_kept(path, fields) if was == version else None
-        if entry is None or entry.status == "running":
-            entry, read = _read(path), read + 1
-        if entry is not None:
-            found[path] = version, entry
-    if (read or len(found) != len(kept)) and len(found) > 1 and os.access(root, os.W_OK):  # of one run none is needed
+        known[path] = version, None if entry is not None and entry.status == "running" else entry
+    new = [path for path, (_, entry) in known.items() if entry is None]
+    damaged = _damaged(new)
+    read = ((path, version, entry or _read(path, damaged)) for path, (version, entry) in known.items())
+    found = {path: (version, entry) for path, version, entry in read if entry is not None}
+    if (new or len(found) != len(kept)) and len(found) > 1 and os.access(root, os.W_OK):  # of one run none is needed
         with whole_file(root / INDEX) as part:
             part.write_text(json.dumps(_index(root, found)))
     return [entry for _, entry in found.values()]
 
 
-def _read(path: str) -> Entry | None:
-    """The run at a path; None where another command has just removed it."""
+def _damaged(paths: Sequence[str]) -> Mapping[str, str]:
+    """A sentence for each of the recordings that ends whoever reads it, see `probe`; folders are not looked into."""
+    if not (recordings := [Path(path) for path in paths if os.path.isfile(path)]):
+        return {}
+    from workbench.recording.read.probe import damage, fatal  # here, as an index seldom needs it, and it takes long
+
+    return {str(path): damage(path) for path in fatal(recordings)}
+
+
+def _read(path: str, damaged: Mapping[str, str]) -> Entry | None:
+    """The run at a path; None where another command has just removed it. damaged: see there."""
     try:
+        if path in damaged:
+            return Entry(path, "unreadable", path, size=os.path.getsize(path), error=damaged[path])
         return entry_of_folder(Path(path)) if os.path.isdir(path) else entry_of_recording(Path(path))
     except FileNotFoundError:
         return None

@@ -12,7 +12,7 @@ from workbench.catalog.index import runs_in
 from workbench.errors import InputError
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
-from workbench.recording.read.reader import read
+from workbench.recording.read.probe import read_sound_run
 
 BASELINES = "baselines"
 
@@ -52,7 +52,7 @@ def slim(entry: Entry) -> int:
     if entry.status != "complete" or entry.recording is None:
         return 0
     path = Path(entry.recording)
-    run = read(path)
+    run = read_sound_run(path, whole=True)
     if is_condensed(run):
         return 0
     with whole_file(path) as part:

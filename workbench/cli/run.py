@@ -214,7 +214,7 @@ def _tell(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         number = error.number if isinstance(error, Asked) else signal.SIGINT
         by = signal.Signals(number).name
-        print(f"workbench: interrupted by {by}; what was recorded is kept as run.rrd.part", file=sys.stderr)
+        print(f"workbench: interrupted by {by}; what was recorded is kept", file=sys.stderr)
         return 128 + number
     *there, sentence = sentences.lines(error)
     told = shortened(sentence) if isinstance(error, MENDABLE) else sentence

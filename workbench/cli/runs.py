@@ -139,9 +139,9 @@ def _one(place: str) -> Entry:
 
 def _restore(place: str) -> int:
     from workbench.catalog.restore import restore
-    from workbench.recording.read.reader import read
+    from workbench.recording.read.probe import read_sound_run
 
-    commands, gone = restore(read(_recordings([_one(place)])[0]), Path(__file__).parents[2])
+    commands, gone = restore(read_sound_run(Path(_recordings([_one(place)])[0])), Path(__file__).parents[2])
     print("\n".join(commands))
     for sentence in gone:
         tell(sentence)
@@ -149,9 +149,9 @@ def _restore(place: str) -> int:
 
 
 def _changes(place: str) -> int:
-    from workbench.recording.read.reader import read
+    from workbench.recording.read.probe import read_sound_run
 
-    changes = str(read(_recordings([_one(place)])[0]).provenance.get("difference", ""))
+    changes = str(read_sound_run(Path(_recordings([_one(place)])[0])).provenance.get("difference", ""))
     lines = changes.split("\n")
     print("\n".join(map(printable, lines)) if sys.stdout.isatty() else changes, end="")
     return 0

@@ -15,7 +15,8 @@ from workbench.experiment.branch import branched
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.experiment.schema import prepare_hydra
 from workbench.recording.compare.futures import Shown, write_futures
-from workbench.recording.read.reader import Run, read
+from workbench.recording.read.probe import read_sound_run
+from workbench.recording.read.reader import Run
 from workbench.why.changes import changes_of
 from workbench.why.futures import Future, Loss, all_futures, losses, past_of
 from workbench.why.verdict import Verdict, ranked, sentence, table, verdict
@@ -42,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError("--seeds, --jobs: expected 1 or more")
         name_parts(parts_in(arguments.overrides))
         prepare_hydra()
-        run = read(arguments.recording)
+        run = read_sound_run(arguments.recording, whole=True)
         if not (lost := losses(run)):
             print(f"{run.path}: the person is never lost")
             return 0

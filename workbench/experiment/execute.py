@@ -34,8 +34,9 @@ from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, rng_streams, track
 from workbench.kernel_cache import go_on_without_room
-from workbench.limits import check_sizes
+from workbench.limits import check_products, check_sizes
 from workbench.recording.write.recorder import Recorder
+from workbench.signals import finishing
 
 if TYPE_CHECKING:
     from workbench.experiment.continuing import Continued  # which reads recordings, as a run that is refused does not
@@ -67,19 +68,25 @@ def execute(
 
 @contextmanager
 def ending(summary: Summary) -> Iterator[None]:
-    """Take the run's folder, and keep summary.json there at the beginning and, with how it ended, at the end."""
-    folder = summary.recording.parent
-    with taken(folder):
-        summary.write(folder / "summary.json")  # "running", which is how a run that is killed is told
+    """Take the run's folder, and keep summary.json there at the beginning and, with how it ended, at the end.
+
+    The recording decides: once it is published the run is over, whatever is asked for or goes wrong from there on.
+    """
+    told = summary.recording.parent / "summary.json"
+    with taken(told.parent):
         try:
+            summary.write(told)  # "running", which is how a run that is killed is told
             yield
-            summary.status = "complete" if summary.stopped is None else "stopped"
+            _end(summary, told, None)
         except BaseException as error:
-            summary.status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-            summary.error = f"{type(error).__name__}: {error}"
+            _end(summary, told, error)  # once more, where it was asked to end while it was about to do that
             raise
-        finally:
-            summary.write(folder / "summary.json")
+
+
+def _end(summary: Summary, told: Path, error: BaseException | None) -> None:
+    with finishing():
+        summary.end(error)
+        summary.write(told)
 
 
 def _execute(
@@ -89,6 +96,7 @@ def _execute(
     names: Mapping[str, str] = command.choices
     check_targets(config)
     check_sizes(_plain(config))
+    check_products(_plain(config))
     rng_streams(summary.seed)  # which a wrong seed has none of
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:

@@ -10,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from workbench.errors import InputError
+from workbench.signals import finishing
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +60,8 @@ def _set_aside(folder: Path) -> None:
     if (folder / "run.rrd").is_file():
         aside = next(place for k in count(1) if not (place := folder / _BEFORE / str(k)).exists())
         aside.mkdir(parents=True)
-        for name in ("summary.json", "run.rrd"):
-            if (folder / name).is_file():
-                os.replace(folder / name, aside / name)
+        with finishing():
+            for name in ("summary.json", "run.rrd"):
+                if (folder / name).is_file():
+                    os.replace(folder / name, aside / name)
         log.warning("%s: held a complete run, which is now in %s", folder, aside)

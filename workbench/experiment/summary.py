@@ -81,6 +81,14 @@ class Summary:
         self.frames = self.before = n_frames
         self.per_frame = {name: values for name, values in per_frame.items() if name != "log_evidence"}
 
+    def end(self, error: BaseException | None) -> None:
+        """Say how the run ended; error: what ended it, None also where that came too soon to be known."""
+        if self.recording.is_file():
+            self.status = "complete" if self.stopped is None else "stopped"
+            return
+        self.status = "interrupted" if error is None or isinstance(error, KeyboardInterrupt) else "failed"
+        self.error = None if error is None else f"{type(error).__name__}: {error}"
+
     def add(self, step: Step, errors: Mapping[str, float]) -> None:
         """Take in one step and its errors."""
         for stage, seconds in step.timing_s.items():

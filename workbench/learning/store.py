@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench import __version__
 from workbench.errors import InputError
-from workbench.files import whole_file
+from workbench.files import kept_for_later, whole_file
 from workbench.hdf5 import opened
 
 FORMAT = "workbench model 3"
@@ -52,6 +52,12 @@ class Provenance:
         """A SHA-256 over the inputs, the parameters and the learning's code: equal keys mean equal models."""
         text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def keep(path: Path, model: Model, provenance: Provenance) -> None:
+    """Write a model to a cache, as far as that can be written to."""
+    with kept_for_later():
+        save(path, model, provenance)
 
 
 def save(path: Path, model: Model, provenance: Provenance) -> None:

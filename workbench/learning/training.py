@@ -9,6 +9,7 @@ from typing import Any
 
 from workbench.digest import code_digest
 from workbench.errors import InputError
+from workbench.files import kept_for_later
 from workbench.learning import activities as activity_models
 from workbench.learning import activity_cycles, cyclic, discrepancy, gaps, walking, windows
 from workbench.learning import linear_motion as linear_motions
@@ -18,7 +19,7 @@ from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.discrepancy import learn_discrepancy
 from workbench.learning.gaps import with_gaps
 from workbench.learning.linear_motion import LinearMotion, learn_linear_motion
-from workbench.learning.store import Provenance, Stored, load, save
+from workbench.learning.store import Provenance, Stored, keep, load
 from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
 from workbench.learning.windows import Windows, learn_windows
 from workbench.mocap import full_skeleton, sources
@@ -243,13 +244,15 @@ def _builtin_or_library(motions: str, others: str) -> tuple[Motion, ...]:
 
 def _imported(clips: Sequence[Path], cache: Path, name: str) -> tuple[Motion, ...]:
     library = cache / "motions" / f"{name}-{_digest(clips)[:16]}.h5"
-    if not library.is_file():
-        motions, bad = import_sources(clips)
-        for sentence in bad:
-            log.warning("left out of the training set: %s", sentence)
+    if library.is_file():
+        return read_library(library, own=True)
+    motions, bad = import_sources(clips)
+    for sentence in bad:
+        log.warning("left out of the training set: %s", sentence)
+    with kept_for_later():
         library.parent.mkdir(parents=True, exist_ok=True)
         write_library(library, motions)
-    return read_library(library, own=True)
+    return tuple(motions)
 
 
 def _digest(paths: Sequence[Path]) -> str:
@@ -273,5 +276,5 @@ def _learned(
     if path.is_file():
         return load(kind, path, own=True)
     model = learn()
-    save(path, model, provenance)
+    keep(path, model, provenance)
     return model

@@ -179,7 +179,7 @@ def test_what_reading_does_not_survive_is_found_by_another_process(monkeypatch):
 @pytest.mark.parametrize("command", [check, report, view, export])
 def test_every_command_names_what_reading_does_not_survive(strange, command, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: {Path(path) for path in paths})
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, *_: {Path(path) for path in paths})
     arguments = [strange, tmp_path / "out.csv"] if command is export else [strange]
     code = command([str(argument) for argument in arguments])
     told = " ".join("".join(capsys.readouterr()).split())
@@ -189,10 +189,26 @@ def test_every_command_names_what_reading_does_not_survive(strange, command, tmp
 
 
 @pytest.mark.parametrize(
-    ("reading", "outcome"), [("bytearray(10**11)", (b"damaged", 0)), ("time.sleep(60)", (b"", -signal.SIGALRM))]
+    ("reading", "outcome"),
+    [
+        ("bytearray(10**11)", (b"damaged", 0)),
+        ("time.sleep(60)", (b"", -signal.SIGALRM)),
+        ("sum(0 for _ in iter(int, 1))", (b"", -signal.SIGPROF)),
+    ],
 )
 def test_reading_takes_so_much_memory_and_time_and_no_more(recorded, reading, outcome):
-    code = "import pathlib, time, workbench.recording.read.probe as probe; probe._LONGEST_S = 1\n"
+    patience = 3 if "sleep" in reading else 600
+    code = "import pathlib, time, workbench.recording.read.probe as probe\n"
+    code += f"probe._LONGEST_S, probe._PATIENCE = 1, {patience}\n"
     code += f"probe.read_all = lambda path: {reading}\nprobe.main([pathlib.Path({str(recorded)!r})])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert (done.stdout.strip(), done.returncode) == outcome, done.stderr
+
+
+def test_what_lies_beside_the_numbers_is_found_damaged_where_all_is_to_be_read(recorded):
+    code = "import pathlib, workbench.recording.read.probe as probe\n"
+    code += "probe.read_chunks = lambda *_: bytearray(10**11)\n"
+    code += f"probe.main([pathlib.Path({str(recorded)!r})], whole=True)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.stdout.strip(), done.returncode) == (b"damaged", 0), done.stderr
+    assert fatal([recorded], whole=True) == set()

@@ -14,7 +14,7 @@ import numpy as np
 from workbench.arrays import AnyArray, ByteArray
 from workbench.datasets.scenes.departures import SHOWN
 from workbench.datasets.scenes.take import Scene
-from workbench.files import whole_file
+from workbench.files import kept_for_later, whole_file
 from workbench.mocap.motion import Motion
 
 
@@ -34,14 +34,14 @@ def cached_images(
     cache: str | None, key: Callable[[], str], shape: tuple[int, int, int], render: Callable[[], ByteArray]
 ) -> ByteArray:
     """Return the images (F, height, width) that the folder `cache` keeps under a key, or else render them and, where
-    there is a folder, keep them there. Raises InputError when it cannot be written to."""
+    there is a folder, keep them there as far as it can be written to."""
     if cache is None:
         return render()
     file = Path(cache).expanduser() / "scenes" / f"{key()[:32]}.npz"
     images = _read(file, shape)
     if images is None:
         images = render()
-        with whole_file(file, parents=True) as part, part.open("wb") as out:
+        with kept_for_later(), whole_file(file, parents=True) as part, part.open("wb") as out:
             np.savez_compressed(out, images=images)
     return images
 

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from rerun.chunk import Chunk, ChunkStore, OptimizationProfile, RrdReader
+from rerun.chunk import Chunk, ChunkStore, OptimizationProfile
 
+from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.file import CHOICES, SETTINGS
 from workbench.recording.write.scene import ESTIMATE, TRUTH
@@ -21,14 +22,14 @@ def condense(run: Run, path: Path) -> None:
     run's bytes, are left out; so is the configuration key by key, half a kilobyte each, which is there as YAML. The
     blueprint goes too: the viewer lays such a recording out by itself.
     """
-    kept = [chunk for chunk in RrdReader(run.path).store().stream().to_chunks() if _is_kept(chunk)]
+    kept = [chunk for chunk in read_chunks(run.path, EVERYTHING) if _is_kept(chunk)]
     store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
     store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
 
 
 def is_condensed(run: Run) -> bool:
     """Tell whether the run's recording holds nothing that `condense` leaves out."""
-    return all(_is_kept(chunk) for chunk in RrdReader(run.path).store().stream().to_chunks())
+    return all(_is_kept(chunk) for chunk in read_chunks(run.path, EVERYTHING))
 
 
 def _is_kept(chunk: Chunk) -> bool:

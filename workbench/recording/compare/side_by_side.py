@@ -11,7 +11,8 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from workbench.core.study import Sticks
-from workbench.recording.read.chunks import read_chunks
+from workbench.recording.read.chunks import EVERYTHING, read_chunks
+from workbench.recording.read.probe import refuse_fatal
 from workbench.recording.read.reader import Run
 from workbench.recording.study.recorder import entity
 from workbench.recording.write import series_styles as styles
@@ -25,13 +26,17 @@ _COLOURS = {"a": (190, 190, 190), "b": (255, 110, 160)}
 
 
 def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
-    """Write both recordings to `path`, an .rrd, with a layout that shows them beside each other, under these names."""
+    """Write both recordings to `path`, an .rrd, with a layout that shows them beside each other, under these names.
+
+    Raises InputError for one that cannot be read whole.
+    """
+    refuse_fatal([a.path, b.path], whole=True)
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
     stream = rr.RecordingStream("workbench-check", recording_id=f"{a.properties['run']['id']}-beside")
     stream.set_log_time_enabled(False)
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
     for name, run in (("a", a), ("b", b)):
-        chunks = read_chunks(run.path, ["/**", "/__properties/**"])
+        chunks = read_chunks(run.path, EVERYTHING)
         below = [f"/{name}/{chunk.entity_path.removeprefix('/').removeprefix('__')}" for chunk in chunks]
         stream.send_chunks([chunk.with_entity_path(path) for chunk, path in zip(chunks, below, strict=True)])
     stream.flush()

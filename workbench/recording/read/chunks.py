@@ -25,6 +25,10 @@ DAMAGES = (
 """What turning another's values into ours ends with, where they are of other kinds."""
 
 
+EVERYTHING = ("/**", "/__properties/**")
+"""What is to be read for all that a recording holds."""
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """Numbers over frames. frames: (F,), ascending; values: (F, k)."""

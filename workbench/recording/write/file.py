@@ -25,6 +25,7 @@ from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.viewer import Viewer
+from workbench.signals import finishing
 
 logger = logging.getLogger(__name__)
 
@@ -100,17 +101,32 @@ class RecordingFile:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         ended = "failed" if kind is None or not issubclass(kind, KeyboardInterrupt) else "interrupted"
         try:
-            self.send_property("run", {"status": self.status if kind is None else ended})
-            self.flush()
-            self.stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
             if kind is None:
-                RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
-                os.replace(self.part, self.path)
+                self._publish()
+            else:
+                self._close(ended)
+        except KeyboardInterrupt:
+            if self.part.exists():
+                self._close("interrupted")
+            raise
         finally:
             if kind is not None or self.part.exists():
                 logger.warning("the run ended early; what was recorded until then is in %s", self.part)
             if self._viewer is not None and not self._viewer.close() and self.live:
                 logger.warning(f"the viewer at {HOST}:{PORT} does not answer: not all has arrived there")
+
+    def _publish(self) -> None:
+        """Give the file its name. What it says of itself agrees with that, whenever a signal arrives."""
+        self.flush()  # what may take long
+        with finishing():
+            self._close(self.status)
+            RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
+            os.replace(self.part, self.path)
+
+    def _close(self, status: str) -> None:
+        self.send_property("run", {"status": status})
+        self.flush()
+        self.stream.disconnect()  # not after a failed flush: it would wait for a writer that is gone
 
     def send(self, entities: Entities, static: bool = False) -> None:
         """Log pairs (entity path, archetype)."""

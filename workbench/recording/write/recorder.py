@@ -128,9 +128,14 @@ class Recorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self._send_pictures()
-        self._columns.write(self._stream)
-        self._file.__exit__(kind)
+        try:
+            self._send_pictures()
+            self._columns.write(self._stream)
+        except BaseException as error:
+            kind = type(error)
+            raise
+        finally:
+            self._file.__exit__(kind)
 
     def take_over(
         self, chunks: "Sequence[Chunk]", frames: Sequence[int], poses: FloatArray, ranks: Iterable[FloatArray],
