@@ -13,6 +13,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.cli.quoting import quoted
+from workbench.cli.told import tell_warnings
 from workbench.errors import InputError, shortened
 from workbench.experiment.branch import changes
 from workbench.experiment.checking import Request, check_each, check_paired, check_seeds, check_two, read_sound
@@ -36,6 +37,7 @@ MANY = ("seeds", "paired", "until", "calibrate", "bisect")
 def main(argv: Sequence[str] | None = None) -> int:
     """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 128 + n by signal n."""
     arguments = _parser().parse_intermixed_args(argv)
+    tell_warnings()
     with ending_as_interrupted():
         return _main(arguments)
 
