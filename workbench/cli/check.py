@@ -51,6 +51,9 @@ def _main(arguments: argparse.Namespace) -> int:
     except (InputError, HydraException, OmegaConfBaseException) as error:
         print(f"workbench-check: {shortened(' '.join(str(error).split()))}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except Asked as error:
         print(f"workbench-check: interrupted by {error}", file=sys.stderr)
         return 128 + error.number
@@ -75,7 +78,7 @@ def _check(arguments: argparse.Namespace, folder: Path) -> int:
     if not isinstance(checks, list):
         print(checks)
         return 0
-    print(moved(checks) if arguments.update else table(checks, arguments.verbose))
+    print(moved(checks) if arguments.update else table(checks, arguments.verbose), flush=True)
     code = renew(checks, arguments.why) if arguments.update else exit_code(checks)
     if arguments.junit is not None:
         write_junit(arguments.junit, checks)
