@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pictures import of_experiment
 
 import workbench.core
 from workbench.experiment.build import resolved
@@ -23,19 +24,30 @@ UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
     "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s", "start_phase": "cycles",
     "start_position": "m", "start_rotation": "rad", "start_angles": "rad", "sigma_angles": "rad", "damping": "1/s",
-    "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame", "last_frame": "frame",
+    "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame",
 }  # fmt: skip
 """Units of keys, by the name or how it ends; where a note says one, that stands."""
+_SEEN = "the skeleton, expected in orange and true in blue, in four frames, and the error of the joints by frame"
 
 
 def write(folder: Path) -> None:
     """Write all pages into a folder."""
-    folder.mkdir(exist_ok=True)
+    (folder / "pictures").mkdir(parents=True, exist_ok=True)
+    draw_baselines(folder / "pictures")
     pages = {"options": options_page(), "parts_of_experiments": experiments_page(), "glossary": glossary()}
     for name, text in pages.items():
         path = folder / f"{name}.md"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:  # else it would be built again
             path.write_text(text, encoding="utf-8")
+
+
+def draw_baselines(folder: Path) -> None:
+    """Draw the baseline of every experiment that has one, where it is not drawn yet as it is now."""
+    for name in options("experiment"):
+        baseline, picture = BASELINES / f"{name}.rrd", folder / f"{name}.png"
+        current = picture.is_file() and picture.stat().st_mtime >= baseline.stat().st_mtime
+        if baseline.is_file() and not current:
+            of_experiment(read(baseline), picture)
 
 
 def options_page() -> str:
@@ -76,7 +88,7 @@ def experiments_page() -> str:
         "part before it. *As its paper writes it* is what `paper=literal` sets instead. *Baseline* are the numbers of "
         "the small recording that is kept to notice changes: a few frames of small images and few particles, of "
         "generated people; they say nothing of how well an experiment does, which [Experiments](../experiments.md) "
-        "does.", "",
+        "does. Experiments that need recordings have none.", "",
     ]  # fmt: skip
     for name, option in options("experiment").items():
         lines += [*_experiment(name, option), ""]
@@ -101,6 +113,8 @@ def _experiment(name: str, option: Option) -> Iterator[str]:
         shown = [f"{key} {numbers[key]:.3g}" for key in SHOWN if key in numbers]
         shown = shown or [f"{key} {numbers[key]:.3g}" for key in sorted(numbers)[:6]]
         yield f"- baseline: {', '.join(shown)}"
+        what = "its first figures" if "body" not in read(baseline).properties else _SEEN
+        yield from ("", f"![The baseline of {name}: {what}](pictures/{name}.png)")
 
 
 def glossary() -> str:

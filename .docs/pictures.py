@@ -1,7 +1,8 @@
 """The documents' pictures, of rendered people only.
 
 `python .docs/pictures.py FOLDER` draws the tutorial's, of what its commands left in FOLDER, and `python
-.docs/pictures.py SHOT.png` makes the README's of a shot of the viewer that shows a recording of walk_best.
+.docs/pictures.py SHOT.png` makes the README's of a shot of the viewer that shows a recording of walk_best. Those of
+experiments are drawn, of the baselines, when the pages are built.
 """
 
 import sys
@@ -11,9 +12,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from analysis.figures.panels import images, over_frames
-from workbench.recording.read.reader import read
-from workbench.recording.study.drawing import ESTIMATE, STYLE, TRUTH
+from analysis.figures.panels import evenly, images, over_frames, skeletons
+from workbench.core.study import Sticks
+from workbench.recording.read.reader import Run, read
+from workbench.recording.study.drawing import ESTIMATE, STYLE, TRUTH, draw
 
 PICTURES = Path(__file__).parent / "pictures"
 VIEWER = Path(__file__).parents[1] / "analysis" / "figures" / "walk_best.png"
@@ -35,6 +37,33 @@ def tutorial(folder: Path) -> None:
         axes.legend()
         figure.savefig(PICTURES / "errors.png", dpi=90)
     (PICTURES / "knee.png").write_bytes((folder / "knee.png").read_bytes())
+
+
+def of_experiment(run: Run, path: Path) -> None:
+    """Draw what a recording of an experiment shows: the true and the expected skeleton in four frames and the error of
+    the joints over frames, or the first figures of a study."""
+    with plt.style.context(STYLE):
+        if run.is_study:
+            flat = [figure for figure in run.figures if not isinstance(figure, Sticks)][:2]
+            figure, row = plt.subplots(1, len(flat), figsize=(7.5, 2.6), layout="constrained", squeeze=False)
+            for axes, drawn in zip(row[0], flat, strict=True):
+                draw(axes, drawn)
+                axes.set_title(drawn.name.rpartition("/")[2])
+        else:
+            figure, row = plt.subplots(1, 5, figsize=(7.5, 2.2), layout="constrained", width_ratios=(1, 1, 1, 1, 2.2))
+            frames = evenly(run, 4)
+            skeletons(row[: len(frames)], run, frames)
+            for axes, frame in zip(row, frames, strict=False):
+                axes.set_title(f"frame {frame}")
+            metric = next(name for name in ("error_abs_mm", "jump_deg") if name in run.metrics)
+            row[-1].plot(*run.metric(metric), color=ESTIMATE)
+            row[-1].set_title(
+                {"error_abs_mm": "error of the joints (mm)", "jump_deg": "turn of the joints (°)"}[metric]
+            )
+            row[-1].set_xlabel("frame")
+            row[-1].set_ylim(bottom=0.0)
+        figure.savefig(path, dpi=80, metadata={"Software": None})
+        plt.close(figure)
 
 
 def shrink(shot: Path) -> None:

@@ -5,16 +5,12 @@ import workbench.starting  # noqa: F401 (before anything that takes long)
 # isort: split
 import os
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from workbench.kernel_cache import use_kernel_cache
 
-try:
-    __version__ = version("workbench")
-except PackageNotFoundError:  # imported from a source tree that was never installed
-    __version__ = "0+unknown"
+__version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
 use_kernel_cache(Path(__file__).parent)  # before any kernel is defined
 

@@ -48,7 +48,7 @@ def video(folder):
 def unmarked(folder):
     (folder / "marks.csv").write_text("frame,joint,u,v,visible\n0,neck,3,4,1\n")  # not in the frames used
     return Video(
-        images(folder / "film"), cameras(folder, "one"), first_frame=1, last_frame=3, rate_hz=30.0,
+        images(folder / "film"), cameras(folder, "one"), first_frame=1, n_frames=3, rate_hz=30.0,
         keypoints=str(folder / "marks.csv"),
     )  # fmt: skip
 

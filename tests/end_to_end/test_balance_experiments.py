@@ -13,7 +13,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.mocap.export import trc_text
 
-SMALL = ("dataset.scale=0.1", "dataset.last_frame=11", "inference.n_particles=20", "likelihood.sigma_px=1.0")
+SMALL = ("dataset.scale=0.1", "dataset.n_frames=12", "inference.n_particles=20", "likelihood.sigma_px=1.0")
 
 COCO_17 = (
     *["head_centre"] * 5,
@@ -109,7 +109,7 @@ def test_an_arm_is_tracked_by_one_camera_while_the_rest_follows_both(run, tmp_pa
 def test_the_arm_of_the_balancing_man_is_tracked(run, data):
     if not (data / "pose2sim_balance").is_dir():
         pytest.skip("no recordings of several cameras")
-    small = ("dataset.scale=0.1", "dataset.last_frame=40", "likelihood.sigma_px=1.0")
+    small = ("dataset.scale=0.1", "dataset.n_frames=41", "likelihood.sigma_px=1.0")
     code, told, folder = run("out", "experiment=balance_arm", f"paths.data={data}", *small)
     assert code == 0, told
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]

@@ -65,9 +65,6 @@ def made_small(config: DictConfig, generated: bool) -> DictConfig:
         group, _, name = key.partition(".")
         if name in config[group]:
             OmegaConf.update(config, key, value)
-    if "last_frame" in config.dataset:
-        marked = isinstance(config.dataset.get("keypoints"), str)  # in few of the frames
-        config.dataset.last_frame = config.dataset.first_frame + (36 if marked else 1)
     if "n_particles" in config.inference:
         config.inference.n_particles = 20
     return config

@@ -99,6 +99,12 @@ def test_the_pages_are_built_without_a_warning_and_ask_for_nothing_from_elsewher
         assert re.findall(r'<(?:script|img|link|iframe)[^>]+(?:src|href)="(?:https?:)?//[^"]+"', text) == [], page
     for style in (tmp_path / "html").rglob("*.css"):
         assert re.findall(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", style.read_text(encoding="utf-8")) == [], style
+    drawn = sorted((DOCS / "_generated" / "pictures").glob("*.png"))
+    experiments = (tmp_path / "html" / "_generated" / "parts_of_experiments.html").read_text(encoding="utf-8")
+    assert len(drawn) >= 20
+    for picture in drawn:
+        assert picture.stat().st_size <= 60_000
+        assert picture.name in experiments
     options = (tmp_path / "html" / "_generated" / "options.html").read_text(encoding="utf-8")
     assert "prior=jitter" in options
     assert "ess_threshold" in options or "sigma_phase" in options

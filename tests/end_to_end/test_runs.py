@@ -143,7 +143,7 @@ def test_a_library_of_ones_own_and_the_body_of_a_file(summary_of, tmp_path, data
 
 @pytest.mark.slow
 def test_the_real_video(summary_of, cache, data):
-    overrides = ("dataset.last_frame=72", "inference.n_particles=200")
+    overrides = ("dataset.n_frames=9", "inference.n_particles=200")
     summary = summary_of(cache, "experiment=walk_video", f"paths.data={data}", *overrides)
     assert summary["status"] == "complete"
     assert summary["metrics"]["frames"] == 9

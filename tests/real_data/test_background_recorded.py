@@ -11,7 +11,7 @@ from workbench.likelihoods.image_levels import log_ratio, still_scenes
 @pytest.mark.slow  # it decodes a hundred frames
 def test_the_woman_is_foreground_and_the_rest_is_not(data):
     folder = data / "sports2d_walk"
-    files = {"eval_marks": str(folder / "keypoints.csv"), "first_frame": 64, "last_frame": 160, "scale": 0.5}
+    files = {"eval_marks": str(folder / "keypoints.csv"), "first_frame": 64, "n_frames": 97, "scale": 0.5}
     video = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **files)
     scenes = still_scenes(Clip(video), 60, 0.7, 3.0)
     shares = []

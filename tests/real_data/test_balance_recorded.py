@@ -17,10 +17,10 @@ NAMES = ("cam_01", "cam_02", "cam_03", "cam_04")
 
 @pytest.fixture(scope="module")
 def dataset(data):
-    return seen_by(data, NAMES, last_frame=19)
+    return seen_by(data, NAMES, n_frames=20)
 
 
-def seen_by(data, names, last_frame=None):
+def seen_by(data, names, n_frames=None):
     """The man as these cameras see him, small."""
     folder = data / "pose2sim_balance"
     if not folder.is_dir():
@@ -29,7 +29,7 @@ def seen_by(data, names, last_frame=None):
     found = MultiView(
         {name: str(folder / f"{file}.mp4") for name, file in files.items()}, str(folder / "Calib_qualisys.toml"),
         keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
-        truth=str(folder / "joints_triangulated.trc"), scale=0.1, last_frame=last_frame,
+        truth=str(folder / "joints_triangulated.trc"), scale=0.1, n_frames=n_frames,
     )  # fmt: skip
     if "cam_01" in names:
         with pytest.warns(UserWarning, match="are stretched"):  # two of the videos are 8 px narrower than calibrated

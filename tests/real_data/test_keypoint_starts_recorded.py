@@ -25,7 +25,7 @@ def test_the_man_is_found_in_the_first_frame(data, which):
     dataset = MultiView(
         {name: str(folder / f"{file}.mp4") for name, file in files.items()}, str(folder / "Calib_qualisys.toml"),
         keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
-        truth=str(folder / "joints_triangulated.trc"), scale=0.1, last_frame=36,
+        truth=str(folder / "joints_triangulated.trc"), scale=0.1, n_frames=37,
     )  # fmt: skip
     clip = Clip(dataset)
     shown, skeleton = list(clip), of_keypoints(clip).skeleton
@@ -43,7 +43,7 @@ def test_the_woman_is_found_by_the_marks_of_her_first_frame(data):
     folder = data / "sports2d_walk"
     marks = str(folder / "keypoints.csv")
     video = Video(
-        str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), first_frame=64, last_frame=64, keypoints=marks
+        str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), first_frame=64, n_frames=1, keypoints=marks
     )
     skeleton = of_keypoints(Clip(video)).skeleton
     (frame,) = video.frames()

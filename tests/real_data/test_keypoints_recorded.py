@@ -30,7 +30,7 @@ def woman():
 def video(data, **parameters):
     folder = data / "sports2d_walk"
     files = {name: str(folder / "keypoints.csv") for name in ("start_marks", "keypoints")}
-    whole = {"first_frame": 64, "last_frame": 160, "scale": SCALE, **files, **parameters}
+    whole = {"first_frame": 64, "n_frames": 97, "scale": SCALE, **files, **parameters}
     return Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), **whole)
 
 

@@ -13,6 +13,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.cli.quoting import quoted
+from workbench.cli.told import tell_warnings
 from workbench.errors import InputError, shortened
 from workbench.experiment.branch import changes
 from workbench.experiment.checking import Request, check_each, check_paired, check_seeds, check_two, read_sound
@@ -36,6 +37,7 @@ MANY = ("seeds", "paired", "until", "calibrate", "bisect")
 def main(argv: Sequence[str] | None = None) -> int:
     """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 128 + n by signal n."""
     arguments = _parser().parse_intermixed_args(argv)
+    tell_warnings()
     with ending_as_interrupted():
         return _main(arguments)
 
@@ -49,6 +51,9 @@ def _main(arguments: argparse.Namespace) -> int:
     except (InputError, HydraException, OmegaConfBaseException) as error:
         print(f"workbench-check: {shortened(' '.join(str(error).split()))}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except Asked as error:
         print(f"workbench-check: interrupted by {error}", file=sys.stderr)
         return 128 + error.number
@@ -73,7 +78,7 @@ def _check(arguments: argparse.Namespace, folder: Path) -> int:
     if not isinstance(checks, list):
         print(checks)
         return 0
-    print(moved(checks) if arguments.update else table(checks, arguments.verbose))
+    print(moved(checks) if arguments.update else table(checks, arguments.verbose), flush=True)
     code = renew(checks, arguments.why) if arguments.update else exit_code(checks)
     if arguments.junit is not None:
         write_junit(arguments.junit, checks)

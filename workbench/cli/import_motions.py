@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _summary(motions: Sequence[Motion]) -> list[str]:
-    """A table of clips, frames and mean joint error left by the retargeting, by subject and in total."""
+    """A table of clips, frames and mean residual of the joints after retargeting, by subject and in total."""
     lines = [f"{'subject':<12}{'clips':>7}{'frames':>9}{'error mm':>10}"]
     subjects = sorted({motion.subject for motion in motions})
     groups = [(subject, [motion for motion in motions if motion.subject == subject]) for subject in subjects]

@@ -1,4 +1,4 @@
-"""workbench-view: open recordings in the viewer; two are shown beside each other, more under what varied in them."""
+"""workbench-view: open recordings in the viewer; two are shown beside each other, more with their curves overlaid."""
 
 import argparse
 import platform
@@ -7,12 +7,14 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from workbench.errors import InputError
+from workbench.recording.compare.overlaid import NAME, write_overlaid
 from workbench.recording.compare.side_by_side import write_names, write_side_by_side
+from workbench.recording.messages import HEAD, end_of_whole
 from workbench.recording.read.probe import open_sound_runs
 from workbench.recording.read.reader import Run
 from workbench.recording.write.file import HOST
@@ -40,8 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         pair = len(places) == len(runs) == 2 and all(place.is_file() for place in places)
         with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
             files = _beside(runs, places, Path(folder)) if pair else _together(runs, Path(folder))
-            command = [str(program), "--bind", HOST, *_ports(arguments.web), *map(str, files)]
-            code = subprocess.run(command, check=False).returncode
+            code = show([str(program), "--bind", HOST, *_ports(arguments.web)], files)
         if code:
             print(f"workbench-view: the viewer ended with exit code {code}", file=sys.stderr)
         return 1 if code else 0
@@ -50,6 +51,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def show(command: Sequence[str], files: Sequence[Path]) -> int:
+    """Open recordings in the viewer, which shows the last of them, and wait until it is closed; returns its exit code.
+
+    Several go through a pipe one after the other: it reads files at once, and shows whichever it has read last.
+    """
+    if len(files) == 1:
+        return subprocess.run([*command, str(files[0])], check=False).returncode
+    with subprocess.Popen([*command, "-"], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # the viewer was closed meanwhile
+            for path in files:
+                with path.open("rb") as file:
+                    end = end_of_whole(file, HEAD) if path.suffix == ".part" else path.stat().st_size
+                    file.seek(0)
+                    process.stdin.write(file.read(end))
+            process.stdin.close()
+        return process.wait()
 
 
 def _ports(web: bool) -> list[str]:
@@ -88,15 +108,21 @@ def names(runs: Sequence[Run]) -> list[str]:
 
     Runs that would have one name get their place in it, too.
     """
-    settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
-    keys, seeds = what_varied(settings).keys, [run.provenance.get("seed") for run in runs]
+    seeds = [run.provenance.get("seed") for run in runs]
     found = []
-    for run, values, seed in zip(runs, settings, seeds, strict=True):
-        words = [label(keys, values) or str(values["experiment"])]
+    for run, name, seed in zip(runs, labels(runs), seeds, strict=True):
+        words = [name]
         words += [f"seed={seed}"] * (len(set(seeds)) > 1)
         words += [{"running": "cut off"}.get(run.status, run.status)] * (run.status != "complete")
         found.append(", ".join(words))
     return [f"{name} ({run.path})" if found.count(name) > 1 else name for name, run in zip(found, runs, strict=True)]
+
+
+def labels(runs: Sequence[Run]) -> list[str]:
+    """Say of each run what tells it from the others, but for its seed."""
+    settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
+    keys = what_varied(settings).keys
+    return [label(keys, values) or str(values["experiment"]) for values in settings]
 
 
 def _readable(places: Sequence[Path]) -> list[Run]:
@@ -130,11 +156,13 @@ def _beside(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[P
 
 
 def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """The recordings as they are and, where there are several, their names in files of their own."""
+    """The recordings as they are and, where there are several, their names in files of their own and their curves."""
     paths = [run.path for run in runs]
     if len(runs) == 1:
         return paths
     found = names(runs)
+    overlaid = folder / "overlaid.rrd"
+    write_overlaid(overlaid, runs, found, labels(runs))
     print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
-    print("\n".join(f"  {name}" for name in found))
-    return [*paths, *write_names(folder, paths, found)]
+    print("\n".join(f"  {name}" for name in (*found, NAME)))
+    return [*paths, *write_names(folder, paths, found), overlaid]  # the viewer shows what it is given last

@@ -35,7 +35,7 @@ class MultiView:
     all of them. person: whom to follow in the folders, the number of somebody in the first frame, of those used, in
     which the first of their cameras shows anybody, or {camera: number} for others; None: the largest and surest, see
     `follow`.
-    first_frame, last_frame, n_frames, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with
+    first_frame, n_frames, scale, rate_hz: as for `Video`, the same for all. truth: a TRC or C3D file with
     markers, whose first frame is the sources' frame truth_first; joint_markers: markers in whose middle a joint lies,
     by joint, where their names do not say so. Axes, unit and gaps: see `markers.in_world`. Raises InputError for names
     that are no cameras and, when asked what is known, for what `Video` and `read_markers` refuse, sources of different
@@ -51,22 +51,19 @@ class MultiView:
 
     def __init__(
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
-        last_frame: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
+        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
         person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first: int = 0,
-        joint_markers: MarkersOf = NO_MARKERS, n_frames: int | None = None,
+        joint_markers: MarkersOf = NO_MARKERS,
     ) -> None:  # fmt: skip
         names = list(sources) if which is None else list(which)
         if unknown := [name for name in (*names, *keypoints) if name not in sources]:
             raise InputError(f"multi_view: no source for camera {unknown[0]!r}, expected one of {', '.join(sources)}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"multi_view: expected one camera or more, each once, found {', '.join(names) or 'none'}")
-        common = (first_frame, last_frame, scale, rate_hz)
+        common = (first_frame, n_frames, scale, rate_hz)
         folders = {name: keypoints[name] for name in names if name in keypoints and Path(keypoints[name]).is_dir()}
         by_hand = {name: file for name, file in keypoints.items() if name not in folders}
-        others: dict[str, Any] = {"n_frames": n_frames}
-        self._videos = [
-            Video(sources[name], camera, name, *common, keypoints=by_hand.get(name), **others) for name in names
-        ]
+        self._videos = [Video(sources[name], camera, name, *common, keypoints=by_hand.get(name)) for name in names]
         self._names, self._folders, self._person = names, folders, person
         self._truth, self._truth_first, self._joint_markers = truth, truth_first, joint_markers
 

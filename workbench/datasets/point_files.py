@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,15 @@ class PointFiles:
     """Frames of points in the world (z up), read from files once, when asked what is known.
 
     source: a folder of files, one a frame, all .ply, all .npz or all .csv, in natural order (frame_9 before frame_10);
-    or one .h5 or .hdf5 file, see `point_formats.read_hdf5`. rate_hz: frames per second. unit: m, cm or mm. most_points:
+    or one .h5 or .hdf5 file, see `point_formats.read_hdf5`. first_frame: the number of the first frame used, counted
+    from 0. n_frames: how many are used; None: to the end. rate_hz: frames per second. unit: m, cm or mm. most_points:
     frames with more are thinned at random to so many, and a warning says so. truth: the name of a motion
-    (`named.find_motion`; data: its folder), whose frames from first_frame on, at rate_hz, are those of the files; it
-    gives every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known.
-    start, seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept. Raises
+    (`named.find_motion`; data: its folder) at rate_hz, whose first frame is the files' frame truth_first; it gives
+    every frame its true pose, joints and activity, and the person's measurements. Without it nothing is known. start,
+    seed: as for `points.Points`; start="given" needs the truth. The seed also says which points are kept. Raises
     InputError for numbers out of range and, when asked what is known, naming the file and the line, row or vertex, what
-    was expected and what was found, for what cannot be read, a frame without points, numbers that are not finite, and a
-    folder without files of points.
+    was expected and what was found, for what cannot be read, a frame without points, numbers that are not finite, a
+    folder without files of points and frames that are not there.
     """
 
     @staticmethod
@@ -52,12 +54,21 @@ class PointFiles:
     truth: Any = None  # a name or a list of them, for which a schema has no other type
     data: str | None = None
     first_frame: int = 0
+    n_frames: int | None = None
+    truth_first: int = 0
     start: str = "auto"
     seed: int = 0
 
     def __post_init__(self) -> None:
         check("points", self, unit=one_of(*METRES), rate_hz=RATE, most_points=at_least(1))
         check("points", self, first_frame=at_least(0), seed=at_least(0))
+        if self.n_frames is not None and self.n_frames < 1:
+            raise InputError(f"points: n_frames must be at least 1, found {self.n_frames}")
+        if self.truth is not None and self.first_frame < self.truth_first:
+            found = f"{self.first_frame} and {self.truth_first}"
+            raise InputError(
+                f"points: expected first_frame of at least truth_first, where the truth begins, found {found}"
+            )
 
     @cached_property
     def known(self) -> Known:
@@ -70,9 +81,10 @@ class PointFiles:
         )  # fmt: skip
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in order, counted from 0, without views."""
+        """The frames in order, with their numbers in the source, without views."""
         for i, points in enumerate(self._points):
-            yield Frame(i, i / self.rate_hz, (), None if self._take is None else self._take.truths[i], points=points)
+            index, truth = self.first_frame + i, None if self._take is None else self._take.truths[i]
+            yield Frame(index, index / self.rate_hz, (), truth, points=points)
 
     @cached_property
     def _path(self) -> Path:
@@ -82,20 +94,27 @@ class PointFiles:
     def _take(self) -> Take | None:
         if self.truth is None:
             return None
-        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": self.first_frame, "exact": True}
+        first = self.first_frame - self.truth_first
+        shown: dict[str, Any] = {"n_frames": len(self._points), "first_frame": first, "exact": True}
         return find_take(Scene(motion=self.truth, data=self.data, rate_hz=self.rate_hz, seed=self.seed, **shown))
 
     @cached_property
     def _points(self) -> list[FloatArray]:
-        """The points (K, 3) of every frame, m."""
-        clouds, thinned = [], []
-        for i, (name, points) in enumerate(self._files()):
+        """The points (K, 3) of every frame used, m."""
+        clouds, thinned, n = [], [], 0
+        end = None if self.n_frames is None else self.first_frame + self.n_frames
+        for i, (name, points) in enumerate(islice(self._files(), end)):
+            n = i + 1
+            if i < self.first_frame:
+                continue
             if len(points) > self.most_points:
                 thinned.append(f"{name} with {len(points)}")
                 rng = stream(self.seed, "thinning", i)
                 points = points[np.sort(rng.choice(len(points), self.most_points, replace=False))]
             check_places(f"{self.source}: {name}", METRES[self.unit] * points)
             clouds.append(METRES[self.unit] * points)
+        if n < (self.first_frame + 1 if end is None else end):
+            raise InputError(f"{self.source}: no frame {max(n, self.first_frame)}, expected one of 0 to {n - 1}")
         if thinned:
             many = f"{len(thinned)} of {len(clouds)} frames have more than {self.most_points} points"
             words = f"{self.source}: {many} and are thinned at random to so many, the first being {thinned[0]}"

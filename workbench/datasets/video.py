@@ -33,8 +33,8 @@ class Video:
 
     source: a video file that OpenCV reads, or a folder of images, taken in natural order (frame_9 before frame_10).
     camera: a camera file of the Pose2Sim and Sports2D form. which: the name of a camera in it; the first without one.
-    first_frame, last_frame: numbers of the first and the last frame used, counted from 0 in the source, both included;
-    None: to the end. n_frames: how many are used, where that is fewer. scale: the factor by which images are resized.
+    first_frame: the number of the first frame used, counted from 0 in the source. n_frames: how many are used; None: to
+    the end. scale: the factor by which images are resized.
     rate_hz: frames per second, where the source does not say or says it wrongly. start_marks: a file of marks, of which
     those at first_frame, with those of later frames up to start_last, give the start. keypoints: a file of marks, or a
     folder of what a detector found (OpenPose's JSON), that are observations. person: the number of the one to follow
@@ -60,7 +60,7 @@ class Video:
     camera: str
     which: str | None = None
     first_frame: int = 0
-    last_frame: int | None = None
+    n_frames: int | None = None
     scale: float = 1.0
     rate_hz: float | None = None
     start_marks: str | None = None
@@ -70,13 +70,11 @@ class Video:
     held_out: Sequence[int] = ()
     hidden_weight: float = 0.35
     person: int | None = None
-    n_frames: int | None = None
 
     def __post_init__(self) -> None:
         check("video", self, scale=UP_TO_1, hidden_weight=UNIT)
-        if self.first_frame < 0 or (self.last_frame is not None and self.last_frame < self.first_frame):
-            found = f"{self.first_frame} and {self.last_frame}"
-            raise InputError(f"video: expected 0 ≤ first_frame ≤ last_frame, found {found}")
+        if self.first_frame < 0:
+            raise InputError(f"video: first_frame must be at least 0, found {self.first_frame}")
         if self.n_frames is not None and self.n_frames < 1:
             raise InputError(f"video: n_frames must be at least 1, found {self.n_frames}")
 
@@ -140,8 +138,7 @@ class Video:
     @cached_property
     def last(self) -> int:
         """The number of the last frame used."""
-        enough = None if self.n_frames is None else self.first_frame + self.n_frames - 1
-        last = min((number for number in (self.last_frame, enough) if number is not None), default=None)
+        last = None if self.n_frames is None else self.first_frame + self.n_frames - 1
         n = count_frames(self._path, None if last is None else last + 1)
         wanted = self.first_frame if last is None else last
         if n == 0:

@@ -55,8 +55,9 @@ class MarkerOffsets:
         errors: dict[str, float] = {}
         for kind, apart in self._apart.items():
             known = [row[np.isfinite(row).all(axis=1)] for row in np.swapaxes(apart, 0, 1)] if apart else []
-            left = [np.linalg.norm(row - np.median(row, axis=0), axis=1) for row in known if len(row)]
-            errors |= {f"error_{kind}_offsets_removed_mm": 1e3 * float(np.concatenate(left).mean())} if left else {}
+            residuals = [np.linalg.norm(row - np.median(row, axis=0), axis=1) for row in known if len(row)]
+            if residuals:
+                errors[f"error_{kind}_offsets_removed_mm"] = 1e3 * float(np.concatenate(residuals).mean())
         return errors
 
     def add(self, step: Step) -> dict[str, float]:

@@ -20,6 +20,7 @@ from tqdm import tqdm
 from workbench.errors import InputError
 from workbench.experiment.described import PYTHON
 from workbench.experiment.execute import execute
+from workbench.experiment.older import in_todays_words
 from workbench.experiment.parts import GROUPS, OURS, how_to_allow, targets
 from workbench.recording.compare.compare import Finding, Tolerance
 from workbench.recording.read.reader import Run, read
@@ -38,9 +39,9 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
     parts: what to put in place of its own by group, before the overrides.
 
     Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
-    results do not depend on them, and no viewer is called. Raises InputError, naming the recording and the key, for
-    an interpolation, a target that is no option's, an override of a key that is not there, or a path that leads out
-    of paths.data and was not given as an override.
+    results do not depend on them, and no viewer is called. Words of earlier versions become today's. Raises InputError,
+    naming the recording and the key, for an interpolation, a target that is no option's, an override of a key that is
+    not there, or a path that leads out of paths.data and was not given as an override.
     """
     settings = run.settings
     if settings.get("experiment") == PYTHON:
@@ -48,6 +49,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
             f"{run.path}: its parts were built in Python, which no configuration does: run that code again"
         )
     _refuse_foreign(run, settings)
+    settings = in_todays_words(settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
     moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
     moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}

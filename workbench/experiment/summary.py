@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench import __version__
 from workbench.core.step import Step
 from workbench.evaluation.events import lost_and_found, lost_share
 from workbench.evaluation.verdict import Verdict
@@ -25,12 +26,13 @@ _ROOM = 32_768
 """Bytes that the summary of a run takes while it goes on, so that how it ended can be written on a full disk."""
 _LEFT_OUT_FIRST = ("settings", "provenance", "versions")
 
-PACKAGES = ("workbench", "numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
+PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages a result depends on."""
-    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+    found = {name: version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), "workbench": __version__, **found}
 
 
 @dataclass

@@ -95,5 +95,5 @@ def _regressed(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
     white = (inputs - middle) / scales
     normal = white.T @ white + _RIDGE * len(white) * np.eye(white.shape[1])
     gain = np.linalg.solve(normal, white.T @ (targets - mean)).T / scales
-    left = targets - mean - (inputs - middle) @ gain.T
-    return gain, mean - gain @ middle, left.T @ left / len(left) + 1e-9 * np.eye(targets.shape[1])
+    residual = targets - mean - (inputs - middle) @ gain.T
+    return gain, mean - gain @ middle, residual.T @ residual / len(residual) + 1e-9 * np.eye(targets.shape[1])

@@ -157,10 +157,10 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
     return _picture("error_against_time", caption, figure)
 
 
-def _coverage(grouping: Grouping, _: str) -> Picture | None:
+def _coverage(grouping: Grouping, error: str) -> Picture | None:
     metric, nominal = "coverage_90", 0.9
-    series, left_out = all_series(grouping, metric)
-    rows = [(line, group) for line in series for group in line.groups]
+    series, left_out = all_series(grouping, error)  # as in the other plots, those whose errors are least
+    rows = [(line, group) for line in series for group in line.groups if statistic(group, metric) is not None]
     if not rows:
         return None
     figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))

@@ -1,10 +1,16 @@
 """workbench-view: what it finds, what it calls it, and what it hands to the viewer."""
 
+import os
 import shutil
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
+from time import sleep
 from types import SimpleNamespace
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import pytest
 import yaml
@@ -12,6 +18,8 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
+from workbench.recording.compare.overlaid import write_overlaid
+from workbench.recording.read.chunks import curves, static_values
 from workbench.recording.write.recorder import Recorder
 
 N_FRAMES = 2
@@ -46,8 +54,8 @@ def shown(monkeypatch):
     """What the viewer was called with: options, files, and {recording id: name} of all files while it ran."""
     seen = SimpleNamespace(calls=0, code=0)
 
-    def run(command, check):
-        seen.calls, seen.options, seen.files = seen.calls + 1, command[1:5], [Path(text) for text in command[5:]]
+    def show(command, files):
+        seen.calls, seen.options, seen.files = seen.calls + 1, command[1:], list(files)
         seen.names = {}
         for path in seen.files:
             store = RrdReader(path).recordings()[0]
@@ -56,10 +64,9 @@ def shown(monkeypatch):
                 if "RecordingInfo:name" in batch.schema.names:
                     key = (store.application_id, store.recording_id)
                     seen.names[key] = batch.column("RecordingInfo:name").to_pylist()[0][0]
-        seen.copies = [path.read_bytes() for path in seen.files]
-        return subprocess.CompletedProcess(command, seen.code)
+        return seen.code
 
-    monkeypatch.setattr(view.subprocess, "run", run)
+    monkeypatch.setattr(view, "show", show)
     return seen
 
 
@@ -76,14 +83,67 @@ def test_runs_of_a_sweep_are_named_by_what_varied(sweep, shown):
     for k, name in enumerate(["run.rrd", "run.rrd", "run.rrd", "run.rrd.part"]):
         store = RrdReader(sweep / str(k) / name).recordings()[0]
         own[store.application_id, store.recording_id] = k
-    assert {own[key]: name for key, name in shown.names.items()} == {
+    assert {own.get(key): name for key, name in shown.names.items()} == {
         0: "n_particles=20, seed=0",
         1: "n_particles=20, seed=1",
         2: "n_particles=30, seed=0",
         3: "n_particles=30, seed=1, failed",
+        None: "all runs: errors and how each came out",
     }
     assert len({application for application, _ in own}) == 4  # each with its own layout
     assert not any(path.exists() for path in shown.files[4:])  # the names were written for this time only
+
+
+def test_a_sweep_opens_with_all_curves_in_one_colour_for_each_of_what_varied_and_a_table(sweep, tmp_path):
+    runs, _ = view.open_sound_runs(sweep)
+    write_overlaid(tmp_path / "all.rrd", runs, view.names(runs), view.labels(runs))
+    chunks = list(RrdReader(tmp_path / "all.rrd").stream())
+    drawn = curves(chunks)
+    assert [drawn[f"error_abs_mm/runs/{k}"].values[:, 0].tolist() for k in range(4)] == [[1.0] * N_FRAMES] * 4
+    static = static_values(chunks)
+    colours = [static[f"error_abs_mm/runs/{k}"]["SeriesLines:colors"].as_py() for k in range(4)]
+    assert colours[0] == colours[1] != colours[2] == colours[3]
+    head, _, *rows = static["outcomes"]["TextDocument:text"][0].as_py().splitlines()
+    assert head == "| run | colour | verdict |"
+    assert rows[0] == "| n_particles=20, seed=0 | orange | complete |"
+    assert rows[3] == "| n_particles=30, seed=1, failed | light blue | failed |"
+
+
+def test_several_files_are_piped_one_after_the_other_of_one_cut_off_what_is_whole(sweep, tmp_path):
+    program = tmp_path / "viewer"
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/said\ncat > {tmp_path}/got\nexit 3\n')
+    program.chmod(0o755)
+    whole = (sweep / "0" / "run.rrd").read_bytes()
+    (tmp_path / "cut.rrd.part").write_bytes(whole[:-7])
+    assert view.show([str(program), "--bind"], [tmp_path / "cut.rrd.part", sweep / "1" / "run.rrd"]) == 3
+    assert (tmp_path / "said").read_text() == "--bind -\n"
+    first, _, last = (tmp_path / "got").read_bytes().partition((sweep / "1" / "run.rrd").read_bytes())
+    assert last == b""
+    assert 0 < len(first) < len(whole) - 7
+    assert whole.startswith(first)
+
+
+@pytest.mark.slow
+def test_a_browser_is_served_on_this_machine_alone(sweep):
+    code = "import sys; from workbench.cli.view import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "--web", str(sweep / "0")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        address, forward = process.stdout.readline().split()[1], process.stdout.readline()
+        page = address.partition("/?")[0]
+        try:
+            for _ in range(100):
+                with suppress(URLError), urlopen(page, timeout=10) as answer:
+                    assert answer.status == 200
+                    assert b"<html" in answer.read().lower()
+                    break
+                sleep(0.2)
+            else:
+                pytest.fail("nothing answers")
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)
+    assert page.startswith("http://127.0.0.1:")
+    port = page.rpartition(":")[2]
+    assert f"ssh -L {port}:127.0.0.1:{port} " in forward
 
 
 def test_two_recordings_are_shown_beside_each_other_in_the_order_given(sweep, shown, capsys):
@@ -96,8 +156,7 @@ def test_two_recordings_are_shown_beside_each_other_in_the_order_given(sweep, sh
 
 def test_two_recordings_side_by_side_share_their_curves(sweep, tmp_path, monkeypatch):
     kept = tmp_path / "beside.rrd"
-    done = SimpleNamespace(returncode=0)
-    monkeypatch.setattr(view.subprocess, "run", lambda command, check: shutil.copy(command[-1], kept) and done)
+    monkeypatch.setattr(view, "show", lambda command, files: shutil.copy(files[-1], kept) and 0)
     assert view.main([str(sweep / "0" / "run.rrd"), str(sweep / "2" / "run.rrd")]) == 0
     entities = {chunk.entity_path for chunk in RrdReader(kept).stream()}
     assert {"/a/metrics/error_abs_mm", "/b/metrics/error_abs_mm", "/a/world/camera/image"} <= entities

@@ -128,7 +128,6 @@ def test_the_truth_begins_at_the_frame_it_says(scene, first, metres):
         ({"which": []}, "expected one camera or more, each once, found none"),
         ({"which": ["left", "left"]}, "expected one camera or more, each once, found left, left"),
         ({"truth": "nowhere.trc"}, "no such file"),
-        ({"last_frame": 5}, "no frame 5"),
         ({"n_frames": 6}, "no frame 5"),
     ],
 )

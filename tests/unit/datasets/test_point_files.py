@@ -269,7 +269,7 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     (tmp_path / "clouds").mkdir()
     folder = str(folder_of(tmp_path / "clouds", [np.ones((5, 3))] * 15))
     truth = f"{tmp_path / 'lib.h5'}:{motion.name}"
-    dataset = PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=2, start="given")
+    dataset = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-2, start="given")
     for i, frame in enumerate(dataset.frames()):
         assert np.allclose(frame.truth.pose, motion.poses[4 * (i + 2)], atol=1e-9)  # 60 Hz; the same spline's knots
         assert frame.truth.activity == "walk"
@@ -280,7 +280,25 @@ def test_the_truth_gives_poses_shape_and_start(tmp_path):
     with pytest.raises(InputError, match="start=given needs the truth"):
         _ = PointFiles(folder, start="given").known
     with pytest.raises(InputError, match=r"lasts 6\.0\d s"):
-        _ = PointFiles(folder, rate_hz=15.0, truth=truth, first_frame=100).known
+        _ = PointFiles(folder, rate_hz=15.0, truth=truth, truth_first=-100).known
+
+
+def test_some_frames_are_as_they_are_among_all(tmp_path):
+    folder = str(folder_of(tmp_path, [np.full((40, 3), float(i)) + np.arange(40)[:, None] for i in range(5)]))
+    whole, some = (PointFiles(folder, most_points=30, **few) for few in ({}, {"first_frame": 1, "n_frames": 3}))
+    with pytest.warns(UserWarning, match="frames have more than 30 points"):
+        whole, some = list(whole.frames()), list(some.frames())
+    assert [(frame.index, frame.time_s) for frame in some] == [(i, i / 14.0) for i in (1, 2, 3)]
+    assert all(np.array_equal(here.points, there.points) for here, there in zip(some, whole[1:], strict=False))
+
+
+def test_the_truth_begins_in_the_frame_that_is_said(tmp_path):
+    folder = str(folder_of(tmp_path, [np.ones((5, 3))] * 6))
+    whole = PointFiles(folder, truth="builtin")
+    later = PointFiles(folder, truth="builtin", first_frame=4, truth_first=3)
+    (_, second, *_), (frame, _) = whole.frames(), later.frames()
+    assert frame.index == 4
+    assert np.allclose(frame.truth.pose, second.truth.pose, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +330,9 @@ def test_other_sources_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "word"),
     [({"unit": "inch"}, "inch"), ({"rate_hz": 0.0}, "rate_hz"), ({"most_points": 0}, "most_points"),
-     ({"first_frame": -1}, "first_frame"), ({"seed": -1}, "seed"), ({"start": "soon"}, "soon")],
+     ({"first_frame": -1}, "first_frame"), ({"n_frames": 0}, "n_frames"), ({"n_frames": 2}, "no frame 1, expected"),
+     ({"first_frame": 3}, "no frame 3, expected one of 0 to 0"), ({"truth": "none", "truth_first": 1}, "truth_first"),
+     ({"seed": -1}, "seed"), ({"start": "soon"}, "soon")],
 )  # fmt: skip
 def test_mistakes_are_named(tmp_path, parameters, word):
     with pytest.raises(InputError, match=word):

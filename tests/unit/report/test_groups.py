@@ -5,6 +5,7 @@ import pytest
 from report_runs import made_up
 
 from workbench.recording.read.reader import Unreadable
+from workbench.report import plots
 from workbench.report.contents import contents
 from workbench.report.groups import chief_names, group_runs, headline, metric_names, seed_of, statistic
 from workbench.report.plots import all_series
@@ -124,6 +125,24 @@ def test_the_best_series_are_shown_where_colours_run_out():
     runs = [made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]
     series, left_out = all_series(group_runs(runs), "error_abs_mm")
     assert ([line.label for line in series], left_out) == ([f"prior_{k}" for k in range(7)], 2)
+
+
+def test_every_plot_shows_the_best_series_each_in_one_colour(monkeypatch):
+    figures = {}
+    monkeypatch.setattr(plots, "joint_errors", lambda run: {})  # which are in the recordings
+    monkeypatch.setattr(plots, "_picture", lambda name, _, figure: figures.setdefault(name, figure))
+    runs = [
+        made_up(f"prior_{k}", n, error_abs_mm=float(k + n / 1e4), coverage_90=0.9 - 0.1 * k, cost={"seconds": 1.0 + k})
+        for k in range(9) for n in (200, 1000)
+    ]  # fmt: skip
+    plots.pictures(group_runs(runs))
+    best = [f"prior_{k}" for k in range(7)]
+    coverage = [label.get_text() for label in figures["coverage"].axes[0].get_yticklabels()]
+    assert coverage == [f"{prior}, n_particles={n}" for prior in best for n in (200, 1000)]
+    means = [line for line in figures["coverage"].axes[0].lines if line.get_markersize() == 6.5]
+    assert len({line.get_color() for line in means}) == len(coverage)
+    shown = {tuple(line.get_color()) for line in figures["error_against_particles"].axes[0].lines}
+    assert {tuple(line.get_color()) for line in means[1::2]} == shown  # of most particles
 
 
 @pytest.mark.parametrize("runs", [[], [made_up(status="failed")]])

@@ -25,10 +25,10 @@ def error_correlation(
     Errors beyond FAR robust deviations, of joints that were taken for others, are left out. Zero where it is within two
     standard errors of none, 1 / √n for n pairs, and where there are too few pairs.
     """
-    left = [_errors(skeleton, frame, pose, sigma_px) for frame, pose in zip(seen, poses, strict=True)]
+    residuals = [_errors(skeleton, frame, pose, sigma_px) for frame, pose in zip(seen, poses, strict=True)]
     pairs = [
         (first[mark], then[mark])
-        for (first, then), gap in zip(pairwise(left), np.diff(times_s), strict=True)
+        for (first, then), gap in zip(pairwise(residuals), np.diff(times_s), strict=True)
         if gap <= MOST_APART_S
         for mark in first
         if mark in then

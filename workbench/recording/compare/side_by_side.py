@@ -19,7 +19,8 @@ from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import page
 from workbench.recording.write.scene import ESTIMATE
 
-_CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
+CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
+"""Of all metrics those that are compared."""
 _EYE_M = (2.1, -2.1, 0.6)
 _MOST_FIGURES = 4  # of studies, beside each other
 _COLOURS = {"a": (190, 190, 190), "b": (255, 110, 160)}
@@ -66,7 +67,7 @@ def _layout(a: Run, b: Run, names: tuple[str, str]) -> rrb.Blueprint:
     columns = [_pictures(side, run, f"{side}: {name}") for side, run, name in zip("ab", (a, b), names, strict=True)]
     rows = [rrb.Horizontal(*pair) for pair in zip(*columns, strict=False)]
     known = {*a.metric_names, *b.metric_names}
-    metrics = [name for name in _CURVES if name in known] or sorted(known)
+    metrics = [name for name in CURVES if name in known] or sorted(known)
     curves = [] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]
     return page(rrb.Vertical(*rows, *curves), fps=None)
 

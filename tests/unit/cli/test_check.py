@@ -1,0 +1,30 @@
+"""What workbench-check says before it runs anything: changes that it refuses, and how two recordings differ."""
+
+from pathlib import Path
+
+from workbench.cli import check
+
+BASELINES = Path(__file__).parents[3] / "recordings" / "baselines"
+
+
+def test_another_part_is_refused_in_a_sentence_that_says_what_runs_it(capsys):
+    recording = BASELINES / "walk_prior_only.rrd"
+    assert check.main([str(recording), "inference=annealed"]) == 2
+    told = capsys.readouterr().out
+    assert "REFUSED" in told
+    assert "inference of a recording has keys of its own" in told
+    assert f"workbench from={recording} inference=annealed" in told
+
+
+def test_of_two_recordings_the_keys_that_differ_are_told(capsys):
+    first, second = (str(BASELINES / f"{name}.rrd") for name in ("points_walk_steady", "points_walk_variable"))
+    assert check.main([first, second]) == 1
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head == "configured otherwise:"
+    assert "  inference.problem.frames_per_style: None → not there" in rows
+
+
+def test_of_a_recording_and_itself_nothing_differs(capsys):
+    same = str(BASELINES / "walk_prior_only.rrd")
+    assert check.main([same, same]) == 0
+    assert "configured otherwise" not in capsys.readouterr().out

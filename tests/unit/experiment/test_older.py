@@ -1,0 +1,52 @@
+"""What an earlier workbench recorded is understood, and said in today's words."""
+
+import warnings
+
+import pytest
+
+from workbench.experiment.older import in_todays_words
+
+VIDEO, MULTI = "workbench.datasets.video.Video", "workbench.datasets.multi_view.MultiView"
+POINTS = "workbench.datasets.point_files.PointFiles"
+
+
+@pytest.mark.parametrize("target", [VIDEO, MULTI])
+@pytest.mark.parametrize(
+    ("recorded", "today"),
+    [
+        ({"first_frame": 64, "last_frame": 160}, {"first_frame": 64, "n_frames": 97}),
+        ({"first_frame": 64, "last_frame": 160, "n_frames": 10}, {"first_frame": 64, "n_frames": 10}),
+        ({"first_frame": 64, "last_frame": 70, "n_frames": 10}, {"first_frame": 64, "n_frames": 7}),
+    ],
+)
+def test_the_last_frame_is_a_number_of_frames(target, recorded, today):
+    with pytest.warns(UserWarning, match=rf"dataset.last_frame=\d+ is dataset.n_frames={today['n_frames']} today"):
+        found = in_todays_words({"seed": 1, "dataset": {"_target_": target, **recorded}})
+    assert found == {"seed": 1, "dataset": {"_target_": target, **today}}
+
+
+def test_the_first_frame_of_a_truth_is_where_it_begins():
+    with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first=-2 today"):
+        found = in_todays_words({"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
+    assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first": -2}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"dataset": None}, {}, {"dataset": {"_target_": VIDEO, "first_frame": 3, "n_frames": 2}},
+        {"dataset": {"_target_": POINTS, "first_frame": 3, "n_frames": None, "truth_first": 1}},
+        {"dataset": {"_target_": "workbench.datasets.synthetic.Synthetic", "first_frame": 3}},
+    ],
+)  # fmt: skip
+def test_what_is_said_in_todays_words_stays(settings):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert in_todays_words(settings) == settings
+
+
+def test_a_last_frame_that_was_not_said_is_gone_without_a_word():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = in_todays_words({"dataset": {"_target_": VIDEO, "last_frame": None, "n_frames": None}})
+    assert found == {"dataset": {"_target_": VIDEO, "n_frames": None}}
