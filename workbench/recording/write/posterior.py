@@ -26,7 +26,7 @@ SHOWN_ANGLES = tuple(
 UNSEEN = ("held", "ahead")
 """Slices of a state whose columns nobody estimates: held parameters never change, "ahead" is the implicit's memory."""
 _FAVOURITES = 4
-_BAND = (0.05, 0.95)
+_BAND, _BAND_ROWS = (0.05, 0.95), ("mean", "low", "high")
 _MOST_SORTED = 1000
 _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
@@ -60,6 +60,8 @@ class Posterior:
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
         self._scale, self._edges = scale, list[FloatArray]()
+        self._kept = np.empty((len(self.names), 0))
+        self._band_paths = [_band(name, row) for row in _BAND_ROWS for name in self.names]
 
     @property
     def favourites(self) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ class Posterior:
 
     def add(self, step: Step) -> dict[str, float]:
         """Take one step in; returns the numbers of its bands, {entity path: value}."""
-        values = np.hstack([step.particles[:, self._columns], step.poses[:, self._angles]])
+        values = self._values(step)
         weights = np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
             raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
@@ -83,18 +85,24 @@ class Posterior:
         self._began = True
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
-        low, high = _band_ends(values, weights)
-        rows = {"mean": weights @ values, "low": low, "high": high}
-        numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
+        ends = [weights @ values, *_band_ends(values, weights)]
+        numbers = dict(zip(self._band_paths, np.concatenate(ends).tolist(), strict=True))
         if (known := step.frame.truth) is not None and known.pose is not None:
             dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
             numbers |= {_band(name, "truth"): pose[dofs.index(name)] for name in self.names if name in dofs}
         return numbers
 
+    def _values(self, step: Step) -> FloatArray:
+        """Return the parameters (N, K) of the particles, column by column, in memory that the next step overwrites."""
+        columns = [step.particles[:, i] for i in self._columns] + [step.poses[:, i] for i in self._angles]
+        if self._kept.shape[1] != len(step.particles):
+            self._kept = np.empty((len(columns), len(step.particles)))  # new memory each time takes longer than copying
+        return np.stack(columns, out=self._kept).T
+
     def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
         """Begin with frames whose marginals were `pictures`."""
-        self._marginals.take_over(low, high, log_mass)
-        self.frames += frames
+        told = [*frames]
+        self.frames += told[: self._marginals.take_over(low, high, log_mass, len(told))]
 
     def begin(self, step: Step) -> Entities:
         """Yield what stays as the first step finds it: styles of favourites' curves, bins and models of coefficients.
@@ -126,9 +134,12 @@ class Posterior:
             yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
-        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for."""
+        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for; where a column
+        is the mean of several frames, it is called by the last of them."""
         low, high, log_mass = self._marginals.picture()
-        axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": self.frames}
+        last = [*range(self._marginals.every - 1, len(self.frames), self._marginals.every)]
+        frames = [self.frames[i] for i in sorted({*last, len(self.frames) - 1})]
+        axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": frames}
         lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
         rows = zip(self.names, low, high, self.units, strict=True)
         lines += [f"| {k} | {name} | {a:.3g} | {b:.3g} | {unit} |" for k, (name, a, b, unit) in enumerate(rows)]
