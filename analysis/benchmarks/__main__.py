@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, memory, runs, start, step
+from analysis.benchmarks import batch, cyclic, draws, filters, length, likelihood, memory, runs, start, step
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -32,6 +32,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "cyclic_vs_scikit_fda": cyclic.figures,
     "recording_share": step.recording_figures,
     "memory_1e5_gb": memory.figures,
+    "memory_5000_frames_mb": length.figures,
     "start_compile_s": start.figures,
     "start_cached_s": start.figures,
     "runs_first_s": runs.figures,

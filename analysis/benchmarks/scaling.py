@@ -11,6 +11,7 @@ by the clock: close other programs. An exponent is fitted to the upper half of t
 import argparse
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from analysis.benchmarks import draws, memory, step
+from analysis.benchmarks import draws, length, memory, step
 from analysis.benchmarks.curve import Curve, told, write_curves
 from analysis.benchmarks.implicit import N_CHILDREN, N_PARENTS
 from analysis.benchmarks.likelihood import N_PARTICLES, N_SAMPLES, people, scene
@@ -47,6 +48,7 @@ NOISE_GB = 0.02
 T = TypeVar("T")
 PARTICLES = (100, 1_000, 10_000, 100_000, 1_000_000)
 STEP_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
+LENGTHS = (50, 150, 500, 1_500, 5_000)
 MEMORY_PARTICLES = (100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 
 
@@ -69,6 +71,19 @@ def memory_of_particles(sizes: Sequence[int] = MEMORY_PARTICLES) -> list[Curve]:
     if len(above) > 1:
         curves.append(_curve(f"beyond {memory.FEW} particles", "particles", "GB", [*above], [*above.values()]))
     return curves
+
+
+def memory_of_length(sizes: Sequence[int] = LENGTHS) -> list[Curve]:
+    """The default experiment's peak memory with hardly a particle, recorded, over the frames of its clip."""
+    return [_curve("peak memory", "frames of the clip", "GB", sizes, length.peaks_gb(sizes))]
+
+
+def clip_length(sizes: Sequence[int] = LENGTHS) -> list[Curve]:
+    """The default experiment with hardly a particle, recorded, over the frames of its clip."""
+    with tempfile.TemporaryDirectory() as folder:
+        length.run_ms(2, Path(folder))  # compiles
+        times = [length.run_ms(size, Path(folder)) for size in _bar(sizes, "length")]
+    return [_curve("whole step", "frames of the clip", "ms a frame", sizes, times)]
 
 
 def limbs(sizes: Sequence[int] = (1, 2, 4, 6, 8, 10, 12), n_particles: int = N_PARTICLES) -> list[Curve]:
@@ -145,6 +160,8 @@ def frames(sizes: Sequence[int] = (7, 14, 28, 56, 112)) -> list[Curve]:
 MEASURES: Mapping[str, Callable[[], list[Curve]]] = {
     "time_against_particles": particles,
     "memory_against_particles": memory_of_particles,
+    "time_against_length": clip_length,
+    "memory_against_length": memory_of_length,
     "time_against_limbs": limbs,
     "time_against_samples": samples,
     "time_against_pixels": pixels,

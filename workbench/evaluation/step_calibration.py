@@ -1,6 +1,7 @@
 """How true one step's bands are: coverage, ranks and proper scores of its particles against the truth."""
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -15,6 +16,8 @@ LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
 _GIVEN = 1e-9
 """m or rad: a number that all particles share and that is as near as this to the truth was given."""
+_RANKS: WeakKeyDictionary[Step, FloatArray] = WeakKeyDictionary()
+"""Of the steps that there are."""
 GROUPS = {
     "root": ("root",),
     "head": ("neck", "head"),
@@ -50,12 +53,17 @@ def pose_calibration(step: Step, skeleton: Skeleton, pose: FloatArray) -> dict[s
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown."""
-    truth = step.frame.truth
-    if truth is None or truth.pose is None:
-        return np.zeros(0)
-    values, weights, true, _ = _compared(step, truth.pose)
-    return ranks(values, weights, true)
+    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown.
+
+    Found once a step, whoever asks.
+    """
+    if step not in _RANKS:
+        truth = step.frame.truth
+        if truth is None or truth.pose is None:
+            return np.zeros(0)
+        values, weights, true, _ = _compared(step, truth.pose)
+        _RANKS[step] = ranks(values, weights, true)
+    return _RANKS[step]
 
 
 def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measured: Sequence[int]) -> dict[str, float]:

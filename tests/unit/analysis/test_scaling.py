@@ -20,6 +20,7 @@ TINY = {
     "time_against_pixels": lambda: scaling.pixels((0.1, 0.2), n_particles=9),
     "time_against_database": lambda: scaling.database((100, 300)),
     "time_against_frames": lambda: scaling.frames((4, 6)),
+    "time_against_length": lambda: scaling.clip_length((2, 4)),
 }
 
 
@@ -61,7 +62,7 @@ def test_a_curve_without_a_law_is_refused(sizes, values):
 
 @pytest.mark.parametrize("name", TINY)
 def test_what_is_measured_is_finite_and_positive(name):
-    assert {*TINY, "memory_against_particles"} == {*scaling.MEASURES}
+    assert {*TINY, "memory_against_particles", "memory_against_length"} == {*scaling.MEASURES}
     curves = TINY[name]()
     assert len({(curve.size, curve.unit) for curve in curves}) == 1
     assert len({curve.name for curve in curves}) == len(curves)

@@ -5,7 +5,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from workbench.recording.write.columns import Columns, Row
+from workbench.recording.write.columns import Columns, Row, curves
 
 RNG = np.random.default_rng(0)
 
@@ -25,6 +25,8 @@ def jpeg(size):
 ROWS = {
     "bars": (rr.BarChart, [bars(), bars(), bars()]),
     "strips, none in one frame": (rr.LineStrips3D, [strips(4), strips(0), strips(1)]),
+    "flat strips": (rr.LineStrips2D, [{"strips": flat} for flat in RNG.random((2, 6, 4, 2)).astype(np.float32)]),
+    "strips, none at all": (rr.LineStrips3D, [{"strips": np.empty((0, 5, 3), dtype=np.float32)}] * 2),
     "points": (rr.Points3D, [{"positions": RNG.random((3, 3))}, {"positions": RNG.random((2, 3))}]),
     "curves": (rr.Scalars, [{"scalars": RNG.random(25)}, {"scalars": RNG.random(25)}]),
     "images": (rr.EncodedImage, [jpeg(100), jpeg(7)]),
@@ -68,3 +70,25 @@ def test_columns_hold_what_archetypes_hold(tmp_path, kind, fields):
     assert len(expected) == len(fields)
     assert all(expected.values())
     assert found == expected
+
+
+def test_numbers_are_the_curves_that_they_would_have_been(tmp_path):
+    """Also where not every frame has them all."""
+    values = [{"it": 0.1}, {"it": np.nan, "other": 3.0}, {"it": -1e-300}]
+
+    def as_rows(stream):
+        columns = Columns()
+        for frame, numbers in enumerate(values):
+            columns.add(frame, np.timedelta64(frame * 10**9, "ns"), curves(numbers))
+        columns.write(stream)
+
+    def as_numbers(stream):
+        columns = Columns()
+        for frame, numbers in enumerate(values):
+            columns.add_numbers(frame, np.timedelta64(frame * 10**9, "ns"), numbers)
+        columns.write(stream)
+        columns.write(stream)  # nothing waits any more
+
+    expected, found = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (as_rows, as_numbers))
+    assert len(expected) == 3
+    assert repr(sorted(found.items())) == repr(sorted(expected.items()))  # where NaN is NaN

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from workbench.evaluation.intervals import weighted_quantiles
-from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
+from workbench.recording.write import marginals as module
+from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, masses, systematic
 
 FLOOR = np.exp(LOWEST_LOG_MASS)
 
@@ -126,7 +127,7 @@ def test_what_goes_on_from_a_picture_shows_the_earlier_frames_to_the_width_of_a_
         whole.add(*frame)
     for frame in frames[:8]:
         first.add(*frame)
-    then.take_over(*first.picture())
+    assert then.take_over(*first.picture(), 8) == 8
     for frame in frames[8:]:
         then.add(*frame)
     low, high, log_mass = then.picture()
@@ -141,3 +142,35 @@ def test_what_goes_on_from_a_picture_shows_the_earlier_frames_to_the_width_of_a_
             below = np.exp(log_mass[k, :, t]).cumsum()
             least, most = ((weights * (values[:, k] < ends[:, None] + side * reach)).sum(axis=1) for side in (-1, 1))
             assert ((least - 0.01 < below) & (below < most + 0.01)).all()
+
+
+@given(st.data())
+def test_masses_are_what_numpy_counts_bit_by_bit(data):
+    values = data.draw(arrays(float, st.tuples(st.integers(1, 50), st.integers(1, 3)), elements=numbers))
+    weights = data.draw(arrays(float, len(values), elements=positive))
+    low, per_unit = np.array([-3.0, 0.1, 7.0])[: values.shape[1]], np.array([0.3, 70.0, 1.0])[: values.shape[1]]
+    bins = ((values - low) * per_unit).astype(np.int64).clip(0, 9)
+    expected = [np.bincount(column, weights, minlength=10) for column in bins.T]
+    assert masses(values, weights, low, per_unit, 10).tobytes() == np.array(expected).tobytes()
+
+
+@pytest.mark.parametrize("n_frames", [8, 9, 16, 17, 31, 32, 33, 70])
+def test_a_long_run_has_a_column_for_the_mean_of_several_frames(monkeypatch, n_frames):
+    """The picture of each frame alone, averaged; and who goes on from it has the same number of columns."""
+    monkeypatch.setattr(module, "MOST_PICTURED", 8)
+    rng = np.random.default_rng(1)
+    frames = [rng.random((40, 1)) for _ in range(n_frames)]
+    many, weights = Marginals(1, 4), np.full(40, 1.0 / 40)
+    for values in [np.array([[0.0], *[[1.0]] * 39]), *frames]:  # the first one sets the axis
+        many.add(values, weights)
+    low, high, log_mass = many.picture()
+    each = np.array([histogram(values[:, 0], weights, np.linspace(low[0], high[0], 5)) for values in frames])
+    every, told = many.every, n_frames + 1
+    assert log_mass.shape[2] == -(-told // every) <= 8
+    for column in range(1, told // every):
+        mean = each[column * every - 1 : (column + 1) * every - 1].mean(axis=0)
+        assert np.exp(log_mass[0, :, column]) == pytest.approx(np.maximum(mean, FLOOR), abs=1e-6)
+    later = Marginals(1, 4)
+    assert later.take_over(low, high, log_mass, told) == told // every * every
+    later.add(frames[-1], weights)
+    assert later.every == every or told == every * 8  # full, which halves them

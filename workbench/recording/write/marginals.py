@@ -1,11 +1,16 @@
 """Summaries of a weighted particle set for the eye: marginals over time, 5–95 % bands, histograms."""
 
+from typing import Any
+
+import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 
 LOWEST_LOG_MASS = float(np.log(1e-4))
 """What an empty bin of a marginal shows."""
+MOST_PICTURED = 1024
+"""Columns of a picture: of more frames each stands for two, four, eight …, so that memory stays as it is."""
 _FINE = 4
 
 
@@ -26,12 +31,14 @@ class Marginals:
     An axis starts as the range of the first particle set. When later particles leave it, it doubles towards them and
     neighbouring bins are merged: past frames keep their mass, no sample need be stored, and a frame costs
     the same however long the run is. Four times finer bins than asked for make up for what doubling leaves empty.
+    Of more than MOST_PICTURED frames a picture has a column for the mean of every two, and so on; every: how many.
     """
 
     def __init__(self, n_parameters: int, n_bins: int) -> None:
         self._n_bins, self._n_fine = n_bins, _FINE * n_bins
         self._low, self._width = np.zeros(n_parameters), np.zeros(n_parameters)
         self._frames: list[Float32Array] = []  # half the memory of a long run
+        self.every, self._in_last = 1, 1
 
     def add(self, values: FloatArray, weights: FloatArray) -> None:
         """Take in one more frame: values (N, K), finite, with weights (N,) that sum to one."""
@@ -42,37 +49,55 @@ class Marginals:
         for k in np.flatnonzero((lowest < self._low) | (highest >= self._low + self._width)):
             while lowest[k] < self._low[k] or highest[k] >= self._low[k] + self._width[k]:
                 self._double(int(k), downwards=bool(lowest[k] < self._low[k]))
-        bins = ((values - self._low) * (self._n_fine / self._width)).astype(np.int64).clip(0, self._n_fine - 1)
-        n_parameters = values.shape[1]
-        bins += np.arange(n_parameters) * self._n_fine
-        mass = np.bincount(bins.ravel(), np.repeat(weights, n_parameters), minlength=n_parameters * self._n_fine)
-        self._frames.append(mass.astype(np.float32).reshape(n_parameters, self._n_fine))
+        mass = masses(values, weights, self._low, self._n_fine / self._width, self._n_fine)
+        self._append(mass.astype(np.float32))
 
-    def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
-        """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones."""
+    def _append(self, mass: Float32Array) -> None:
+        if self._in_last < self.every:
+            self._in_last += 1
+            self._frames[-1] += (mass - self._frames[-1]) / np.float32(self._in_last)
+            return
+        if len(self._frames) == MOST_PICTURED:
+            self._frames = [0.5 * (a + b) for a, b in zip(self._frames[::2], self._frames[1::2], strict=True)]
+            self.every *= 2
+        self._frames.append(mass)
+        self._in_last = 1
+
+    def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray, n_frames: int) -> int:
+        """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones.
+
+        n_frames: that there were at least, of which the picture shows all but less than a column. Returns how many are
+        taken over, those of whole columns.
+        """
+        while self.every * (log_mass.shape[2] + 1) <= n_frames:
+            self.every *= 2
+        whole = n_frames // self.every
         mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
         self._low, self._width = low.copy(), high - low
-        self._frames = [np.repeat(frame, _FINE, axis=1) for frame in np.moveaxis(mass, 2, 0)]
+        self._frames = [np.repeat(frame, _FINE, axis=1) for frame in np.moveaxis(mass, 2, 0)[:whole]]
+        self._in_last = self.every
+        return whole * self.every
 
     def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
 
         An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
         """
-        fine = np.stack(self._frames, axis=-1)
-        n_parameters, _, n_frames = fine.shape
-        mass = np.empty((n_parameters, self._n_bins, n_frames))
+        n_parameters, n_frames = len(self._low), len(self._frames)
+        log_mass = np.empty((n_parameters, self._n_bins, n_frames))
         starts, merged = np.empty((2, n_parameters), dtype=np.int64)
-        for k in range(n_parameters):
-            seen = np.flatnonzero((fine[k] > np.exp(LOWEST_LOG_MASS)).any(axis=1))
+        for k in range(n_parameters):  # one by one, which takes little memory
+            fine = np.stack([frame[k] for frame in self._frames], axis=-1)
+            seen = np.flatnonzero((fine > np.exp(LOWEST_LOG_MASS)).any(axis=1))
             merged[k] = -(-(seen[-1] + 1 - seen[0]) // self._n_bins)
             window = self._n_bins * merged[k]
             starts[k] = min(max((seen[0] + seen[-1] + 1 - window) // 2, 0), self._n_fine - window)
-            cut = fine[k, starts[k] : starts[k] + window]
-            mass[k] = cut.reshape(self._n_bins, merged[k], n_frames).sum(axis=1)
+            cut = fine[starts[k] : starts[k] + window]
+            mass = cut.reshape(self._n_bins, merged[k], n_frames).sum(axis=1).astype(np.float64)
+            log_mass[k] = np.log(np.maximum(mass, np.exp(LOWEST_LOG_MASS)))
         step = self._width / self._n_fine
         low = self._low + starts * step
-        return low, low + self._n_bins * merged * step, np.log(np.maximum(mass, np.exp(LOWEST_LOG_MASS)))
+        return low, low + self._n_bins * merged * step, log_mass
 
     def _double(self, k: int, downwards: bool) -> None:
         half = self._n_fine // 2
@@ -91,5 +116,21 @@ def histogram(values: FloatArray, weights: FloatArray, edges: FloatArray) -> Flo
     Values outside count in the outermost bins. Faster than NumPy's, which sorts.
     """
     n_bins = len(edges) - 1
-    bins = ((values - edges[0]) * (n_bins / (edges[-1] - edges[0]))).clip(0, n_bins - 1).astype(np.int64)
-    return np.asarray(np.bincount(bins, weights, minlength=n_bins), dtype=np.float64)
+    return masses(values[:, None], weights, edges[:1], n_bins / (edges[-1:] - edges[0]), n_bins)[0]
+
+
+def masses(values: FloatArray, weights: FloatArray, low: FloatArray, per_unit: FloatArray, n_bins: int) -> FloatArray:
+    """Sum the weights (N,) of the values (N, K), finite, in the bins of each column, (K, n_bins), in the order of the
+    rows. low: (K,), where a column's bins begin. per_unit: (K,), bins per unit. Values outside count in the outermost
+    bins."""
+    found = np.zeros((values.shape[1], n_bins))
+    _add_masses(np.ascontiguousarray(values.T), weights, low, per_unit, found)
+    return found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_masses(columns: Any, weights: Any, low: Any, per_unit: Any, found: Any) -> None:
+    last = found.shape[1] - 1
+    for k in range(columns.shape[0]):
+        for i in range(columns.shape[1]):
+            found[k, min(max(int((columns[k, i] - low[k]) * per_unit[k]), 0), last)] += weights[i]

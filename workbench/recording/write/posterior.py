@@ -26,7 +26,7 @@ SHOWN_ANGLES = tuple(
 UNSEEN = ("held", "ahead")
 """Slices of a state whose columns nobody estimates: held parameters never change, "ahead" is the implicit's memory."""
 _FAVOURITES = 4
-_BAND = (0.05, 0.95)
+_BAND, _BAND_ROWS = (0.05, 0.95), ("mean", "low", "high")
 _MOST_SORTED = 1000
 _COEFFICIENTS_SHOWN = 3
 _COEFFICIENT_BINS = 32
@@ -63,6 +63,8 @@ class Posterior:
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
         self._scale, self._edges = scale, list[FloatArray]()
+        self._kept = np.empty((len(self.names), 0))
+        self._band_paths = [_band(name, row) for row in _BAND_ROWS for name in self.names]
 
     @property
     def favourites(self) -> tuple[str, ...]:
@@ -77,7 +79,7 @@ class Posterior:
 
     def add(self, step: Step) -> dict[str, float]:
         """Take one step in; returns the numbers of its bands, {entity path: value}."""
-        values = np.hstack([step.particles[:, self._columns], step.poses[:, self._angles]])
+        values = self._values(step)
         weights = np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
             raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
@@ -86,15 +88,14 @@ class Posterior:
         self._began = True
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
-        low, high = _band_ends(values, weights)
-        rows = {"mean": weights @ values, "low": low, "high": high}
-        numbers = {_band(name, row): rows[row][k] for k, name in enumerate(self.names) for row in rows}
+        ends = [weights @ values, *_band_ends(values, weights)]
+        numbers = dict(zip(self._band_paths, np.concatenate(ends).tolist(), strict=True))
         true: dict[str, float] = {}
         if (known := step.frame.truth) is not None and known.pose is not None:
             dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
             true = {name: float(pose[dofs.index(name)]) for name in self.names if name in dofs}
             numbers |= {_band(name, "truth"): value for name, value in true.items()}
-        self._truth.append(true)
+        self._truth.append({name: true[name] for name in self.favourites if name in true})
         angles = [name for name in self.favourites if self.unit(name) == "rad"]
         bands = [(name, row) for name in angles for row, *_ in _CURVES if _band(name, row) in numbers]
         return numbers | {_band(*each, DEGREES): float(np.degrees(numbers[_band(*each)])) for each in bands}
@@ -103,10 +104,17 @@ class Posterior:
         """Return a parameter's unit."""
         return self.units[self.names.index(name)]
 
+    def _values(self, step: Step) -> FloatArray:
+        """Return the parameters (N, K) of the particles, column by column, in memory that the next step overwrites."""
+        columns = [step.particles[:, i] for i in self._columns] + [step.poses[:, i] for i in self._angles]
+        if self._kept.shape[1] != len(step.particles):
+            self._kept = np.empty((len(columns), len(step.particles)))  # new memory each time takes longer than copying
+        return np.stack(columns, out=self._kept).T
+
     def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
         """Begin with frames whose marginals were `pictures`."""
-        self._marginals.take_over(low, high, log_mass)
-        self.frames += frames
+        told = [*frames]
+        self.frames += told[: self._marginals.take_over(low, high, log_mass, len(told))]
         self._truth = [{} for _ in self.frames]  # not drawn over their marginals
 
     def begin(self, step: Step) -> Entities:
@@ -140,9 +148,12 @@ class Posterior:
             yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
-        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for."""
+        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for; where a column
+        is the mean of several frames, it is called by the last of them."""
         low, high, log_mass = self._marginals.picture()
-        axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": self.frames}
+        last = [*range(self._marginals.every - 1, len(self.frames), self._marginals.every)]
+        frames = [self.frames[i] for i in sorted({*last, len(self.frames) - 1})]
+        axes = {"names": self.names, "units": self.units, "low": low, "high": high, "frames": frames}
         lines = ["| parameter | name | lowest | highest | unit |", "| ---: | --- | ---: | ---: | --- |"]
         for k, (name, a, b, unit) in enumerate(zip(self.names, low, high, self.units, strict=True)):
             factor, shown = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)

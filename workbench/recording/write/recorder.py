@@ -181,10 +181,11 @@ class Recorder:
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
-        self._bands.add(frame.index, time, columns.curves(self._posterior.add(step)))
-        numbers = {f"metrics/{name}": value for name, value in measured.items()} | {"estimate/pose": step.expected_pose}
+        self._bands.add_numbers(frame.index, time, self._posterior.add(step))
+        numbers = {f"metrics/{name}": value for name, value in measured.items()}
         numbers |= styles.guides(measured)
         numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
+        self._columns.add_numbers(frame.index, time, numbers)
         self._file.send(fit.activities(step))
         ranks = self._ranks.add(step)
         self._told |= {name: self._told.get(name, 0) + 1 for name in measured}
@@ -196,7 +197,8 @@ class Recorder:
             self._file.send(self._posterior.begin(step), static=True)
             self._file.send(fit.fixed(self._legs(step)), static=True)
         self._lay_out(step, tuple(measured))
-        rows = chain(columns.curves(numbers), self._scene(step), self._posterior.histograms(step))
+        pose = columns.curves({"estimate/pose": step.expected_pose})
+        rows = chain(pose, self._scene(step), self._posterior.histograms(step))
         self._columns.add(frame.index, time, rows)
         if self._checkpoints is not None:
             self._columns.add(frame.index, time, self._checkpoints.beside(step, ranks))
