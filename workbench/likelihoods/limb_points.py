@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numba
 import numpy as np
@@ -14,6 +14,8 @@ from workbench.body.lanes import FAST, LANES, inlined
 from workbench.body.limbs import Body
 from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
 from workbench.threads import over_threads
+
+Box: TypeAlias = tuple[int, int, int, int]  # of an image: its first column and row, and those after its last, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,15 @@ def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
     return levels
 
 
+def looked_up(points: LimbPoints) -> Box:
+    """The least box with all pixels that interpolation needs at the points that count; of one pixel where none does."""
+    bounds = np.empty((4, len(points.counts)), dtype=np.float32)
+    _bounds(points.pixels, points.counts, bounds)
+    left, top = (int(low) if np.isfinite(low) else 0 for low in bounds[:2].min(axis=1, initial=np.inf))
+    right, bottom = (max(int(high) + 2, 1) for high in bounds[2:].max(axis=1, initial=-1.0))
+    return left, top, right, bottom
+
+
 def over_views(body: Body, judges: Sequence[Callable[[JointFrames], FloatArray]], pose: FloatArray) -> FloatArray:
     """The sum over a frame's views of the log likelihoods (N,) that each view's judge gives to poses (N, P)."""
     frames = forward(body.skeleton, pose)
@@ -75,6 +86,19 @@ def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
                 if counts[i, limb, s]:
                     total += bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1])
             sums[i, limb] = total
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _bounds(pixels: Any, counts: Any, bounds: Any) -> None:
+    for i in numba.prange(counts.shape[0]):
+        left = top = np.float32(np.inf)
+        right = bottom = np.float32(-1.0)
+        for limb in range(counts.shape[1]):
+            for s in range(counts.shape[2]):
+                x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]
+                if counts[i, limb, s]:
+                    left, top, right, bottom = min(left, x), min(top, y), max(right, x), max(bottom, y)
+        bounds[0, i], bounds[1, i], bounds[2, i], bounds[3, i] = left, top, right, bottom
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
