@@ -1,7 +1,8 @@
 """Points on the limbs as one camera sees them: what the cues that look at single frames have in common."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numba
@@ -9,7 +10,7 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames, forward
+from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, LANES, inlined
 from workbench.body.limbs import Body
 from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
@@ -33,14 +34,28 @@ def limb_points(
 ) -> LimbPoints:
     """Place points (n, 2) of every patch, u along and v across it; those in the image count that no other limb hides,
     as `reference.hidden_samples` says for "sample", or, `beside` it, |v| > 1, that no limb covers at any depth."""
-    shape = (len(frames.positions), len(body.limbs), len(samples))
-    pixels, counts, turns = np.empty((*shape, 2), np.float32), np.empty(shape, np.bool_), np.empty(shape[:2])
+    (points,) = limb_points_of_all(body, [samples], camera, frames, beside)
+    return points
+
+
+def limb_points_of_all(
+    body: Body, samples: Sequence[FloatArray], camera: Camera, frames: JointFrames, beside: bool = False
+) -> list[LimbPoints]:
+    """Place several sets of points as `limb_points` does each: where the limbs are, and which may hide which, is found
+    once."""
+    ends = np.cumsum([0, *map(len, samples)])
+    shape = (len(frames.positions), len(body.limbs))
+    rows = ends * shape[0] * shape[1]
+    pixels, counts, turns = np.empty((rows[-1], 2), np.float32), np.empty(rows[-1], np.bool_), np.empty(shape)
     arguments = (
-        *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), camera_row(camera)),
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(np.concatenate(samples)), ends, camera_row(camera)),
         *(frames.rotations, frames.positions, beside, pixels, counts, turns),
     )
     over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
-    return LimbPoints(pixels, counts, turns)
+    return [
+        LimbPoints(pixels[first:last].reshape(*shape, -1, 2), counts[first:last].reshape(*shape, -1), turns)
+        for first, last in pairwise(rows)
+    ]
 
 
 def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -69,12 +84,6 @@ def looked_up(points: LimbPoints) -> Box:
     left, top = (int(low) if np.isfinite(low) else 0 for low in bounds[:2].min(axis=1, initial=np.inf))
     right, bottom = (max(int(high) + 2, 1) for high in bounds[2:].max(axis=1, initial=-1.0))
     return left, top, right, bottom
-
-
-def over_views(body: Body, judges: Sequence[Callable[[JointFrames], FloatArray]], pose: FloatArray) -> FloatArray:
-    """The sum over a frame's views of the log likelihoods (N,) that each view's judge gives to poses (N, P)."""
-    frames = forward(body.skeleton, pose)
-    return sum((judge(frames) for judge in judges), np.zeros(len(pose)))
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)

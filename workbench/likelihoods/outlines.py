@@ -1,5 +1,6 @@
 """Sums of an image over the union of outlines, which overlap: row by row, a span of pixels for every outline."""
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -19,6 +20,12 @@ def running_sums(image: Float32Array) -> FloatArray:
     reached = np.zeros((image.shape[0], image.shape[1] + 1))
     np.cumsum(image, axis=1, out=reached[:, 1:])
     return reached
+
+
+@lru_cache(maxsize=4)
+def areas(height: int, width: int) -> FloatArray:
+    """The running sums of an image of ones, by which `outline_sums` are areas, px²; not to be written to."""
+    return np.tile(np.arange(width + 1.0), (height, 1))
 
 
 def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:

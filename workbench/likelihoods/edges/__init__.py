@@ -8,8 +8,6 @@ import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
-from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, inlined
 from workbench.body.limbs import Body
 from workbench.core.checks import POSITIVE, check
@@ -27,8 +25,8 @@ from workbench.likelihoods.edges.filters import (
     smoothed,
 )
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
-from workbench.likelihoods.limb_points import LimbPoints, limb_points, looked_up, over_views
-from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
+from workbench.likelihoods.limb_points import LimbPoints, looked_up
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +60,12 @@ class Edges:
         """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
         return edge_model(self.cache).log_ratio(self.body.limbs.names)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Smooth every view; only where the limbs turn out to be is it filtered."""
-        judges = [partial(self._log_prob, view.camera, smoothed(view)) for view in frame.views]
-        return PoseLook("edges", partial(over_views, self.body, judges), lambda expected_pose: self)
+        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, smoothed(view))) for view in frame.views]
+        return LimbLook("edges", self.body, judges, lambda expected_pose: self)
 
-    def _log_prob(self, camera: Camera, images: Smoothed, frames: JointFrames) -> FloatArray:
-        points = limb_points(self.body, POINTS, camera, frames)
+    def _log_prob(self, images: Smoothed, points: LimbPoints) -> FloatArray:
         seen = filtered(images, looked_up(points))
         return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
