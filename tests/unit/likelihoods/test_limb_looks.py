@@ -9,6 +9,7 @@ from workbench.likelihoods.limb_looks import LimbLook, ViewJudge, evaluate_toget
 from workbench.likelihoods.limb_points import limb_points, limb_points_of_all
 from workbench.likelihoods.product import Product
 
+OTHER = scenes.distorted(scenes.FRONT)
 SAMPLES = [np.random.default_rng(n).uniform([0.0, -1.0], [1.0, 1.0], (n, 2)) for n in (16, 4, 24)]
 
 
@@ -42,7 +43,7 @@ def test_looks_evaluated_together_find_what_each_finds_alone():
     other = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
     looks = [
         look("one", ViewJudge(scenes.FRONT, first, count)),
-        look("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(scenes.SIDE, second, count)),
+        look("views", ViewJudge(scenes.FRONT, second, count), ViewJudge(OTHER, second, count)),
         look("beside", ViewJudge(scenes.FRONT, third, count, third * [1.0, 1.5])),
         look("nothing"),
     ]

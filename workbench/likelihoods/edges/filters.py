@@ -56,13 +56,24 @@ class Filtered:
 
 def smoothed(view: View) -> Smoothed:
     """All of the filters that is done with the whole view, wherever the limbs may be."""
-    grey = image_levels.grey_levels(view, 0.0)
+    grey, scales = image_levels.grey_levels(view, 0.0), (EDGE_SCALE_PX, *RIDGE_SCALES_PX)
+    levels, contrast = np.empty((len(scales), *grey.shape), dtype=np.float32), np.empty_like(grey)
+
+    def smooth(first: int, last: int) -> None:
+        for k in range(first, last):
+            if k == len(scales):
+                contrast[:] = _contrast(grey)
+            else:
+                cv2.GaussianBlur(grey, (0, 0), scales[-1 - k], dst=levels[-1 - k])  # the widest first
+
+    over_threads(smooth, len(scales) + 1, 1)
+    return Smoothed(levels, contrast)
+
+
+def _contrast(grey: Float32Array) -> Float32Array:
     window = (CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX)
     variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
-    levels = np.empty((1 + len(RIDGE_SCALES_PX), *grey.shape), dtype=np.float32)
-    for found, scale in zip(levels, (EDGE_SCALE_PX, *RIDGE_SCALES_PX), strict=True):
-        cv2.GaussianBlur(grey, (0, 0), scale, dst=found)
-    return Smoothed(levels, np.sqrt(np.maximum(variance, 0.0)) + np.float32(CONTRAST_FLOOR))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)) + CONTRAST_FLOOR, dtype=np.float32)
 
 
 def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
