@@ -31,6 +31,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "batch_vs_scipy": batch.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
     "recording_share": step.recording_figures,
+    "several_cues_ms": step.cues_figures,
     "memory_1e5_gb": memory.figures,
     "memory_5000_frames_mb": length.figures,
     "start_compile_s": start.figures,

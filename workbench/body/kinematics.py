@@ -8,6 +8,9 @@ import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray
 from workbench.body.skeleton import Skeleton
+from workbench.threads import over_threads
+
+_TOGETHER = 256  # poses at least that one thread takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,11 +22,17 @@ class JointFrames:
 
 
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """World frames of every joint; poses: (N, P), rad and m. The numba kernel; see `forward_reference`."""
+    """World frames of every joint; poses: (N, P), rad and m. The numba kernel, on as many threads as numba is set to;
+    see `forward_reference`."""
     poses = _checked(skeleton, poses)
     size = (len(poses), len(skeleton.names), 3)
     rotations, positions = np.empty((*size, 3)), np.empty(size)
-    _forward(poses, skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes, rotations, positions)
+    rows = (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes)
+
+    def turn(first: int, last: int) -> None:
+        _forward(poses[first:last], *rows, rotations[first:last], positions[first:last])
+
+    over_threads(turn, len(poses), _TOGETHER)
     return JointFrames(rotations, positions)
 
 

@@ -12,8 +12,7 @@ import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames, forward
+from workbench.body.kinematics import forward
 from workbench.body.lanes import FAST
 from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
@@ -21,8 +20,9 @@ from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, over_views, patch_grid
-from workbench.likelihoods.looks import PoseLook, Remembering
+from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
+from workbench.likelihoods.limb_points import LimbPoints, bilinear, levels_at, limb_points, patch_grid
+from workbench.likelihoods.looks import Remembering
 from workbench.streams import stream
 
 ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
@@ -94,24 +94,23 @@ class Appearance:
         v = -np.cos(angles)
         return patch_grid(u, v[np.abs(v) <= 0.9])  # nearer to the rim, the background shows
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person still unknown."""
         return self._look(Templates(), previous, frame)
 
-    def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> PoseLook:
+    def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> LimbLook:
         images = [grey_levels(view, self.blur_px) for view in frame.views]
         judges, notes = [], known.notes
         for view, image in zip(frame.views, images, strict=True):
             template = known.by_camera.get(view.camera.name)
             if template is not None:
-                judges.append(partial(self._log_prob, view.camera, image, template))
+                judges.append(ViewJudge(view.camera, self.samples, partial(self._log_prob, image, template)))
             elif previous is not None:
                 notes += (f"appearance: nothing is known yet of how {view.camera.name} sees the person",)
         learn = partial(self._learn, known, frame, images)
-        return PoseLook("appearance", partial(over_views, self.body, judges), learn, notes)
+        return LimbLook("appearance", self.body, judges, learn, notes)
 
-    def _log_prob(self, camera: Camera, image: Float32Array, template: Template, frames: JointFrames) -> FloatArray:
-        points = limb_points(self.body, self.samples, camera, frames)
+    def _log_prob(self, image: Float32Array, template: Template, points: LimbPoints) -> FloatArray:
         ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
         return self.k * ratios.sum(axis=1)
 

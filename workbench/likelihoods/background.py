@@ -8,8 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
-from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.clip import Clip
@@ -18,8 +16,8 @@ from workbench.core.given import STILL_BACKGROUND
 from workbench.core.traits import IMAGES, Traits, offering
 from workbench.likelihoods.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.limb_points import limb_points, mean_at, over_views
-from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
+from workbench.likelihoods.limb_points import LimbPoints, mean_at
 from workbench.streams import stream
 
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
@@ -76,19 +74,15 @@ class Background:
         """The still scene of every camera of the clip, by the camera's name."""
         return still_scenes(self.clip, self.n_frames, self.blur_px, self.least_sigma)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
-        judges = [
-            partial(self._log_prob, view.camera, log_ratio(view, self.scenes, self.blur_px, self.epsilon))
-            for view in frame.views
-        ]
-        return PoseLook("background", partial(over_views, self.body, judges), lambda expected_pose: self)
-
-    def _log_prob(self, camera: Camera, ratio: Float32Array, frames: JointFrames) -> FloatArray:
         inside, beside = self.samples
-        within = mean_at(ratio, limb_points(self.body, inside, camera, frames))
-        around = mean_at(ratio, limb_points(self.body, beside, camera, frames, beside=True))
-        return self.k * (within - around).sum(axis=1)
+        ratios = [(view.camera, log_ratio(view, self.scenes, self.blur_px, self.epsilon)) for view in frame.views]
+        judges = [ViewJudge(camera, inside, partial(self._log_prob, ratio), beside) for camera, ratio in ratios]
+        return LimbLook("background", self.body, judges, lambda expected_pose: self)
+
+    def _log_prob(self, ratio: Float32Array, inside: LimbPoints, beside: LimbPoints) -> FloatArray:
+        return self.k * (mean_at(ratio, inside) - mean_at(ratio, beside)).sum(axis=1)
 
 
 def points_about(inside: FloatArray) -> FloatArray:

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import AnyArray, BoolArray, Float32Array
+from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from workbench.core.clip import Clip
 from workbench.core.frame import Frame, View
 from workbench.errors import InputError
@@ -52,6 +53,11 @@ class StillScene:
 
     median: Float32Array
     sigma: Float32Array
+
+    @cached_property
+    def log_peak(self) -> FloatArray:
+        """log 256 N(median), of every level."""
+        return np.asarray(np.log(256.0 / (np.sqrt(2.0 * np.pi) * self.sigma)))
 
 
 def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
@@ -139,5 +145,8 @@ def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsi
 def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: float) -> Float32Array:
     """Return `log_ratio` of a view before one scene."""
     z = (colour_levels(view, blur_px) - scene.median) / scene.sigma
-    normal = np.log(256.0 / (np.sqrt(2.0 * np.pi) * scene.sigma)) - 0.5 * z**2
-    return np.asarray(-np.log(epsilon + (1.0 - epsilon) * np.exp(normal.mean(axis=2))), dtype=np.float32)
+    normal = scene.log_peak - 0.5 * z**2
+    likelihood = np.exp(normal[..., 0] if normal.shape[2] == 1 else normal.mean(axis=2))
+    likelihood *= 1.0 - epsilon
+    likelihood += epsilon
+    return np.asarray(-np.log(likelihood, out=likelihood), dtype=np.float32)

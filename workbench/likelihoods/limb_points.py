@@ -1,19 +1,22 @@
 """Points on the limbs as one camera sees them: what the cues that look at single frames have in common."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames, forward
+from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, LANES, inlined
 from workbench.body.limbs import Body
 from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
 from workbench.threads import over_threads
+
+Box: TypeAlias = tuple[int, int, int, int]  # of an image: its first column and row, and those after its last, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +34,28 @@ def limb_points(
 ) -> LimbPoints:
     """Place points (n, 2) of every patch, u along and v across it; those in the image count that no other limb hides,
     as `reference.hidden_samples` says for "sample", or, `beside` it, |v| > 1, that no limb covers at any depth."""
-    shape = (len(frames.positions), len(body.limbs), len(samples))
-    pixels, counts, turns = np.empty((*shape, 2), np.float32), np.empty(shape, np.bool_), np.empty(shape[:2])
+    (points,) = limb_points_of_all(body, [samples], camera, frames, beside)
+    return points
+
+
+def limb_points_of_all(
+    body: Body, samples: Sequence[FloatArray], camera: Camera, frames: JointFrames, beside: bool = False
+) -> list[LimbPoints]:
+    """Place several sets of points as `limb_points` does each: where the limbs are, and which may hide which, is found
+    once."""
+    ends = np.cumsum([0, *map(len, samples)])
+    shape = (len(frames.positions), len(body.limbs))
+    rows = ends * shape[0] * shape[1]
+    pixels, counts, turns = np.empty((rows[-1], 2), np.float32), np.empty(rows[-1], np.bool_), np.empty(shape)
     arguments = (
-        *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), camera_row(camera)),
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(np.concatenate(samples)), ends, camera_row(camera)),
         *(frames.rotations, frames.positions, beside, pixels, counts, turns),
     )
     over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
-    return LimbPoints(pixels, counts, turns)
+    return [
+        LimbPoints(pixels[first:last].reshape(*shape, -1, 2), counts[first:last].reshape(*shape, -1), turns)
+        for first, last in pairwise(rows)
+    ]
 
 
 def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -60,10 +77,13 @@ def levels_at(image: Float32Array, pixels: Float32Array) -> FloatArray:
     return levels
 
 
-def over_views(body: Body, judges: Sequence[Callable[[JointFrames], FloatArray]], pose: FloatArray) -> FloatArray:
-    """The sum over a frame's views of the log likelihoods (N,) that each view's judge gives to poses (N, P)."""
-    frames = forward(body.skeleton, pose)
-    return sum((judge(frames) for judge in judges), np.zeros(len(pose)))
+def looked_up(points: LimbPoints) -> Box:
+    """The least box with all pixels that interpolation needs at the points that count; of one pixel where none does."""
+    bounds = np.empty((4, len(points.counts)), dtype=np.float32)
+    _bounds(points.pixels, points.counts, bounds)
+    left, top = (int(low) if np.isfinite(low) else 0 for low in bounds[:2].min(axis=1, initial=np.inf))
+    right, bottom = (max(int(high) + 2, 1) for high in bounds[2:].max(axis=1, initial=-1.0))
+    return left, top, right, bottom
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
@@ -75,6 +95,19 @@ def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
                 if counts[i, limb, s]:
                     total += bilinear(image, pixels[i, limb, s, 0], pixels[i, limb, s, 1])
             sums[i, limb] = total
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _bounds(pixels: Any, counts: Any, bounds: Any) -> None:
+    for i in numba.prange(counts.shape[0]):
+        left = top = np.float32(np.inf)
+        right = bottom = np.float32(-1.0)
+        for limb in range(counts.shape[1]):
+            for s in range(counts.shape[2]):
+                x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]
+                if counts[i, limb, s]:
+                    left, top, right, bottom = min(left, x), min(top, y), max(right, x), max(bottom, y)
+        bounds[0, i], bounds[1, i], bounds[2, i], bounds[3, i] = left, top, right, bottom
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

@@ -1,5 +1,6 @@
 """Sums of an image over the union of outlines, which overlap: row by row, a span of pixels for every outline."""
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -8,17 +9,25 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import FAST, inlined
+from workbench.threads import over_threads
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
 OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
 """Their directions from the middle of the limb, along it and across it."""
+_ROWS = 64  # of an image at least that one thread takes
 
 
 def running_sums(image: Float32Array) -> FloatArray:
     """Sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
-    reached = np.zeros((image.shape[0], image.shape[1] + 1))
-    np.cumsum(image, axis=1, out=reached[:, 1:])
+    reached = np.empty((image.shape[0], image.shape[1] + 1))
+    over_threads(lambda first, last: _add_up(image[first:last], reached[first:last]), len(image), _ROWS)
     return reached
+
+
+@lru_cache(maxsize=4)
+def areas(height: int, width: int) -> FloatArray:
+    """The running sums of an image of ones, by which `outline_sums` are areas, px²; not to be written to."""
+    return np.tile(np.arange(width + 1.0), (height, 1))
 
 
 def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
@@ -77,6 +86,16 @@ def _span_reference(corners: FloatArray, sphere: bool, rim_px: float, y: float) 
         if min(y0, y1) <= y < max(y0, y1):
             met.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
     return (min(met), max(met)) if len(met) > 1 else None
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_up(image: Any, reached: Any) -> None:
+    for row in range(image.shape[0]):
+        total = 0.0
+        reached[row, 0] = total
+        for column in range(image.shape[1]):
+            total += image[row, column]
+            reached[row, column + 1] = total
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)

@@ -14,6 +14,7 @@ from workbench.core.observations import Observables, Observed
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
 from workbench.core.traits import Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
+from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +127,26 @@ class ProductLook:
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), with the shares of the terms."""
-        evaluations = {name: look.evaluate(previous_pose, pose) for name, look in self.looks.items()}
+        evaluations = self._evaluations(previous_pose, pose)
         parts = {name: self.product.weights[name] * each.log_prob for name, each in evaluations.items()}
         total = sum(parts.values(), np.zeros(len(pose)))
         diagnostics = {f"share_{name}": share for name, share in shares(parts, total).items()}
         notes = tuple(note for each in evaluations.values() for note in each.notes)
         return Evaluation(total, notes, _merged(evaluations.values()) | diagnostics)
+
+    def _evaluations(self, previous_pose: FloatArray, pose: FloatArray) -> dict[str, Evaluation]:
+        """Evaluate every term, together those that look at the limbs of one body."""
+        bodies: dict[int, dict[str, LimbLook]] = {}
+        for name, look in self.looks.items():
+            if isinstance(look, LimbLook):
+                bodies.setdefault(id(look.body), {})[name] = look
+        together: dict[str, Evaluation] = {}
+        for looks in bodies.values():
+            together |= zip(looks, evaluate_together(list(looks.values()), pose), strict=True)
+        return {
+            name: together[name] if name in together else look.evaluate(previous_pose, pose)
+            for name, look in self.looks.items()
+        }
 
     def remember(self, expected_pose: FloatArray) -> Product:
         """The product of what the terms remember; a term without a weight stays as it is."""

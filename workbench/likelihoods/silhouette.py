@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
-from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
@@ -27,9 +26,10 @@ from workbench.likelihoods.image_levels import (
     still_scenes,
     uncovered_scene,
 )
-from workbench.likelihoods.limb_points import limb_points, over_views
-from workbench.likelihoods.looks import PoseLook, Remembering
-from workbench.likelihoods.outlines import CORNERS, covered, outline_sums, running_sums
+from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
+from workbench.likelihoods.limb_points import LimbPoints, limb_points
+from workbench.likelihoods.looks import Remembering
+from workbench.likelihoods.outlines import CORNERS, areas, covered, outline_sums, running_sums
 
 BESIDE_PX = 17
 """The outline of the first frame's pose may be off by half of this: start and body are not known exactly."""
@@ -85,22 +85,22 @@ class Silhouette:
         """The still scene of every camera of the clip, by the camera's name."""
         return still_scenes(self.clip, self.n_frames, 0.0, self.least_sigma)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
         return self._look({}, previous, frame)
 
-    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> PoseLook:
+    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> LimbLook:
         judges, notes = [], []
         for view in frame.views:
             known = seen.get(view.camera.name)
             ratio = self._ratio(known, view)
             if known is not None:
-                judges.append(partial(self._log_prob, view.camera, running_sums(ratio), known.area))
+                judge = partial(self._log_prob, running_sums(ratio), known.area)
+                judges.append(ViewJudge(view.camera, CORNERS, judge))
             elif previous is not None:
                 name = view.camera.name
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
-        judge, measure = partial(over_views, self.body, judges), partial(self._measure, seen, frame)
-        return PoseLook("silhouette", judge, measure, tuple(notes))
+        return LimbLook("silhouette", self.body, judges, partial(self._measure, seen, frame), tuple(notes))
 
     def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
         if not self.standing:
@@ -112,8 +112,8 @@ class Silhouette:
         ratio[known.uncovered.unknown] = 0.0
         return ratio
 
-    def _log_prob(self, camera: Camera, reached: FloatArray, area: float, frames: JointFrames) -> FloatArray:
-        return self.k / area * self._sums(camera, reached, frames)
+    def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
+        return self.k / area * self._sums(reached, corners)
 
     def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
@@ -121,8 +121,8 @@ class Silhouette:
         if np.isfinite(pose).all():
             frames = forward(self.body.skeleton, pose[None])
             for view in frame.views:
-                ones = running_sums(np.ones(view.image.shape[:2], dtype=np.float32))
-                (area,) = self._sums(view.camera, ones, frames)
+                corners = limb_points(self.body, CORNERS, view.camera, frames)
+                (area,) = self._sums(areas(view.image.shape[0], view.image.shape[1]), corners)
                 if area >= 1.0:
                     known = seen.get(view.camera.name)
                     uncovered = self._uncovered(view, frames) if known is None else known.uncovered
@@ -141,6 +141,5 @@ class Silhouette:
             raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
         return uncovered_scene(images, inside, near, self.least_sigma)
 
-    def _sums(self, camera: Camera, reached: FloatArray, frames: JointFrames) -> FloatArray:
-        corners = limb_points(self.body, CORNERS, camera, frames).pixels
-        return outline_sums(reached, corners, self.body.limbs.spheres, self.rim_px)
+    def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
+        return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)

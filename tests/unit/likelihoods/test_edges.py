@@ -10,9 +10,18 @@ from workbench.core.frame import View
 from workbench.errors import InputError
 from workbench.learning.store import Provenance, load, save
 from workbench.likelihoods.edges import Edges, response_log_ratio, response_log_ratio_reference
-from workbench.likelihoods.edges.filters import ALONG, POINTS, RIDGE_SCALES_PX, filtered, responses
+from workbench.likelihoods.edges.filters import (
+    ALONG,
+    POINTS,
+    RIDGE_SCALES_PX,
+    Smoothed,
+    filtered,
+    filtered_reference,
+    responses,
+    smoothed,
+)
 from workbench.likelihoods.edges.model import BINS, EdgeModel, learn_edges
-from workbench.likelihoods.limb_points import limb_points
+from workbench.likelihoods.limb_points import limb_points, looked_up
 
 ROD = scenes.rods(((0.0, 0.0, -0.4), (0.0, 0.0, 0.4), 0.1))  # 15 px wide, from column 152 to 167
 PROVENANCE = Provenance({}, {}, ())
@@ -28,7 +37,7 @@ def bar(level=180, roll=0.0):
 
 def look(image, pose):
     points = limb_points(ROD, POINTS, scenes.FRONT, forward(ROD.skeleton, pose))
-    return responses(filtered(View(scenes.FRONT, image)), points)
+    return responses(filtered(smoothed(View(scenes.FRONT, image))), points)
 
 
 def test_a_step_answers_where_and_along_which_direction_it_lies():
@@ -75,7 +84,7 @@ def test_kernel_agrees_with_plain_numpy():
     poses = scenes.people(rng, 60)
     poses[0, 0] = 5.0  # behind the camera
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
-    images = filtered(View(scenes.FRONT, scenes.texture(rng)))
+    images = filtered(smoothed(View(scenes.FRONT, scenes.texture(rng))))
     expected, found = (f(images, points, table) for f in (response_log_ratio_reference, response_log_ratio))
     assert expected.std() > 0.05
     assert not found[0].any()
@@ -140,3 +149,36 @@ def test_a_file_that_is_no_edge_model(tmp_path, damage):
                 file["on"] = np.ones((2, 2, BINS))
     with pytest.raises(InputError, match=r"edges\.h5: "):
         load(EdgeModel, path)
+
+
+@pytest.mark.parametrize("size", [(90, 70), (3, 2), (1, 5)])
+def test_derivatives_are_those_of_opencv_to_the_bit_in_any_box(size):
+    rng = np.random.default_rng(2)
+    height, width = size
+    levels = rng.uniform(0.0, 255.0, (1 + len(RIDGE_SCALES_PX), height, width)).astype(np.float32)
+    images = Smoothed(levels, rng.uniform(4.0, 50.0, size).astype(np.float32))
+    expected, found = filtered_reference(images), filtered(images)
+    np.testing.assert_array_equal(found.gradient, expected.gradient)
+    np.testing.assert_array_equal(found.ridges, expected.ridges)
+    left, top, right, bottom = width // 3, height // 4, width, height - height // 5
+    part = filtered(images, (left, top, right, bottom))
+    assert part.corner == (left, top)
+    np.testing.assert_array_equal(part.gradient, expected.gradient[top:bottom, left:right])
+    np.testing.assert_array_equal(part.ridges, expected.ridges[:, top:bottom, left:right])
+
+
+def test_only_what_is_looked_up_is_filtered():
+    """The same sums from the box about the points as from the whole image, and an empty box where nothing is seen."""
+    rng = np.random.default_rng(3)
+    images, poses = smoothed(View(scenes.FRONT, scenes.texture(rng))), scenes.people(rng, 40)
+    table = rng.standard_normal((2, len(scenes.PERSON.limbs), BINS)).astype(np.float32)
+    points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
+    left, top, right, bottom = looked_up(points)
+    seen = points.pixels[points.counts]
+    assert (left, top) == tuple(np.floor(seen.min(axis=0)))
+    assert (right, bottom) == tuple(np.floor(seen.max(axis=0)) + 2)
+    within, whole = filtered(images, (left, top, right, bottom)), filtered(images)
+    np.testing.assert_array_equal(*(response_log_ratio(each, points, table) for each in (within, whole)))
+    poses[:, 0] = 5.0  # behind the camera
+    points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
+    assert not response_log_ratio(filtered(images, looked_up(points)), points, table).any()

@@ -8,17 +8,25 @@ import numba
 import numpy as np
 
 from workbench.arrays import Float32Array, FloatArray
-from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, inlined
 from workbench.body.limbs import Body
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
-from workbench.likelihoods.edges.filters import ALONG, LEAST_PX, LOG_WIDTHS, POINTS, Filtered, filtered, responses
+from workbench.likelihoods.edges.filters import (
+    ALONG,
+    LEAST_PX,
+    LOG_WIDTHS,
+    POINTS,
+    Filtered,
+    Smoothed,
+    filtered,
+    responses,
+    smoothed,
+)
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
-from workbench.likelihoods.limb_points import LimbPoints, bilinear, limb_points, over_views
-from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
+from workbench.likelihoods.limb_points import LimbPoints, looked_up
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,20 +60,22 @@ class Edges:
         """Tabulate the log ratio of edges and ridges, for every limb of the body and bin of the response."""
         return edge_model(self.cache).log_ratio(self.body.limbs.names)
 
-    def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
-        """Filter every view."""
-        judges = [partial(self._log_prob, view.camera, filtered(view)) for view in frame.views]
-        return PoseLook("edges", partial(over_views, self.body, judges), lambda expected_pose: self)
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+        """Smooth every view; only where the limbs turn out to be is it filtered."""
+        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, smoothed(view))) for view in frame.views]
+        return LimbLook("edges", self.body, judges, lambda expected_pose: self)
 
-    def _log_prob(self, camera: Camera, images: Filtered, frames: JointFrames) -> FloatArray:
-        points = limb_points(self.body, POINTS, camera, frames)
-        return self.k * response_log_ratio(images, points, self.log_ratio).sum(axis=1)
+    def _log_prob(self, images: Smoothed, points: LimbPoints) -> FloatArray:
+        seen = filtered(images, looked_up(points))
+        return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
 
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
     """The log ratios of all responses, summed for each limb (N, L), over n. table: (2, L, BINS)."""
     sums = np.empty(points.counts.shape[:2])
-    _response_sums(images.gradient, images.ridges, points.pixels, points.counts, table, LOG_WIDTHS, sums)
+    _response_sums(
+        images.gradient, images.ridges, *images.corner, points.pixels, points.counts, table, LOG_WIDTHS, sums
+    )
     return sums / len(POINTS)
 
 
@@ -83,7 +93,9 @@ def _bins(values: FloatArray, low: float, high: float) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _response_sums(gradient: Any, ridges: Any, pixels: Any, counts: Any, table: Any, scales: Any, sums: Any) -> None:
+def _response_sums(
+    gradient: Any, ridges: Any, left: int, top: int, pixels: Any, counts: Any, table: Any, scales: Any, sums: Any
+) -> None:
     for i in numba.prange(counts.shape[0]):
         for limb in range(counts.shape[1]):
             total, half_width = 0.0, 0.0
@@ -97,14 +109,14 @@ def _response_sums(gradient: Any, ridges: Any, pixels: Any, counts: Any, table: 
                 if v == 1:
                     wx, wy = _way(pixels, i, limb, 3 * (ALONG // 2), 3 * (ALONG // 2) + 2)
                     half_width = np.log(max(np.sqrt(wx * wx + wy * wy) / 2.0, 1e-9))
-                    scale = int(np.argmin(np.abs(half_width - scales)))
+                    scale = _nearest(half_width, scales)
                 for s in range(first, last + 1, 3):
                     if counts[i, limb, s]:
                         x, y = pixels[i, limb, s, 0], pixels[i, limb, s, 1]
                         if v == 1:
-                            total += table[1, limb, _ridge_bin(ridges, scale, x, y, tx, ty)]
+                            total += table[1, limb, _ridge_bin(ridges[scale], left, top, x, y, tx, ty)]
                         else:
-                            total += table[0, limb, _edge_bin(gradient, x, y, tx, ty)]
+                            total += table[0, limb, _edge_bin(gradient, left, top, x, y, tx, ty)]
             sums[i, limb] = total
 
 
@@ -115,15 +127,25 @@ def _way(pixels: Any, i: int, limb: int, first: int, last: int) -> tuple[float, 
 
 
 @inlined
-def _edge_bin(gradient: Any, x: float, y: float, tx: float, ty: float) -> int:
-    edge = abs(tx * bilinear(gradient[1], x, y) - ty * bilinear(gradient[0], x, y))
+def _nearest(value: float, places: Any) -> int:
+    """The first of those places that lie nearest to a value."""
+    found = 0
+    for k in range(1, places.shape[0]):
+        if abs(value - places[k]) < abs(value - places[found]):
+            found = k
+    return found
+
+
+@inlined
+def _edge_bin(gradient: Any, left: int, top: int, x: float, y: float, tx: float, ty: float) -> int:
+    edge = abs(tx * _bilinear(gradient, left, top, x, y, 1) - ty * _bilinear(gradient, left, top, x, y, 0))
     return _bin(edge, EDGE_RANGE[0], EDGE_RANGE[1])
 
 
 @inlined
-def _ridge_bin(ridges: Any, scale: int, x: float, y: float, tx: float, ty: float) -> int:
-    xx, xy = bilinear(ridges[scale, 0], x, y), bilinear(ridges[scale, 1], x, y)
-    yy = bilinear(ridges[scale, 2], x, y)
+def _ridge_bin(ridges: Any, left: int, top: int, x: float, y: float, tx: float, ty: float) -> int:
+    xx, xy = _bilinear(ridges, left, top, x, y, 0), _bilinear(ridges, left, top, x, y, 1)
+    yy = _bilinear(ridges, left, top, x, y, 2)
     across = ty * ty * xx - 2.0 * tx * ty * xy + tx * tx * yy
     along = tx * tx * xx + 2.0 * tx * ty * xy + ty * ty * yy
     return _bin(abs(across) - abs(along), RIDGE_RANGE[0], RIDGE_RANGE[1])
@@ -132,3 +154,15 @@ def _ridge_bin(ridges: Any, scale: int, x: float, y: float, tx: float, ty: float
 @inlined
 def _bin(value: float, low: float, high: float) -> int:
     return int(min(max((value - low) / (high - low) * BINS, 0.0), BINS - 1.0))
+
+
+@inlined
+def _bilinear(images: Any, left: int, top: int, x: float, y: float, k: int) -> Any:
+    """What `limb_points.bilinear` gives of one of several images that lie pixel by pixel, in a box of the image."""
+    column, row = np.uint32(x), np.uint32(y)
+    fx, fy = np.float32(x - column), np.float32(y - row)
+    column, row = np.uint32(column - left), np.uint32(row - top)
+    right, below = np.uint32(column + np.uint32(1)), np.uint32(row + np.uint32(1))
+    upper = images[row, column, k] + fx * (images[row, right, k] - images[row, column, k])
+    lower = images[below, column, k] + fx * (images[below, right, k] - images[below, column, k])
+    return upper + fy * (lower - upper)

@@ -5,15 +5,19 @@ along it, at the scale of the limb's width. Both are divided by the image's loca
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
+import numba
 import numpy as np
 
 from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+from workbench.body.lanes import inlined_exactly
 from workbench.core.frame import View
 from workbench.likelihoods import image_levels
 from workbench.likelihoods.image_motion.reference import grey_levels
-from workbench.likelihoods.limb_points import LimbPoints, patch_grid
+from workbench.likelihoods.limb_points import Box, LimbPoints, patch_grid
+from workbench.threads import over_threads
 
 EDGE_SCALE_PX = 1.0
 RIDGE_SCALES_PX = (2.0, 4.0, 8.0)  # standard deviations of the Gaussians whose derivatives the filters are
@@ -27,29 +31,73 @@ POINTS = patch_grid((np.arange(ALONG) + 0.5) / ALONG, np.array([-1.0, 0.0, 1.0])
 LEAST_PX = 2.0  # a limb that is shorter than this in the image has no direction
 
 
+_ROWS = 32  # of the image at least that one thread takes
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """An image at 1 + S scales, those of the edges and of the ridges, (1 + S, height, width), and its local contrast
+    (height, width)."""
+
+    levels: Float32Array
+    contrast: Float32Array
+
+
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """Derivatives of an image. gradient: (2, height, width), d/dx and d/dy. ridges: (S, 3, height, width), d²/dx²,
-    d²/dxdy and d²/dy² at S scales."""
+    """Derivatives of a box of an image, over the contrast. gradient: (height, width, 2), d/dx and d/dy. ridges: (S,
+    height, width, 3), d²/dx², d²/dxdy and d²/dy² at S scales, times the square of the scale. corner: (x, y) of the
+    box's first pixel."""
 
     gradient: Float32Array
     ridges: Float32Array
+    corner: tuple[int, int] = (0, 0)
 
 
-def filtered(view: View) -> Filtered:
-    """The view's derivatives, over its local contrast."""
-    grey = image_levels.grey_levels(view, 0.0)
+def smoothed(view: View) -> Smoothed:
+    """All of the filters that is done with the whole view, wherever the limbs may be."""
+    grey, scales = image_levels.grey_levels(view, 0.0), (EDGE_SCALE_PX, *RIDGE_SCALES_PX)
+    levels, contrast = np.empty((len(scales), *grey.shape), dtype=np.float32), np.empty_like(grey)
+
+    def smooth(first: int, last: int) -> None:
+        for k in range(first, last):
+            if k == len(scales):
+                contrast[:] = _contrast(grey)
+            else:
+                cv2.GaussianBlur(grey, (0, 0), scales[-1 - k], dst=levels[-1 - k])  # the widest first
+
+    over_threads(smooth, len(scales) + 1, 1)
+    return Smoothed(levels, contrast)
+
+
+def _contrast(grey: Float32Array) -> Float32Array:
     window = (CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX)
     variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
-    contrast = np.sqrt(np.maximum(variance, 0.0)) + CONTRAST_FLOOR
-    fine = cv2.GaussianBlur(grey, (0, 0), EDGE_SCALE_PX)
-    gradient = np.stack([_derivative(fine, 1, 0), _derivative(fine, 0, 1)]) / contrast
-    ridges = np.empty((len(RIDGE_SCALES_PX), 3, *grey.shape), dtype=np.float32)
-    for found, scale in zip(ridges, RIDGE_SCALES_PX, strict=True):
-        coarse = cv2.GaussianBlur(grey, (0, 0), scale)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)) + CONTRAST_FLOOR, dtype=np.float32)
+
+
+def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
+    """The derivatives within a box of the image; None: of all of it. The numba kernel; see `filtered_reference`."""
+    left, top, right, bottom = box or (0, 0, *images.contrast.shape[::-1])
+    shape = (bottom - top, right - left)
+    gradient, ridges = np.empty((*shape, 2), np.float32), np.empty((len(RIDGE_SCALES_PX), *shape, 3), np.float32)
+    squares = np.square(np.array(RIDGE_SCALES_PX, dtype=np.float32))
+    arguments = (images.levels, images.contrast, squares, left, top, gradient, ridges)
+    over_threads(lambda first, last: _differentiate(first, last, *arguments), shape[0], _ROWS)
+    return Filtered(gradient, ridges, (left, top))
+
+
+def filtered_reference(images: Smoothed) -> Filtered:
+    """Compute `filtered` of the whole image by OpenCV."""
+    fine, *coarser = images.levels
+    contrast = images.contrast[..., None]
+    gradient = np.stack([_derivative(fine, 1, 0), _derivative(fine, 0, 1)], axis=-1) / contrast
+    ridges = []
+    for coarse, scale in zip(coarser, RIDGE_SCALES_PX, strict=True):
         dx, dy = _derivative(coarse, 1, 0), _derivative(coarse, 0, 1)
-        found[:] = scale**2 * np.stack([_derivative(dx, 1, 0), _derivative(dx, 0, 1), _derivative(dy, 0, 1)]) / contrast
-    return Filtered(np.ascontiguousarray(gradient, dtype=np.float32), ridges)
+        curvature = np.stack([_derivative(dx, 1, 0), _derivative(dx, 0, 1), _derivative(dy, 0, 1)], axis=-1)
+        ridges.append(scale**2 * curvature / contrast)
+    return Filtered(gradient, np.stack(ridges))
 
 
 def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
@@ -68,15 +116,55 @@ def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatAr
     normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
     counts = points.counts.reshape(n, limbs, ALONG, 3) & (length > LEAST_PX)[:, :, None]
 
-    gradient = np.stack([grey_levels(image, pixels) for image in images.gradient], axis=-1)
+    pixels = pixels - images.corner
+    gradient = np.stack([grey_levels(image, pixels) for image in np.moveaxis(images.gradient, -1, 0)], axis=-1)
     edges = np.abs((gradient * normal[:, :, None]).sum(axis=-1))[..., [0, 2]]
 
     half_width = np.linalg.norm(pixels[:, :, ALONG // 2, 2] - pixels[:, :, ALONG // 2, 0], axis=-1) / 2.0
     at_scale = np.log(RIDGE_PER_HALF_WIDTH * np.maximum(half_width, 1e-9))[..., None] - np.log(RIDGE_SCALES_PX)
     scale = np.argmin(np.abs(at_scale), axis=-1)
-    curvature = np.stack([[grey_levels(image, pixels[:, :, :, 1]) for image in three] for three in images.ridges])
+    three = np.moveaxis(images.ridges, -1, 1)
+    curvature = np.stack([[grey_levels(image, pixels[:, :, :, 1]) for image in each] for each in three])
     xx, xy, yy = np.moveaxis(np.take_along_axis(curvature, scale[None, None, ..., None], axis=0)[0], 0, 0)
     (tx, ty), (nx, ny) = np.moveaxis(tangent[:, :, 1], -1, 0)[..., None], np.moveaxis(normal[:, :, 1], -1, 0)[..., None]
     across = nx * nx * xx + 2.0 * nx * ny * xy + ny * ny * yy
     along = tx * tx * xx + 2.0 * tx * ty * xy + ty * ty * yy
     return edges, np.abs(across) - np.abs(along), counts
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _differentiate(
+    first: int, last: int, levels: Any, contrast: Any, squares: Any, left: int, top: int, gradient: Any, ridges: Any
+) -> None:
+    """Rows `first` to `last` of the box, in float32 and in OpenCV's order: differences, and differences of these."""
+    height, width = contrast.shape
+    for row in range(first, last):
+        y = top + row
+        up, down = _mirrored(y - 1, height), _mirrored(y + 1, height)
+        up_up, up_down = _mirrored(up - 1, height), _mirrored(up + 1, height)
+        down_up, down_down = _mirrored(down - 1, height), _mirrored(down + 1, height)
+        for column in range(gradient.shape[1]):
+            x = left + column
+            before, after = _mirrored(x - 1, width), _mirrored(x + 1, width)
+            far_before, back = _mirrored(before - 1, width), _mirrored(before + 1, width)
+            forth, far_after = _mirrored(after - 1, width), _mirrored(after + 1, width)
+            per = contrast[y, x]
+            gradient[row, column, 0] = _half(levels[0, y, after], levels[0, y, before]) / per
+            gradient[row, column, 1] = _half(levels[0, down, x], levels[0, up, x]) / per
+            for s in range(squares.shape[0]):
+                level, found = levels[1 + s], ridges[s, row, column]
+                xx = _half(_half(level[y, far_after], level[y, forth]), _half(level[y, back], level[y, far_before]))
+                xy = _half(_half(level[down, after], level[down, before]), _half(level[up, after], level[up, before]))
+                yy = _half(_half(level[down_down, x], level[down_up, x]), _half(level[up_down, x], level[up_up, x]))
+                found[0], found[1], found[2] = squares[s] * xx / per, squares[s] * xy / per, squares[s] * yy / per
+
+
+@inlined_exactly
+def _half(later: Any, earlier: Any) -> Any:
+    return np.float32(0.5) * (later - earlier)
+
+
+@inlined_exactly
+def _mirrored(i: int, n: int) -> Any:
+    """The index of a pixel that may be one beyond the image, whose border is a mirror, as for OpenCV."""
+    return np.uint32(min(abs(i), abs(2 * (n - 1) - i), n - 1))

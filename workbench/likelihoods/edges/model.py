@@ -17,8 +17,8 @@ from workbench.datasets.synthetic import Synthetic
 from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.learning.store import Provenance, keep, load
-from workbench.likelihoods.edges.filters import POINTS, filtered, responses
-from workbench.likelihoods.limb_points import limb_points
+from workbench.likelihoods.edges.filters import POINTS, filtered, responses, smoothed
+from workbench.likelihoods.limb_points import limb_points, looked_up
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +96,7 @@ def learn_edges(seen: Iterable[tuple[Body, View, FloatArray]], rng: np.random.Ge
         right, down, _ = view.camera.rotation
         poses[1:, :3] += np.outer(far * np.cos(angle), right) + np.outer(far * np.sin(angle), down)
         points = limb_points(body, POINTS, view.camera, forward(body.skeleton, poses))
-        edges, ridges, looked_at = responses(filtered(view), points)
+        edges, ridges, looked_at = responses(filtered(smoothed(view), looked_up(points)), points)
         kinds = ((edges, looked_at[..., [0, 2]], EDGE_RANGE), (ridges, looked_at[..., 1], RIDGE_RANGE))
         for limb, name in enumerate(body.limbs.names):
             found = counts.setdefault(_part(name), np.zeros((2, 2, BINS)))

@@ -475,10 +475,12 @@ def _multiply(p: float, i: int, sums: Any) -> None:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def place_points(
-    first: int, last: int, table: Any, joints: Any, samples: Any, camera: Any, rotations: Any, positions: Any,
-    beside: bool, pixels: Any, counts: Any, turns: Any,
+    first: int, last: int, table: Any, joints: Any, samples: Any, ends: Any, camera: Any, rotations: Any,
+    positions: Any, beside: bool, pixels: Any, counts: Any, turns: Any,
 ) -> None:  # fmt: skip
-    n_limbs, n = counts.shape[1:]
+    """Several sets of points at once: those of set r are the samples from ends[r] to ends[r + 1]. Every set lies in one
+    piece in pixels (N · L · n, 2) and counts (N · L · n,)."""
+    (n_poses, n_limbs), n = turns.shape, samples.shape[1]
     patches, covers, boxes = np.empty((n_limbs, PATCH)), np.empty((n_limbs, COVER)), np.empty((n_limbs, 6))
     frames, pair = np.empty((positions.shape[1], FRAME)), np.empty(PAIR)
     marks = np.empty(n * LANES, dtype=np.int32)
@@ -494,8 +496,13 @@ def place_points(
             else:
                 mark_hidden(table, limb, samples, patches, covers, boxes, False, pair, marks)
             for i in range(min(LANES, last - chunk)):
-                places, count = pixels[chunk + i, limb], counts[chunk + i, limb]
-                _write_points(patches[limb], i, samples, camera, marks, places, count)
+                for r in range(ends.shape[0] - 1):
+                    begin, end = ends[r], ends[r + 1]
+                    to = n_poses * n_limbs * begin + ((chunk + i) * n_limbs + limb) * (end - begin)
+                    places, count = pixels[to : to + end - begin], counts[to : to + end - begin]
+                    _write_points(
+                        patches[limb], i, samples[:, begin:end], camera, marks[begin * LANES :], places, count
+                    )
                 turn = np.arctan2(patches[limb, ACROSS + LANES + i], patches[limb, ACROSS + i])
                 turns[chunk + i, limb] = turn if patches[limb, COSINE + i] > 0.0 else 0.0
 
