@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -62,3 +63,16 @@ def test_on_a_full_disk_a_text_is_replaced_within_its_room(tmp_path, full):
     with pytest.raises(InputError, match="No space left"):
         replace_text(tmp_path / "new.json", "[]", shorter="0")
     assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_a_folder_that_is_removed_meanwhile_is_said(tmp_path):
+    (folder := tmp_path / "run").mkdir()
+    with pytest.raises(InputError, match=r"a\.txt: cannot be written: No such file"), whole_file(folder / "a.txt"):
+        folder.rmdir()
+
+
+def test_a_file_that_is_removed_meanwhile_is_no_matter(tmp_path, monkeypatch):
+    is_file = Path.is_file
+    monkeypatch.setattr(Path, "is_file", lambda path: is_file(path) and (path.unlink() or True))
+    with pytest.raises(KeyboardInterrupt):
+        write_half(tmp_path / "a.txt")

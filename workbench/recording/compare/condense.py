@@ -4,6 +4,7 @@ from pathlib import Path
 
 from rerun.chunk import Chunk, ChunkStore, OptimizationProfile, RrdReader
 
+from workbench.errors import InputError
 from workbench.recording.read.reader import Run
 from workbench.recording.write.file import CHOICES, SETTINGS
 from workbench.recording.write.scene import ESTIMATE, TRUTH
@@ -19,16 +20,27 @@ def condense(run: Run, path: Path) -> None:
 
     Images, bodies, particles, bands over time, the looks of curves and the drawings of a study's figures, most of a
     run's bytes, are left out; so is the configuration key by key, half a kilobyte each, which is there as YAML. The
-    blueprint goes too: the viewer lays such a recording out by itself.
+    blueprint goes too: the viewer lays such a recording out by itself. Raises InputError where the recording is gone or
+    `path` cannot be written.
     """
-    kept = [chunk for chunk in RrdReader(run.path).store().stream().to_chunks() if _is_kept(chunk)]
+    kept = [chunk for chunk in _chunks(run) if _is_kept(chunk)]
     store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
-    store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
+    try:
+        store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
+    except (RuntimeError, OSError) as error:
+        raise InputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
 
 
 def is_condensed(run: Run) -> bool:
-    """Tell whether the run's recording holds nothing that `condense` leaves out."""
-    return all(_is_kept(chunk) for chunk in RrdReader(run.path).store().stream().to_chunks())
+    """Tell whether the run's recording holds nothing that `condense` leaves out; raises InputError where it is gone."""
+    return all(_is_kept(chunk) for chunk in _chunks(run))
+
+
+def _chunks(run: Run) -> list[Chunk]:
+    try:
+        return list(RrdReader(run.path).store().stream().to_chunks())
+    except (RuntimeError, ValueError, OSError) as error:  # it could be read just before
+        raise InputError(f"{run.path}: cannot be read any more: {' '.join(str(error).split())}") from None
 
 
 def _is_kept(chunk: Chunk) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.errors import InputError
-from workbench.recording.read.reader import Run, Unreadable, find_recordings, open_runs, read
+from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, read_each
 
 _MOST_BYTES = 4_000_000_000
 _LONGEST_S, _SLOWEST_BYTES_S = 20, 5_000_000  # to read a file, and for each second more
@@ -19,7 +19,7 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
     """Read recordings as `open_runs` does, but those that end whoever reads them count as unreadable."""
     paths = find_recordings(*places)
     damaged = fatal(paths)
-    runs, problems = open_runs(*(path for path in paths if path not in damaged))
+    runs, problems = read_each(path for path in paths if path not in damaged)
     problems += [Unreadable(path, _damage(path)) for path in damaged]
     return runs, sorted(problems, key=lambda problem: problem.path)
 
