@@ -48,7 +48,7 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
         raise NotWrittenError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         if part.is_file():
-            part.unlink()
+            part.unlink(missing_ok=True)  # its folder may be removed just now
 
 
 @contextmanager

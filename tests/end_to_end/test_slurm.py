@@ -19,9 +19,9 @@ JOBS = (
     "inference.n_particles=3000", "dataset.width=160", "dataset.height=120", "dataset.person_px=80",
     "dataset.focal_px=175",
 )  # fmt: skip
-LAUNCHER = ("hydra/launcher=submitit_slurm", "hydra.launcher.cpus_per_task=1", "hydra.launcher.timeout_min=5",
+LAUNCHER = ("hydra/launcher=submitit_slurm", "hydra.launcher.cpus_per_task=1", "hydra.launcher.timeout_min=60",
             "hydra.launcher.signal_delay_s=1")  # fmt: skip
-PATIENCE_S = 600.0
+PATIENCE_S = 1800.0
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from stat import S_ISDIR
 from typing import Any
@@ -29,15 +30,15 @@ def entries(*places: Path) -> list[Entry]:
     """
     found: dict[str, Entry] = {}
     for place in places:
-        if not place.exists():
+        known = _below(place) if os.path.isdir(place) else [_read(str(place), _damaged([str(place)]))]
+        if None in known:
             raise InputError(f"{place}: expected a folder of runs or a recording, found nothing there")
-        known = _below(place) if place.is_dir() else [_read(str(place), _damaged([str(place)]))]
         found |= {entry.path: entry for entry in known if entry is not None}
     return sorted(found.values(), key=lambda entry: (entry.started, entry.path), reverse=True)
 
 
-def _below(root: Path) -> list[Entry]:
-    """The runs below a folder, by its index, which is brought up to date."""
+def _below(root: Path) -> list[Entry | None]:
+    """The runs below a folder, by its index, which is brought up to date where it can be written."""
     kept = _kept(root)
     known: dict[str, tuple[_Version, Entry | None]] = {}
     for path in runs_in(root):
@@ -50,7 +51,7 @@ def _below(root: Path) -> list[Entry]:
     read = ((path, version, entry or _read(path, damaged)) for path, (version, entry) in known.items())
     found = {path: (version, entry) for path, version, entry in read if entry is not None}
     if (new or len(found) != len(kept)) and len(found) > 1 and os.access(root, os.W_OK):  # of one run none is needed
-        with whole_file(root / INDEX) as part:
+        with suppress(InputError), whole_file(root / INDEX) as part:  # as on a full disk: all is known without it
             part.write_text(json.dumps(_index(root, found)))
     return [entry for _, entry in found.values()]
 
@@ -72,6 +73,8 @@ def _read(path: str, damaged: Mapping[str, str]) -> Entry | None:
         return entry_of_folder(Path(path)) if os.path.isdir(path) else entry_of_recording(Path(path))
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def runs_in(root: Path | str) -> Iterator[str]:

@@ -77,7 +77,7 @@ def as_csv(entries: Sequence[Entry], columns: Sequence[str] | None) -> str:
 
 
 def _cell(entry: Entry, name: str) -> str | float:
-    value = value_of(entry, name)
+    value = entry.seed if name == "seed" else value_of(entry, name)
     return "" if value is None else value
 
 

@@ -12,6 +12,8 @@ from workbench.errors import InputError
 
 Value = str | float | None
 OWN = ("status", "experiment", "seed", "started", "size", "path", "sweep", "error")
+_MOST_WHOLE = 2.0**53
+"""From here on, not every whole number is a float."""
 _CONDITION = re.compile(r"([\w./@-]+?)(<=|>=|!=|=|<|>|~)(.*)", re.DOTALL)
 _ORDERS: dict[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
@@ -84,8 +86,10 @@ def value_of(entry: Entry, key: str) -> Value:
 
 
 def shown(value: Value) -> str:
-    """Write a value as a table does."""
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else value
+    """Write a value as a table does: whole numbers, such as a seed, with all their digits."""
+    if isinstance(value, float):
+        return f"{value:.0f}" if value.is_integer() and abs(value) < _MOST_WHOLE else f"{value:.4g}"
+    return "" if value is None else value
 
 
 def _plain(value: Any) -> Value:

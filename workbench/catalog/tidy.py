@@ -3,18 +3,22 @@
 import os
 import shutil
 import tarfile
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
 from workbench.catalog.entry import Entry, entry_of_folder
 from workbench.catalog.index import runs_in
 from workbench.errors import InputError
+from workbench.experiment.folder import held
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.read.probe import read_sound_run
 
 BASELINES = "baselines"
+_REMOVED = ".removed-"
+"""How a folder is called, where no reader looks, while what is in it is deleted."""
 
 
 def check_movable(entries: Iterable[Entry], places: Sequence[Path]) -> None:
@@ -47,52 +51,89 @@ def bytes_of(entry: Entry) -> int:
 def slim(entry: Entry) -> int:
     """Leave out what a complete run's recording shows, and keep its numbers; returns the bytes won, 0 for one that is.
 
-    Raises InputError for a recording that cannot be read or written.
+    Raises InputError for a recording that cannot be read or written, and where another run came since it was listed.
     """
     if entry.status != "complete" or entry.recording is None:
         return 0
-    path = Path(entry.recording)
-    run = read_sound_run(path, whole=True)
-    if is_condensed(run):
-        return 0
-    with whole_file(path) as part:
-        condense(run, part)
-        won = path.stat().st_size - part.stat().st_size
-    return won
+    with suppress(FileNotFoundError), _unchanged(entry):
+        path = Path(entry.recording)
+        run = read_sound_run(path, whole=True)
+        if not is_condensed(run):
+            with whole_file(path) as part:
+                condense(run, part)
+                won = path.stat().st_size - part.stat().st_size
+            return won
+    return 0
 
 
 def archive(entries: Sequence[Entry], file: Path) -> None:
     """Pack runs into a .tar.gz, by their names below the folder they share; they stay where they are.
 
-    Raises InputError where the file is there already or cannot be written.
+    Raises InputError where the file is there already or cannot be written, and where one of the runs has gone or has
+    become another since it was listed.
     """
     if file.exists():
         raise InputError(f"{file}: is there already")
     folders = [Path(entry.path).resolve() for entry in entries]
     shared = os.path.commonpath([folder.parent for folder in folders])
     with whole_file(file) as part, tarfile.open(part, "w:gz") as tar:
-        for folder in folders:
-            tar.add(folder, arcname=str(folder.relative_to(shared)))
+        for entry, folder in zip(entries, folders, strict=True):
+            try:
+                with _unchanged(entry):
+                    tar.add(folder, arcname=str(folder.relative_to(shared)))
+            except FileNotFoundError:
+                raise InputError(f"{entry.path}: was removed meanwhile, and nothing is packed") from None
 
 
 def remove(entry: Entry) -> None:
     """Delete a run's folder, or its recording where that lies by itself; see `check_movable`, to be asked first.
 
-    Raises InputError for one that cannot be removed, or that has begun to run again since.
+    A folder is renamed first, so that nobody sees half of one, or begins a run in it. Raises InputError for one that
+    cannot be removed, or that has begun to run again since it was listed.
     """
     path = Path(entry.path)
-    while path.exists():
+    apart = path.with_name(f"{_REMOVED}{uuid4().hex}")
+    try:
+        with _unchanged(entry):
+            os.rename(path, apart) if path.is_dir() else path.unlink()
+    except FileNotFoundError:  # another command has removed it
+        return
+    except OSError as error:
+        raise InputError(f"{path}: cannot be removed: {error.strerror}") from None
+    _delete(apart)
+    for left in path.parent.glob(f"{_REMOVED}*"):  # by a command that was killed
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _delete(folder: Path) -> None:
+    while folder.exists():
         try:
-            if path.is_dir():
-                if entry_of_folder(path).status == "running":
-                    raise InputError(f"{path}: expected a run that has ended, found one at work")
-                shutil.rmtree(path)
-            else:
-                path.unlink()
-        except FileNotFoundError:  # another command is removing it, too
+            shutil.rmtree(folder)
+        except FileNotFoundError:  # another command deletes it, too
             continue
         except OSError as error:
-            raise InputError(f"{error.filename or path}: cannot be removed: {error.strerror}") from None
+            raise InputError(f"{folder}: cannot be removed: {error.strerror}") from None
+
+
+@contextmanager
+def _unchanged(entry: Entry) -> Iterator[None]:
+    """Keep other runs out of a run's folder until the block ends.
+
+    Raises InputError where one is at work there or has been since the run was listed, FileNotFoundError where it is
+    gone.
+    """
+    path = Path(entry.path)
+    if not path.is_dir():
+        path.stat()
+        yield
+        return
+    with held(path):
+        now = entry_of_folder(path)
+        if now.status == "running":
+            raise InputError(f"{path}: expected a run that has ended, found one at work")
+        if (now.started, now.origin.get("identity")) != (entry.started, entry.origin.get("identity")):
+            raise InputError(f"{path}: another run came there since it was listed")
+        yield
 
 
 def _within(path: Path, place: Path) -> bool:
@@ -102,4 +143,4 @@ def _within(path: Path, place: Path) -> bool:
 
 def _runs_inside(folder: Path) -> list[str]:
     """Find the runs below a run's own folder, which should be none."""
-    return [run for run in runs_in(folder) if run != str(folder)]
+    return [run for run in runs_in(folder) if str(folder) not in (run, os.path.dirname(run))]

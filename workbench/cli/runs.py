@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 
@@ -77,7 +77,7 @@ def _read(words: Sequence[str]) -> tuple[list[Path], list[Condition]]:
     """Tell conditions from places; without a place, where runs and sweeps go."""
     places, conditions = [], []
     for word in words:
-        found = None if Path(word).exists() else condition(word)
+        found = None if os.path.exists(word) else condition(word)
         if found is None:
             places.append(Path(word))
         else:
@@ -102,7 +102,14 @@ def _list(found: Sequence[Entry], columns: Sequence[str] | None, every: bool) ->
 
 
 def _recordings(found: Sequence[Entry]) -> list[str]:
-    recordings = [entry.recording for entry in found if entry.recording is not None]
+    """The recordings of the runs, and those of runs that have ended since they were listed."""
+    recordings = []
+    for recording in (entry.recording for entry in found if entry.recording is not None):
+        there = next(filter(os.path.exists, (recording, recording.removesuffix(".part"))), None)
+        if there is None:
+            tell(f"{recording}: left out, as it was removed meanwhile")
+        else:
+            recordings.append(there)
     recordings = [os.path.abspath(path) if path.startswith("-") else path for path in recordings]  # no option
     if not recordings:
         raise InputError("no run fits that has a recording")
@@ -184,8 +191,17 @@ def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Na
             print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}")
         print(f"{len(found)} runs, {_size(sum(sizes))}: would be {what}; nothing was done, --yes does it")
         return 0
-    print(f"{len(found)} runs {what}, {_size(_sum(act, found))} won")
-    return 0
+    from tqdm import tqdm
+
+    done = won = 0
+    for entry in tqdm(found, unit="run", disable=None):
+        try:
+            won += act(entry)
+            done += 1
+        except InputError as error:  # of this one, which is none of the others' business
+            tell(str(error))
+    print(f"{done} runs {what}, {_size(won)} won")
+    return 0 if done == len(found) else 2
 
 
 def _removed(entry: Entry) -> int:
@@ -194,12 +210,6 @@ def _removed(entry: Entry) -> int:
     size = tidy.bytes_of(entry)
     tidy.remove(entry)
     return size
-
-
-def _sum(act: Callable[[Entry], int], found: Sequence[Entry]) -> int:
-    from tqdm import tqdm
-
-    return sum(act(entry) for entry in tqdm(found, unit="run", disable=None))
 
 
 def _size(n_bytes: int) -> str:

@@ -40,6 +40,25 @@ def taken(folder: Path) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Keep runs from beginning in the folder of a run that has ended, until the block ends.
+
+    One that cannot be written to is as it is, as no run can begin there. Raises InputError where a run or another
+    command is at work in it, FileNotFoundError where it is gone.
+    """
+    folder.stat()
+    if not os.access(folder, os.W_OK):
+        yield
+        return
+    with (folder / _LOCK).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: expected a run that has ended, found it or another command at work") from None
+        yield
+
+
 def refuse_if_taken(folder: Path) -> None:
     """Raise InputError, which says who, where a run works in the folder."""
     if (folder / _LOCK).is_file():

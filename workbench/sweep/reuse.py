@@ -27,7 +27,7 @@ def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
             with whole_file(folder / "summary.json") as part:
                 part.write_text(json.dumps({**summary, "taken_from": str(source)}, indent=2) + "\n")
             if source.parent.name == ASIDE:
-                shutil.rmtree(source)
+                shutil.rmtree(source, ignore_errors=True)  # another sweep may take it over, too
             return True
     return False
 
@@ -57,16 +57,16 @@ def _runs(places: Sequence[Path]) -> Iterator[Path]:
 
 
 def _linked(source: Path, target: Path) -> bool:
-    """Link a recording, or copy it; False where another process has just set it aside."""
+    """Link a recording, or copy it; False where another process has just set it aside or removed it."""
     part = target.with_name(f"{target.name}.{os.getpid()}.part")
     try:
         try:
             os.link(source, part)
-        except FileNotFoundError:
-            return False
         except OSError:  # on another file system, or one without links
             shutil.copyfile(source, part)
         os.replace(part, target)
+    except FileNotFoundError:
+        return False
     finally:
         part.unlink(missing_ok=True)
     return True

@@ -94,7 +94,8 @@ def _told(config: Any) -> list[str]:
 def watch(sweep: Watched, period_s: float = PERIOD_S) -> int:
     """Print a line whenever a job begins or ends, below them a bar in a terminal, until all have ended.
 
-    Returns 0 when all are complete, else 1: some failed, or whoever started the jobs is gone.
+    Returns 0 when all are complete, else 1: some failed, or whoever started the jobs is gone. Raises InputError when
+    the folder is.
     """
     entries = sweep.entries()
     print(f"{len(sweep.jobs)} jobs in {sweep.folder}: {_count(sweep, entries)}", flush=True)
@@ -105,6 +106,8 @@ def watch(sweep: Watched, period_s: float = PERIOD_S) -> int:
             killed = killed + 1 if any(entry.status == "killed" for entry in entries.values()) else 0
             if all(job in entries and entries[job].status in ENDED for job in sweep.jobs) or killed > _GONE_AFTER:
                 break
+            if not sweep.folder.is_dir():
+                raise InputError(f"{sweep.folder}: was removed meanwhile")
             sleep(period_s)
             before, entries = entries, sweep.entries()
             for job, entry in entries.items():

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import shutil
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -135,3 +136,22 @@ def test_whatever_a_summary_says_the_runs_beside_it_are_found(tmp_path_factory, 
 def test_what_is_not_there_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="expected a folder of runs or a recording"):
         entries(tmp_path / "none")
+
+
+def test_a_recording_that_is_removed_meanwhile_is_a_sentence(tmp_path, monkeypatch):
+    (recording := tmp_path / "a.rrd").touch()
+    isdir = os.path.isdir
+    monkeypatch.setattr(os.path, "isdir", lambda path: recording.unlink(missing_ok=True) or isdir(path))
+    with pytest.raises(InputError, match=r"a\.rrd: expected a folder of runs or a recording, found nothing there"):
+        entries(recording)
+
+
+def test_where_there_is_no_room_for_an_index_the_runs_are_found_all_the_same(root, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    first = entries(root)
+    (root / INDEX).unlink()
+    monkeypatch.setattr(Path, "write_text", full)
+    assert entries(root) == first
+    assert sorted(os.listdir(root)) == ["runs", "sweeps"]

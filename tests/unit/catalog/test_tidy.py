@@ -3,14 +3,18 @@
 import os
 import shutil
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from run_folders import leave, leave_sweep
+from small_recordings import leave_recorded
 
 from workbench.catalog import tidy
 from workbench.catalog.index import entries
 from workbench.errors import InputError
+from workbench.experiment.folder import held, taken
+from workbench.recording.compare import condense
 
 
 @pytest.fixture
@@ -29,7 +33,8 @@ def test_a_removed_run_is_gone_and_the_others_are_there(root):
 def test_a_run_that_another_command_removes_too_is_gone(root, monkeypatch):
     whole = shutil.rmtree
 
-    def other(path):
+    def other(path, **_):
+        monkeypatch.undo()
         whole(path)
         raise FileNotFoundError(2, "No such file or directory", str(path))
 
@@ -106,3 +111,95 @@ def test_an_archive_holds_the_runs_by_their_names(root, tmp_path):
     assert len(entries(root)) == 2
     with pytest.raises(InputError, match="is there already"):
         tidy.archive(entries(root), file)
+
+
+def test_a_run_that_another_has_taken_the_place_of_is_not_touched(root, tmp_path):
+    found = entries(root)
+    (root / "sweep" / "1" / "summary.json").unlink()
+    leave(root / "again", day=2, identity="another")
+    os.replace(root / "again" / "summary.json", root / "sweep" / "1" / "summary.json")
+    for touch in (tidy.remove, tidy.slim, lambda entry: tidy.archive([entry], tmp_path / "runs.tar.gz")):
+        with pytest.raises(InputError, match=r"sweep/1: another run came there since it was listed"):
+            touch(replace(found[0], recording=found[0].path + "/run.rrd"))
+    assert (root / "sweep" / "1" / "summary.json").is_file()
+    assert not list(tmp_path.glob("runs*"))
+
+
+def test_a_folder_that_another_command_works_in_is_not_touched(root):
+    found = entries(root)
+    with taken(Path(found[0].path)), pytest.raises(InputError, match="found it or another command at work"):
+        tidy.remove(found[0])
+    with held(Path(found[0].path)), pytest.raises(InputError, match="a run is at work there"):
+        taken(Path(found[0].path)).__enter__()
+    tidy.remove(found[0])
+
+
+def test_a_run_may_begin_where_one_is_being_deleted(root, monkeypatch):
+    found, whole = entries(root)[0], shutil.rmtree
+
+    def begun(folder, **options):
+        assert not Path(found.path).exists()
+        assert [entry.path for entry in entries(root)] == [str(root / "sweep" / "0")]
+        leave(Path(found.path), seed=7)
+        monkeypatch.undo()
+        whole(folder, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", begun)
+    tidy.remove(found)
+    assert sorted(os.listdir(root / "sweep")) == ["0", "1"]
+    assert entries(root / "sweep" / "1")[0].seed == 7
+
+
+def test_what_a_killed_command_did_not_come_to_delete_is_deleted_by_the_next(root, monkeypatch):
+    def killed(_):
+        raise KeyboardInterrupt
+
+    found = entries(root)
+    monkeypatch.setattr(shutil, "rmtree", killed)
+    with pytest.raises(KeyboardInterrupt):
+        tidy.remove(found[0])
+    monkeypatch.undo()
+    tidy.remove(found[1])
+    assert os.listdir(root / "sweep") == []
+
+
+def test_a_run_that_is_removed_while_it_is_packed_is_said(root, tmp_path, monkeypatch):
+    found, add = entries(root), tarfile.TarFile.add
+
+    def removed(*words, **options):
+        tidy.remove(found[1])
+        return add(*words, **options)
+
+    monkeypatch.setattr(tarfile.TarFile, "add", removed)
+    with pytest.raises(InputError, match=r"sweep/0: was removed meanwhile, and nothing is packed"):
+        tidy.archive(found, tmp_path / "runs.tar.gz")
+    assert not list(tmp_path.glob("runs*"))
+
+
+def test_a_recording_that_is_removed_while_it_is_slimmed_is_said(root, monkeypatch):
+    leave_recorded(root / "a", "a", day=30)
+    found, chunks = entries(root)[0], condense.RrdReader
+
+    def removed(path):
+        path.unlink()
+        return chunks(path)
+
+    monkeypatch.setattr(condense, "RrdReader", removed)
+    with pytest.raises(InputError, match=r"run\.rrd: cannot be read any more"):
+        tidy.slim(found)
+    shutil.rmtree(found.path)
+    assert tidy.slim(found) == 0
+
+
+def test_a_slimmed_recording_for_which_there_is_no_room_is_said_and_the_old_one_kept(root, monkeypatch):
+    leave_recorded(root / "a", "a", day=30)
+    found = entries(root)[0]
+    before = Path(found.recording).read_bytes()
+
+    def full(*_, **__):
+        raise RuntimeError("No space left on device (os error 28)")
+
+    monkeypatch.setattr(condense.ChunkStore, "write_rrd", full)
+    with pytest.raises(InputError, match="cannot be written: No space left"):
+        tidy.slim(found)
+    assert Path(found.recording).read_bytes() == before

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -12,8 +14,10 @@ import pytest
 from run_folders import leave, leave_sweep
 from small_recordings import leave_recorded
 
-from workbench.cli import gallery, view
+from workbench.cli import gallery, runs, view
 from workbench.cli.runs import main
+from workbench.experiment.folder import taken
+from workbench.recording.read import probe
 
 
 @pytest.fixture
@@ -145,3 +149,59 @@ def test_a_query_that_the_index_answers_loads_nothing_large(root):
     code = f"import sys; from workbench.cli.runs import main; main({words}); print({large})"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.endswith("\nset()\n")
+
+
+def test_what_cannot_be_done_for_one_run_is_said_and_done_for_the_others(told, root):
+    with taken(root / "sweep" / "3"):
+        code, lines, err = told("prior=smooth,walking", "--rm", "--yes")
+    assert (code, lines) == (2, ["11 runs removed, 0.0 MB won"])
+    sentence = f"{root}/sweep/3: expected a run that has ended, found it or another command at work"
+    assert err == f"workbench-runs: {sentence}\n"
+    assert sorted(each.name for each in (root / "sweep").iterdir()) == ["3"]
+
+
+def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_left_out(tmp_path, monkeypatch, capsys):
+    for name in "abc":
+        leave_recorded(tmp_path / name, name)
+    os.replace(tmp_path / "b" / "run.rrd", tmp_path / "b" / "run.rrd.part")
+    opened, best_first = [], runs.best_first
+
+    def meanwhile(found):
+        os.replace(tmp_path / "b" / "run.rrd.part", tmp_path / "b" / "run.rrd")
+        shutil.rmtree(tmp_path / "c")
+        return best_first(found)
+
+    monkeypatch.setattr(runs, "best_first", meanwhile)
+    monkeypatch.setattr(view, "main", lambda words: opened.extend(words) or 0)
+    assert main([str(tmp_path), "--view", "all"]) == 0
+    assert sorted(opened) == [str(tmp_path / "a" / "run.rrd"), str(tmp_path / "b" / "run.rrd")]
+    assert capsys.readouterr().err == f"workbench-runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
+
+
+def test_a_report_of_what_is_removed_meanwhile_says_so(tmp_path, monkeypatch, capsys):
+    for name in "ab":
+        leave_recorded(tmp_path / name, name)
+    fatal = probe.fatal
+    monkeypatch.setattr(probe, "fatal", lambda paths: shutil.rmtree(tmp_path / "b") or fatal(paths))
+    assert main([str(tmp_path), "--report"]) == 0
+    assert "b/run.rrd: no such recording" in capsys.readouterr().out
+
+
+def test_a_long_condition_is_one(told):
+    code, lines, _ = told(f"seed={','.join(map(str, range(1, 500)))}")
+    assert code == 0
+    assert len(lines) == 1 + 8
+    code, _, err = told("a" * 5000)
+    assert code == 2
+    assert err.endswith(": File name too long\n")
+
+
+def test_whole_numbers_have_all_their_digits(tmp_path, capsys):
+    for k in range(2):
+        leave(tmp_path / str(k), seed=20261122 + k, n=50000, error=12345.678)
+    main([str(tmp_path), "--columns", "seed,n_particles,error_abs_mm", "--sort", "seed"])
+    assert [line.split() for line in capsys.readouterr().out.splitlines()[1:]] == [
+        ["20261122", "50000", "1.235e+04"], ["20261123", "50000", "1.235e+04"],
+    ]  # fmt: skip
+    main([str(tmp_path), "--columns", "seed,n_particles,error_abs_mm", "--sort", "seed", "--csv"])
+    assert capsys.readouterr().out.split()[1:] == ["20261122,50000.0,12345.678", "20261123,50000.0,12345.678"]

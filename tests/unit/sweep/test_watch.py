@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import shutil
 
 import pytest
 from run_folders import leave, summary
@@ -94,3 +95,10 @@ def test_what_is_no_sweep_is_a_sentence(tmp_path, plan):
     (tmp_path / "multirun.yaml").write_text(plan)
     with pytest.raises(InputError, match="expected what Hydra leaves"):
         watched(tmp_path)
+
+
+def test_a_sweep_that_is_removed_ends(sweep, monkeypatch):
+    found = watched(sweep)
+    monkeypatch.setattr(module, "sleep", lambda _: shutil.rmtree(sweep))
+    with pytest.raises(InputError, match="was removed meanwhile"):
+        watch(found)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from rerun.chunk import Chunk, ChunkStore, OptimizationProfile
 
+from workbench.errors import InputError
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.file import CHOICES, SETTINGS
@@ -20,11 +21,15 @@ def condense(run: Run, path: Path) -> None:
 
     Images, bodies, particles, bands over time, the looks of curves and the drawings of a study's figures, most of a
     run's bytes, are left out; so is the configuration key by key, half a kilobyte each, which is there as YAML. The
-    blueprint goes too: the viewer lays such a recording out by itself.
+    blueprint goes too: the viewer lays such a recording out by itself. Raises InputError where the recording is gone or
+    `path` cannot be written.
     """
     kept = [chunk for chunk in read_chunks(run.path, EVERYTHING) if _is_kept(chunk)]
     store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
-    store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
+    try:
+        store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
+    except (RuntimeError, OSError) as error:
+        raise InputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
 
 
 def is_condensed(run: Run) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from workbench.errors import InputError
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
-from workbench.recording.read.reader import Run, Unreadable, find_recordings, open_runs, read
+from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, read_each
 
 _MOST_BYTES = 4_000_000_000
 _LONGEST_S, _SLOWEST_BYTES_S = 5, 5_000_000  # of the processor, to read a file, and for each second more
@@ -21,7 +21,7 @@ def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
     """Read recordings as `open_runs` does, but those that end whoever reads them count as unreadable."""
     paths = find_recordings(*places)
     damaged = fatal(paths)
-    runs, problems = open_runs(*(path for path in paths if path not in damaged))
+    runs, problems = read_each(path for path in paths if path not in damaged)
     problems += [Unreadable(path, damage(path)) for path in damaged]
     return runs, sorted(problems, key=lambda problem: problem.path)
 

@@ -1,6 +1,6 @@
 """Read recordings of runs and studies back, finished or cut off: one by `read`, many by `open_runs`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -276,9 +276,14 @@ def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
     A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
     place that does not exist. A file with flipped bits may, seldom, end the process: see `probe`.
     """
+    return read_each(find_recordings(*places))
+
+
+def read_each(paths: Iterable[Path]) -> tuple[list[Run], list[Unreadable]]:
+    """Read recordings; and those that cannot be read, also because they were removed since they were found."""
     runs: list[Run] = []
     problems: list[Unreadable] = []
-    for path in find_recordings(*places):
+    for path in paths:
         try:
             runs.append(read(path))
         except InputError as error:
