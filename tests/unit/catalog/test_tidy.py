@@ -178,14 +178,14 @@ def test_a_run_that_is_removed_while_it_is_packed_is_said(root, tmp_path, monkey
 
 def test_a_recording_that_is_removed_while_it_is_slimmed_is_said(root, monkeypatch):
     leave_recorded(root / "a", "a", day=30)
-    found, chunks = entries(root)[0], condense.RrdReader
+    found, chunks = entries(root)[0], condense.read_chunks
 
-    def removed(path):
+    def removed(path, contents):
         path.unlink()
-        return chunks(path)
+        return chunks(path, contents)
 
-    monkeypatch.setattr(condense, "RrdReader", removed)
-    with pytest.raises(InputError, match=r"run\.rrd: cannot be read any more"):
+    monkeypatch.setattr(condense, "read_chunks", removed)
+    with pytest.raises(InputError, match=r"run\.rrd: no such recording"):
         tidy.slim(found)
     shutil.rmtree(found.path)
     assert tidy.slim(found) == 0
