@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from workbench.arrays import FloatArray
+from workbench.arrays import BoolArray, FloatArray
 from workbench.core.frame import Frame
 
 
@@ -65,6 +65,15 @@ class SlopedLook(Look, Protocol):
 
     def misfit(self, pose: FloatArray) -> FloatArray:
         """Return how badly what every joint (J,) moves fits the image at a pose (P,): the mean loss of its points."""
+
+
+@runtime_checkable
+class LayeredLook(SlopedLook, Protocol):
+    """A sloped look that can also tell apart poses that are far from each other, by all pixels of the frame."""
+
+    def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
+        """Return by how much (N,) likelier the frame is in poses (N, P), which differ in what hangs on the joints
+        `moved` (J,) alone, than without that, nats."""
 
 
 class Likelihood(Protocol):

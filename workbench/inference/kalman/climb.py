@@ -64,16 +64,16 @@ def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: flo
 
 def climb(
     look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
-    limbs: IntArray, sudden: float, flatten: float,
+    start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
 ) -> Peak:  # fmt: skip
-    """Climb from the mean (P,) of what was predicted, within limits (P, 2), by damped Gauss–Newton steps (Levenberg
-    1944, Marquardt 1963), at one smoothing of the image after the other.
+    """Climb from a pose `start` (P,), within limits (P, 2), by damped Gauss–Newton steps (Levenberg 1944, Marquardt
+    1963), at one smoothing of the image after the other. mean: (P,), what was predicted.
 
     limbs: (P,), which limb each number moves; sudden: how likely one moves as nobody foresaw, see `Tails`. flatten:
     power of the likelihood that narrows the covariance (P, P), as in `find_peak`. Where a limb is far from what was
     predicted, the covariance is wider by as much as that was unlikely.
     """
-    prior, pose, count = tails(mean, covariance, limbs, sudden), mean, 0
+    prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
     for level in range(look.levels):
         pose, slope, taken = _climb_at(look, level, prior, pose, limits)
         count += taken

@@ -13,14 +13,16 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
-from workbench.core.likelihood import Likelihood, Look, Relearning, SlopedLook
+from workbench.core.likelihood import LayeredLook, Likelihood, Look, Relearning, SlopedLook
 from workbench.core.memory import Memory, Past, recalled, streams_now
-from workbench.core.prior import Gaussian, Prior
+from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
+from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed
 from workbench.inference.kalman.climb import FARTHER, climb
+from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
 from workbench.inference.particles.move import Streams
 from workbench.inference.particles.target import Stopwatch
@@ -31,23 +33,10 @@ BLOCKS = (
     ("right_hip", "right_knee"), ("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow"), ("root", "neck"),
 )  # fmt: skip
 """What parameters that are guessed together begin with, in turn."""
+LEAPT_RAD, LEAPT_RAD_S = 0.2, 3.0
+"""How far angles and their speeds may be off where a limb is found anew."""
 BASE_DOUBT = 0.3
 """By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
-_LEAP = 1e-5
-"""Over which the prior's mean is differentiated, m, rad and their speeds."""
-
-
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """N(mean (D,), covariance (D, D)) of the state in one frame, and what was believed before the frame was seen, with
-    the derivatives (D, D) of that by the state before. doubt: (P,), by how much wider the pose's numbers are told."""
-
-    mean: FloatArray
-    covariance: FloatArray
-    predicted: FloatArray
-    predicted_covariance: FloatArray
-    transition: FloatArray
-    doubt: FloatArray
 
 
 Filtered: TypeAlias = tuple[Frame, Belief, dict[str, Any]]
@@ -62,7 +51,8 @@ class Kalman:
     peak is then looked for by Newton steps on log N(pose; m, P) + log p(frame | pose) (`peak.find_peak`), from the best
     of m and `guesses` changes of one limb after the other, and P is narrowed by the likelihood's curvature there.
     Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp. A likelihood
-    that knows its derivatives is climbed by these instead, from m, with Student's t in place of the Gaussian (`climb`).
+    that knows its derivatives is climbed by these instead, from m, with heavier tails (`climb`); one that can also tell
+    apart poses that are far from each other is asked whether an arm or a leg is somewhere else (`leap`).
 
     second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
     likelihood that learns from tracked clips (`Relearning`) looks at all of them again. Else every frame is told as
@@ -166,17 +156,50 @@ class Kalman:
     def _updated(self, belief: Belief, look: Look, before: FloatArray, rng: np.random.Generator) -> tuple[Belief, Peak]:
         """Take in what a frame shows; the person was in the pose `before` (1, P)."""
         n = before.shape[1]
-        mean, covariance = belief.mean[:n], belief.covariance[:n, :n]
-        limits = self.body.skeleton.limits
         if isinstance(look, SlopedLook):
-            peak = climb(look, mean, covariance, limits, limbs=self._limbs, sudden=self.sudden, flatten=self.flatten)
+            peak = self._climbed(look, belief, belief.mean[:n])
+            if isinstance(look, LayeredLook):
+                belief, peak = self._leapt(look, belief, peak, before[0], rng)
             doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
         else:
-            peak, doubt = self._searched(look, mean, covariance, before, rng), np.ones(n)
+            peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
+        mean, covariance = belief.mean[:n], belief.covariance[:n, :n]
         gain = np.linalg.solve(covariance + 1e-12 * np.eye(n), belief.covariance[:n]).T  # of all columns by the pose's
         updated = belief.covariance - gain @ (covariance - peak.covariance) @ gain.T
         told = replace(belief, covariance=0.5 * (updated + updated.T), doubt=doubt)
         return replace(told, mean=belief.mean + gain @ (peak.pose - mean)), peak
+
+    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Peak:
+        """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
+        n = len(start)
+        return climb(
+            look, belief.mean[:n], belief.covariance[:n, :n], self.body.skeleton.limits, start=start,
+            limbs=self._limbs, sudden=self.sudden, flatten=self.flatten,
+        )  # fmt: skip
+
+    def _leapt(
+        self, look: LayeredLook, belief: Belief, peak: Peak, before: FloatArray, rng: np.random.Generator
+    ) -> tuple[Belief, Peak]:
+        """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
+        skeleton = self.body.skeleton
+        for limb in self._leaping:
+            found = leap(look, skeleton, limb, peak.pose, before, rng)
+            if found is None:
+                continue
+            released = belief.released(*self._anew(limb, found))
+            again = self._climbed(look, released, found)
+            if is_better(look, len(skeleton.names), peak.pose, again.pose, limb, before):
+                belief, peak = released, again
+        return belief, peak
+
+    def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """What is believed of a limb that leapt to where it is in a pose (P,): the columns of its angles and of their
+        speeds where the prior has these, what is expected of them, and how far they may be off."""
+        names, dofs = list(self.space.names), self.body.skeleton.dof_names
+        speeds = [names.index(name) for k in limb if (name := f"{dofs[k]}_velocity") in names]
+        columns = np.array([*limb, *speeds], dtype=np.int64)
+        expected = np.append(pose[limb], np.zeros(len(speeds)))
+        return columns, expected, np.repeat([LEAPT_RAD, LEAPT_RAD_S], [len(limb), len(speeds)])
 
     def _searched(
         self, look: Look, mean: FloatArray, covariance: FloatArray, before: FloatArray, rng: np.random.Generator
@@ -201,6 +224,13 @@ class Kalman:
             if parent >= 0:
                 limb[joint] = limb[parent] if parents[parent] >= 0 else limb.max() + 1
         return np.asarray(limb[self.body.skeleton.dof_joints])
+
+    @cached_property
+    def _leaping(self) -> list[IntArray]:
+        """The columns of each arm's and each leg's angles."""
+        joints, limbs = self.body.skeleton.dof_joints, self._limbs
+        columns = [np.flatnonzero(limbs == k) for k in range(1, int(limbs.max()) + 1)]
+        return [own for own in columns if len(np.unique(joints[own])) > 1]
 
     @cached_property
     def _blocks(self) -> list[IntArray]:
@@ -230,40 +260,3 @@ class Kalman:
             log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
             expected_pose=expected, map_pose=poses[nearest], ess=float(self.n_particles), **extra,
         )  # fmt: skip
-
-
-def gaussian_of(prior: Prior) -> Gaussian:
-    """Return the prior's density; raises InputError where its noise is not Gaussian, or its states do not begin with
-    the pose."""
-    density, names = prior.powers.density, prior.space.names
-    if not isinstance(density, Gaussian) or names[: len(POSE_NAMES)] != POSE_NAMES:
-        raise InputError(
-            "inference: a Kalman filter needs a prior with Gaussian noise that moves the whole pose, such as linear, "
-            f"found {type(prior).__name__}"
-        )
-    return density
-
-
-def predict(model: Gaussian, belief: Belief, dt_s: float) -> Belief:
-    """Lead a belief on by the prior's mean, its derivatives and its noise."""
-    d = len(belief.mean)
-    around = belief.mean + _LEAP * np.concatenate([np.zeros((1, d)), np.eye(d), -np.eye(d)])
-    led = model.mean(around, dt_s)
-    transition = (led[1 : d + 1] - led[d + 1 :]).T / (2.0 * _LEAP)
-    covariance = transition @ belief.covariance @ transition.T
-    covariance += model.noise_covariance(belief.mean, dt_s)
-    return Belief(led[0], covariance, led[0], covariance, transition, belief.doubt)
-
-
-def smoothed(beliefs: list[Belief]) -> list[Belief]:
-    """Go back over filtered beliefs: m_t += G (m_t+1 − m⁻_t+1), P_t += G (P_t+1 − P⁻_t+1) Gᵀ, G = P_t Fᵀ P⁻_t+1⁻¹,
-    the minus marking what was predicted (Rauch, Tung & Striebel 1965)."""
-    told = beliefs[-1:]
-    for belief, following in zip(beliefs[-2::-1], beliefs[:0:-1], strict=True):
-        across = following.transition @ belief.covariance
-        gain = np.linalg.lstsq(following.predicted_covariance, across, rcond=1e-12)[0].T
-        later = told[-1]
-        mean = belief.mean + gain @ (later.mean - following.predicted)
-        covariance = belief.covariance + gain @ (later.covariance - following.predicted_covariance) @ gain.T
-        told.append(replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T)))
-    return told[::-1]

@@ -28,6 +28,7 @@ from workbench.likelihoods.alignment.cells import (
     surface_cells,
     visible,
 )
+from workbench.likelihoods.alignment.layers import Facets, Shown, drawn, log_ratios, surface_facets
 from workbench.likelihoods.alignment.memory import Seen, newly_seen
 from workbench.likelihoods.alignment.pictures import pictures
 from workbench.likelihoods.alignment.scene import Scene, first_scene, tracked_scene
@@ -40,6 +41,8 @@ _DESCENDING = Range(
 )
 OUTLINE_SHARE = 0.25
 """Of the outline's loss in a misfit: it bends late, so that it says less of what is wrong than of what is unknown."""
+PIXEL_SHARE = 1.0 / 40.0
+"""As how many independent pixels one counts where the image is compared as layers."""
 FEW = 20.0
 """As many points of a limb say as much of its misfit as the whole person does."""
 
@@ -58,7 +61,7 @@ class Alignment:
     Derivatives are Gauss's and Newton's; that of the outline is the mean of F's and M's (Malis 2004), so that what is
     seen beside a limb pulls it. After a frame, cells learn from the expected pose: T += g (I − T), g = w max(1/(n + 1),
     rate), w being the loss's weight. The scene is learned where the person is not (`scene`); what passes in front of
-    the person is followed and left out (`passing`).
+    the person is followed and left out (`passing`). Poses far apart are compared by all pixels (`layers`).
 
     blurs_px: b, descending. sigma: σ, grey levels. outline: s. count: λ. rate: as above. facing: cosine of the angle to
     the line of sight below which a cell is not looked at. epsilon: share of outliers in the scene. n_frames: of the
@@ -87,6 +90,11 @@ class Alignment:
     def cells(self) -> Cells:
         """Those of the body."""
         return surface_cells(self.body.limbs)
+
+    @cached_property
+    def facets(self) -> Facets:
+        """What is drawn for them."""
+        return surface_facets(self.body.limbs, self.cells)
 
     @cached_property
     def moves(self) -> FloatArray:
@@ -134,7 +142,7 @@ class Alignment:
         seen = seen.followed(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
         levels, shown = pictures(image, self.blurs_px), pictures(foreground, self.blurs_px)
-        return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden), seen
+        return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden, ratio), seen
 
     def residuals(self, sight: Sight, seen: Seen, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
         """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
@@ -221,6 +229,17 @@ class AlignmentLook:
                     gradient -= own.count * uphill
                     curvature += own.count * bent
         return Slope(-loss, gradient, curvature)
+
+    def compare(self, poses: FloatArray, moved: BoolArray) -> FloatArray:
+        """By how much (N,) likelier the images are, as layers, in poses (N, P), which differ in what hangs on the
+        joints `moved` (J,) alone, than without that; a pixel counts PIXEL_SHARE."""
+        own, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
+        for sight, seen in self.sights:
+            image = sight.levels[-1].values
+            shown = Shown(image, sight.ratio, sight.free, seen.texture[-1], seen.n, own.sigma)
+            behind = drawn(own.facets.on(~moved), frames, sight.camera, sight.shape)
+            total += PIXEL_SHARE * log_ratios(behind, own.facets.on(moved), frames, sight.camera, shown)
+        return total
 
     def misfit(self, pose: FloatArray) -> FloatArray:
         """How badly what every joint (J,) moves fits, at the last smoothing: the mean loss of the texture at its cells

@@ -68,7 +68,9 @@ def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> Scene:
 
 def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) -> Scene:
     """Find the scene about a person who is known to cover some pixels (height, width) of each of F images: the median
-    of what they leave free; nothing is known of what they always cover."""
+    of what they leave free; nothing is known of what they always cover. Away from where they are in the first image it
+    is as `first_scene` has it: who was lost later left an arm or a leg free, which is no scene.
+    """
     stack = np.stack(images).astype(np.float64)
     free = ~np.stack([grown(mask, BESIDE_PX) for mask in covered])
     level, n, noise = np.zeros(stack.shape[1:]), np.zeros(stack.shape[1:]), _noise(stack)
@@ -80,6 +82,8 @@ def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) 
         level_rows, n_rows = level[rows], n[rows]
         level_rows[some], n_rows[some] = median, np.minimum(agree, KEPT)
         level[rows], n[rows] = level_rows, n_rows
+    apart = ~grown(covered[0], START_BESIDE_PX)
+    level[apart], n[apart] = _lasting(stack[:, apart], _apart(noise)), np.maximum(n[apart], UNCOVERED)
     return Scene(level, n, noise)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
@@ -55,13 +55,15 @@ class Residuals:
 @dataclass(frozen=True, eq=False)
 class Sight:
     """What one camera shows. levels, foreground: its grey levels and where it shows no scene (0..1), by smoothing.
-    known: (height, width), where the scene is known; free: where nothing passes before the person."""
+    known: (height, width), where the scene is known; free: where nothing passes before the person. ratio: log
+    ratio of a person of any grey level to the scene."""
 
     camera: Camera
     levels: tuple[Picture, ...]
     foreground: tuple[Picture, ...]
     known: BoolArray
     free: BoolArray
+    ratio: Float32Array
 
     @property
     def shape(self) -> tuple[int, int]:
