@@ -175,7 +175,7 @@ def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
     ranked = [rrb.Horizontal(ranks_view(), name="ranks")] if "log_score" in shown.metrics else []
     coefficients = [  # samples, and the model as thin bars before them
-        rrb.BarChartView(origin=f"/coefficients/{k}", name=f"coefficient {k}, model grey", plot_legend=_NO_LEGEND)
+        rrb.BarChartView(origin=f"/coefficients/{k}", name=f"c{k}, model grey", plot_legend=_NO_LEGEND)
         for k in range(1, shown.n_coefficients + 1)
     ]
     row = [rrb.Horizontal(*coefficients, name="coefficients")] if coefficients else []
