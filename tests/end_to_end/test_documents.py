@@ -112,20 +112,6 @@ def test_every_command_of_the_pages_composes_and_lacks_nothing_but_recordings(as
 
 
 @pytest.mark.slow
-def test_the_commands_on_choosing_that_need_no_data_run(shell):
-    _, run = shell
-    ran = 0
-    for page, words in commands():
-        if page == "choose.md" and words and not any("paths.data" in word or ".bvh" in word for word in words):
-            told = run(
-                "workbench", *words, "dataset.n_frames=3", f"hydra.{'sweep' if '-m' in words else 'run'}.dir={ran}"
-            )
-            assert "verdict" in told
-            ran += 1
-    assert ran == 5
-
-
-@pytest.mark.slow
 def test_the_notebook_runs(tmp_path, monkeypatch):
     import nbformat
     from nbclient import NotebookClient
