@@ -58,8 +58,8 @@ To begin with:
   workbench-parts prior.jitter                        what the keys of an option are
 
 Your own video, with a calibrated camera and joints marked or detected:
-  workbench experiment=custom dataset=video body=height body.height_m=1.72 dataset.source=walk.mp4 \\
-      dataset.camera=camera.toml dataset.keypoints=joints.csv prior=smooth likelihood=keypoints inference=least_squares
+  workbench experiment=custom dataset=video body=height body.height_m=1.72 dataset.source=walk.mp4 prior=activity \\
+      dataset.camera=camera.toml dataset.keypoints=joints.csv likelihood=keypoints inference=least_squares
 
 An experiment chooses the parts and sets their keys; what stands on the command line replaces that:
   workbench experiment=walk_best prior=implicit seed=3
