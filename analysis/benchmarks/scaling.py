@@ -2,7 +2,7 @@
 
     python -m analysis.benchmarks.scaling [NAME…] [--out FOLDER] [--json FILE]
 
-Without a NAME everything is measured, in about five minutes and two gigabytes. --out draws a figure for each NAME, for
+Without a NAME everything is measured, in about ten minutes and two gigabytes. --out draws a figure for each NAME, for
 which it needs the extra `report`. The likelihood is that of image motion, of N_PARTICLES particles, 12 limbs, N_SAMPLES
 points a limb and 640×480 px where these do not vary. Everything runs on all cores, and the fastest of some runs counts,
 by the clock: close other programs. An exponent is fitted to the upper half of the sizes.

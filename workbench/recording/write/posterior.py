@@ -212,8 +212,10 @@ def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
     """
     if len(values) <= _MOST_SORTED:
         return weighted_quantiles(values, weights, _BAND)
-    drawn, ends = values[systematic(weights, _MOST_SORTED)], [round(level * _MOST_SORTED) - 1 for level in _BAND]
-    return np.partition(np.ascontiguousarray(drawn.T), ends, axis=1)[:, ends].T
+    drawn = np.take(values.T, systematic(weights, _MOST_SORTED), axis=1)
+    ends = [round(level * _MOST_SORTED) - 1 for level in _BAND]
+    drawn.partition(ends, axis=1)
+    return drawn[:, ends].T
 
 
 def _band(name: str, row: str, root: str = PARAMETERS) -> str:
