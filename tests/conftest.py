@@ -2,11 +2,16 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
+
+# Keep byte code whatever the environment says: each worker, and each process that a test starts, would compile it anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 settings.register_profile("untimed", deadline=None)  # time is measured in benchmarks, not in tests
 settings.load_profile("untimed")

@@ -20,15 +20,18 @@ from workbench.experiment.schema import keys_of, prepare_hydra
 
 KEPT = Path(__file__).with_name("resolved_experiments.yaml")
 EXPERIMENTS = sorted(options("experiment"))
-PLACES = {"recorded": "DATA", "generated": "null"}
+PLACES = {"recorded": "DATA", "generated": None}
 """What paths.data says, so that no place of a machine is in the file."""
 
 
-def composed(experiment, place):
+def composed(experiment):
+    """An experiment's configuration in every place; what it chooses is the same in all, so it is composed once."""
     prepare_hydra()
-    words = [f"experiment={experiment}", f"paths.data={PLACES[place]}", "paths.cache=CACHE"]
     with initialize_config_module("workbench.conf", version_base="1.3"):
-        return OmegaConf.to_container(compose("config", overrides=words), resolve=True)
+        config = compose("config", overrides=[f"experiment={experiment}", "paths.data=DATA", "paths.cache=CACHE"])
+        for data in PLACES.values():
+            config.paths.data = data
+            yield OmegaConf.to_container(config, resolve=True)
 
 
 def departures(value, path="", defaults=None):
@@ -59,7 +62,7 @@ def plain(value):
 
 def lines_of(experiment, shared=()):
     """An experiment's lines but those shared by all: with recorded motions, and then those that differ without."""
-    recorded, generated = ([*departures(composed(experiment, place))] for place in PLACES)
+    recorded, generated = ([*departures(each)] for each in composed(experiment))
     every = [*recorded, *(f"generated {line}" for line in generated if line not in recorded)]
     return [line for line in every if line not in shared]
 

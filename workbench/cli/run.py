@@ -99,6 +99,8 @@ def _main() -> int:
             raise InputError("--experimental-rerun would unpickle a file; from=RUN.rrd runs a recorded configuration")
         if any(text.startswith("from=") for text in arguments):
             _branch([_plain(text) if text.startswith(PLAIN) else text for text in arguments])
+        elif there := sentences.mistyped(arguments):
+            return _print([*there[:-1], shortened(there[-1])], code=2)
         elif halved := [text.removeprefix(KEY) for text in arguments if text.startswith(KEY)]:
             code = _rounds(arguments, frames_of(halved[-1]))
         else:
@@ -217,9 +219,15 @@ def _tell(error: BaseException) -> int:
         print(f"workbench: interrupted by {by}; what was recorded is kept as run.rrd.part", file=sys.stderr)
         return 128 + number
     *there, sentence = sentences.lines(error)
-    told = shortened(sentence) if isinstance(error, MENDABLE) else sentence
-    print("\n".join([*there, f"workbench: {told}"]), file=sys.stderr)
-    return 2 if isinstance(error, MENDABLE) else 1
+    mendable = isinstance(error, MENDABLE)
+    return _print([*there, shortened(sentence) if mendable else sentence], code=2 if mendable else 1)
+
+
+def _print(told: list[str], code: int) -> int:
+    """Print what there is, a line each, and the sentence that comes last; gives the exit code back."""
+    *there, sentence = told
+    print("\n".join([*there, f"workbench: {sentence}"]), file=sys.stderr)
+    return code
 
 
 def _report(summary: "Summary") -> None:

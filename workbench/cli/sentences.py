@@ -8,6 +8,7 @@ from difflib import get_close_matches
 _OPTION = re.compile(r"Could not find '(\w+)/([^']*)'")
 _KEY = re.compile(r"Key '([^']+)' not in '")
 _PLACE = re.compile(r"full_key: (\S+)")
+_WORD = re.compile(r"([a-z]\w*)=(.*)", re.DOTALL)
 _MOST = 40
 
 
@@ -31,6 +32,28 @@ def lines(error: BaseException) -> list[str]:
         before = name.rpartition(".")[0]
         return _unknown(f"there is no key {name}", found[1], there, f"{before}." if before else "")
     return [whole]
+
+
+def mistyped(arguments: Sequence[str]) -> list[str]:
+    """Tell of the first `group=option` or `key=value` of which there is none, as `lines` does; empty where all are.
+
+    It is what Hydra would say once it has imported the parts of the run. Left to it is whatever is not as plain: keys
+    within parts, choices of a sweep, and all where a folder with other options is named.
+    """
+    from workbench.experiment.parts import GROUPS, options
+    from workbench.experiment.schema import RunSchema
+
+    if any("=" not in text and text not in ("-m", "--multirun") for text in arguments):
+        return []
+    groups, keys = ("experiment", "paper", *GROUPS), {"experiment", *(each.name for each in fields(RunSchema))}
+    for found in filter(None, map(_WORD.fullmatch, arguments)):
+        name, value = found.groups()
+        if name in groups and re.fullmatch(r"[a-zA-Z]\w*", value) and value.lower() != "null":
+            if value not in options(name):
+                return _no_option(name, value)
+        elif name not in (*keys, "hydra", "when"):
+            return _unknown(f"there is no key {name}", name, sorted(keys), "")
+    return []
 
 
 def _no_option(group: str, name: str) -> list[str]:

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -150,5 +150,11 @@ def options(group: str) -> dict[str, Option]:
 
 def targets() -> set[str]:
     """Tell what the options of all packages build, parts within parts included: nothing else is ever called."""
-    texts = (path.read_text(encoding="utf-8") for each in packages() for path in folder(each).glob("**/*.yaml"))
-    return {target for text in texts for target in _TARGET.findall(text)}
+    files = ((path, path.stat()) for each in packages() for path in folder(each).glob("**/*.yaml"))
+    return {target for path, stat in files for target in _targets_of(path, stat.st_mtime_ns, stat.st_size)}
+
+
+@lru_cache(maxsize=1024)
+def _targets_of(path: Path, changed_ns: int, size: int) -> list[str]:
+    """Find what a file that was last changed then names."""
+    return _TARGET.findall(path.read_text(encoding="utf-8"))

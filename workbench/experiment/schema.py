@@ -6,8 +6,9 @@ neither is written twice and a typo or a wrong type in an override is an error t
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass, make_dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -266,10 +267,8 @@ class PartsConfigSource(ConfigSource):
         path = self._find(config_path)
         assert path is not None
         text = path.read_text(encoding="utf-8")
-        loaded: Any = OmegaConf.create(text)
-        if config_path.startswith("experiment/") and WHEN in loaded:
-            del loaded[WHEN]
-        return self._result(typed(loaded, str(path)), ConfigSource._get_header_dict(text))
+        config = _typed_text(text, str(path), config_path.startswith("experiment/"), parts.packages())
+        return self._result(deepcopy(config), ConfigSource._get_header_dict(text))
 
     def _result(self, config: Any, header: dict[str, str | None]) -> ConfigResult:
         return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
@@ -314,8 +313,7 @@ class PartsConfigSource(ConfigSource):
     def _own(self, experiment: str) -> DictConfig:
         """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
         path = self._find(f"experiment/{experiment}")
-        own: Any = OmegaConf.create("" if path is None else path.read_text(encoding="utf-8"))
-        return own
+        return _parsed("" if path is None else path.read_text(encoding="utf-8"))
 
 
 class PartsSearchPath(SearchPathPlugin):
@@ -335,6 +333,24 @@ def open_mappings(schema: DictConfig) -> DictConfig:
         if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
             OmegaConf.set_struct(node, False)
     return schema
+
+
+@lru_cache(maxsize=512)
+def _parsed(text: str) -> Any:
+    """Parse YAML, once for all configurations that a process composes; the result is to be left as it is."""
+    return OmegaConf.create(text)
+
+
+@lru_cache(maxsize=512)
+def _typed_text(text: str, file: str, experiment: bool, packages: tuple[str, ...]) -> Any:
+    """Parse and type a file's text, an experiment's without what it sets of particular parts; to be left as it is.
+
+    packages: those whose classes may be named, on which it depends, too.
+    """
+    config = deepcopy(_parsed(text))
+    if experiment and WHEN in config:
+        del config[WHEN]
+    return typed(config, file)
 
 
 def typed(config: Any, file: str) -> Any:

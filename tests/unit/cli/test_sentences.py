@@ -4,9 +4,15 @@ import sys
 from dataclasses import make_dataclass
 from types import SimpleNamespace
 
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+
 from workbench.cli import told
-from workbench.cli.sentences import lines
+from workbench.cli.sentences import lines, mistyped
 from workbench.evaluation.verdict import Finding, Verdict
+from workbench.experiment.parts import GROUPS, options
+from workbench.experiment.schema import prepare_hydra
 
 
 class _UnknownKeyError(Exception):
@@ -26,6 +32,31 @@ def test_a_wrong_key_tells_what_was_meant_and_what_there_is():
         "there are:", "  inference.move", "  inference.n_particles",
         "there is no key inference.n_particle; did you mean inference.n_particles?",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("sed=3", "there is no key sed; did you mean seed?"),
+        ("experimnt=walk_best", "there is no key experimnt; did you mean experiment?"),
+        ("prior=walkin", "prior: there is no option 'walkin'; did you mean prior=walking?"),
+        ("experiment=walk_strait", "experiment: there is no option 'walk_strait'; did you mean experiment=walk_"),
+        ("paper=theirs", "paper: there is no option 'theirs'"),
+    ],
+)
+def test_what_is_mistyped_is_told_before_hydra_would_refuse_it(word, sentence):
+    assert mistyped(["seed=1", word])[-1].startswith(sentence)
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"), pytest.raises(HydraException):
+        compose("config", overrides=[word])
+
+
+def test_what_can_be_said_is_not_mistyped():
+    """Nor what is left to Hydra, which knows the keys of parts, and options in folders that are named."""
+    said = [f"{group}={name}" for group in ("experiment", "paper", *GROUPS) for name in options(group)]
+    said += ["study=null", "seed=3", "-m", "prior=walking,smooth", "seed=range(5)", "+prior.new=1", "prior.nothing=1"]
+    assert mistyped([*said, "hydra.run.dir=a b", "hydra/launcher=joblib", "prior@prior.base=gait"]) == []
+    assert mistyped(["--config-dir", "mine", "prior=mine"]) == []
 
 
 def test_anything_else_is_one_line_with_its_cause():
