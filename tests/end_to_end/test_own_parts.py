@@ -66,5 +66,5 @@ def test_without_its_name_the_option_is_not_there(command):
     _, call = command
     done = call("workbench", *SMALL)
     assert done.returncode == 2
-    assert "there is no option 'upright'" in done.stderr
+    assert "dataset: there is no option 'nodding'" in done.stderr  # the first of its options on the command line
     assert "Traceback" not in done.stderr
