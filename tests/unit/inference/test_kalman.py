@@ -12,8 +12,9 @@ from workbench.core.likelihood import Evaluation, Slope
 from workbench.core.memory import Past
 from workbench.errors import InputError
 from workbench.experiment.tracking import rng_streams
+from workbench.inference.kalman.belief import predict, smoothed
 from workbench.inference.kalman.climb import climb, tails
-from workbench.inference.kalman.filter import Kalman, predict, smoothed
+from workbench.inference.kalman.filter import Kalman
 from workbench.inference.kalman.peak import find_peak
 from workbench.learning.linear_motion import LinearMotion
 from workbench.priors.linear import Linear
@@ -208,7 +209,9 @@ def test_with_thin_tails_the_climb_ends_at_the_gaussian_posterior():
     rng = np.random.default_rng(2)
     mean, covariance, marks = rng.standard_normal(4), spread(rng), rng.standard_normal(4)
     free = np.tile([-1e6, 1e6], (4, 1))
-    peak = climb(Bowl(marks, 0.2), mean, covariance, free, limbs=np.array([0, 0, 1, 1]), sudden=1e-12, flatten=1.0)
+    peak = climb(
+        Bowl(marks, 0.2), mean, covariance, free, start=mean, limbs=np.array([0, 0, 1, 1]), sudden=1e-12, flatten=1.0
+    )
     precision = np.linalg.inv(covariance)
     expected = np.linalg.inv(precision + np.eye(4) / 0.04)
     np.testing.assert_allclose(peak.covariance, expected, rtol=1e-6)
@@ -223,7 +226,7 @@ def test_a_limb_that_moves_suddenly_is_let_go_alone():
     mean, covariance, marks = np.zeros(4), 1e-4 * np.eye(4), np.array([0.1, 0.1, 0.01, 0.0])  # ten deviations
     free, limbs = np.tile([-1e6, 1e6], (4, 1)), np.array([0, 0, 1, 1])
     sudden, steady = (
-        climb(Bowl(marks, 0.01), mean, covariance, free, limbs=limbs, sudden=sudden, flatten=1.0)
+        climb(Bowl(marks, 0.01), mean, covariance, free, start=mean, limbs=limbs, sudden=sudden, flatten=1.0)
         for sudden in (0.05, 1e-12)
     )
     np.testing.assert_allclose(steady.pose, 0.5 * marks, rtol=1e-3, atol=1e-6)
@@ -248,7 +251,14 @@ def test_the_precision_of_tails_is_their_slope():
 def test_a_climb_stays_within_limits():
     limits = np.array([[-0.1, 0.1]] * 4)
     peak = climb(
-        Bowl(np.full(4, 3.0), 0.1), np.zeros(4), 0.04 * np.eye(4), limits, limbs=np.arange(4), sudden=0.05, flatten=1.0
+        Bowl(np.full(4, 3.0), 0.1),
+        np.zeros(4),
+        0.04 * np.eye(4),
+        limits,
+        start=np.zeros(4),
+        limbs=np.arange(4),
+        sudden=0.05,
+        flatten=1.0,
     )
     assert (np.abs(peak.pose) <= 0.1).all()
 

@@ -73,6 +73,5 @@ def is_better(
 def _moved(skeleton: Skeleton, limb: IntArray) -> BoolArray:
     """Tell which joints (J,) carry what a limb's angles move."""
     own = np.unique(skeleton.dof_joints[limb])
-    moved = descendants(skeleton)[own].any(axis=0)
-    moved[own] = True
-    return np.asarray(moved)
+    below = descendants(skeleton)[own].any(axis=0)
+    return np.asarray(below | np.isin(np.arange(len(skeleton.names)), own))

@@ -92,8 +92,9 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     """By how much (N,) likelier an image is with facets in N poses, given by their joints' frames, among what is drawn
     already, `behind`, than without: the sum over the pixels on which they are the nearest."""
     found = np.zeros(len(frames.positions))
-    arguments = (*behind, *_table(facets), frames.rotations, frames.positions, camera_row(camera), *_values(shown))
-    over_threads(lambda first, last: _log_ratios(first, last, *arguments, found), len(found), _STEP)
+    placed = frames.rotations, frames.positions, camera_row(camera)
+    arguments: tuple[Any, ...] = (*behind, *_table(facets), *placed, *_values(shown), found)
+    over_threads(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
     return found
 
 

@@ -104,7 +104,7 @@ def _strips(places: AnyArray) -> pa.Array:
 
 @cache
 def _strip_type(dimensions: int) -> pa.DataType:
-    batch = {2: rr.components.LineStrip2DBatch, 3: rr.components.LineStrip3DBatch}[dimensions]
+    batch: Any = {2: rr.components.LineStrip2DBatch, 3: rr.components.LineStrip3DBatch}[dimensions]
     return batch([]).as_arrow_array().type
 
 
