@@ -74,7 +74,7 @@ def check(capsys, *arguments, suspicious=False):
     """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
     with pytest.MonkeyPatch.context() as patch:
         if not suspicious:
-            patch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())
+            patch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole=False: set())
         code = main([str(argument) for argument in arguments])
     printed = capsys.readouterr()
     return code, printed.out + printed.err

@@ -77,7 +77,7 @@ def test_a_recorded_clip_is_rendered_where_it_is(data):
 def test_the_demonstration_video(data):
     folder = data / "sports2d_walk"
     files = {key: str(folder / "keypoints.csv") for key in ("start_marks", "eval_marks")}
-    dataset = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), None, 64, 71, 0.5, **files)
+    dataset = Video(str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), None, 64, 8, 0.5, **files)
     frames = list(dataset.frames())
     assert dataset.known.rate_hz == pytest.approx(30.0)
     assert [frame.index for frame in frames] == list(range(64, 72))

@@ -75,6 +75,7 @@ def run_by(
     environment = dict(os.environ)
     if code is not None:
         environment["PYTHONPATH"] = str(code)
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"  # which is told from another commit's by second and size alone
         environment.setdefault("NUMBA_CACHE_DIR", str(folder.parent / "kernels"))
     names = [str(each.resolve()) for each in recordings]
     command = [python or sys.executable, "-P", "-m", "workbench.cli.check", *names, "--run", "--keep", str(folder)]

@@ -53,8 +53,8 @@ def limb_points_of_all(
     )
     over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)
     return [
-        LimbPoints(pixels[first:last].reshape(*shape, -1, 2), counts[first:last].reshape(*shape, -1), turns)
-        for first, last in pairwise(rows)
+        LimbPoints(pixels[first:last].reshape(*shape, n, 2), counts[first:last].reshape(*shape, n), turns)
+        for n, (first, last) in zip(map(len, samples), pairwise(rows), strict=True)
     ]
 
 

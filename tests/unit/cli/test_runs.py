@@ -182,7 +182,7 @@ def test_a_report_of_what_is_removed_meanwhile_says_so(tmp_path, monkeypatch, ca
     for name in "ab":
         leave_recorded(tmp_path / name, name)
     fatal = probe.fatal
-    monkeypatch.setattr(probe, "fatal", lambda paths: shutil.rmtree(tmp_path / "b") or fatal(paths))
+    monkeypatch.setattr(probe, "fatal", lambda paths, *_: shutil.rmtree(tmp_path / "b") or fatal(paths))
     assert main([str(tmp_path), "--report"]) == 0
     assert "b/run.rrd: no such recording" in capsys.readouterr().out
 

@@ -51,7 +51,7 @@ def configured(path, text):
 def assert_told(path, capsys, monkeypatch):
     """Every command says one sentence of it, and shows the other."""
     monkeypatch.setattr(view, "viewer", lambda: "true")
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())  # which test_open_runs tests
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda *_: set())  # which test_open_runs tests
     assert report.main([str(path.parent)]) == 0
     shown = capsys.readouterr()
     assert "hostile.rrd" in shown.out + shown.err
