@@ -9,6 +9,8 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+import workbench  # noqa: F401 (before NumPy, as a command does: which BLAS is taken is settled when that is loaded)
+
 # Keep byte code whatever the environment says: each worker, and each process that a test starts, would compile it anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

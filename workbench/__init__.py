@@ -8,11 +8,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from workbench.blas import use_one_code_path
 from workbench.kernel_cache import use_kernel_cache
 
 __version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
 use_kernel_cache(Path(__file__).parent)  # before any kernel is defined
+
+use_one_code_path()  # before NumPy is loaded
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 27))  # of an image file, which OpenCV asks when it loads
 
