@@ -21,7 +21,7 @@ ODD = 0.2
 """Share of a cell's pixels that show something else than the cell did before."""
 _WIDER = 1.2  # so that the squares about a sphere's cells leave no gaps
 _NEAREST_M, _LARGEST_PX = 0.05, 200.0  # of facets that are drawn
-_STEP = 8  # poses that a thread takes at once
+_STEP, _ROWS = 8, 32  # poses, and rows of an image, that a thread takes at once
 
 Layer: TypeAlias = tuple[IntArray, FloatArray]
 """(height, width) of cells, −1 where there is none, and of their depths, m."""
@@ -29,17 +29,19 @@ Layer: TypeAlias = tuple[IntArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """K quadrangles that cover the limbs, one for a cell. corners: (K, 4, 3) in their joints' frames, m, once around as
-    seen from outside. cells, joints: (K,)."""
+    """K quadrangles that cover the limbs, one for a cell, with V corners in all. points: (V, 3), the corners in their
+    joints' frames, m. joints: (V,). corners: (K, 4), once around as seen from outside. cells: (K,)."""
 
-    corners: FloatArray
-    cells: IntArray
+    points: FloatArray
     joints: IntArray
+    corners: IntArray
+    cells: IntArray
 
     def on(self, joints: BoolArray) -> "Facets":
         """Those that hang on some of the joints (J,)."""
-        own = joints[self.joints]
-        return Facets(self.corners[own], self.cells[own], self.joints[own])
+        kept = joints[self.joints]
+        renumbered, own = np.cumsum(kept) - 1, kept[self.corners[:, 0]]
+        return Facets(self.points[kept], self.joints[kept], renumbered[self.corners[own]], self.cells[own])
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,26 +61,34 @@ class Shown:
 def surface_facets(limbs: Limbs, cells: Cells) -> Facets:
     """Cover the cells of the limbs' surfaces; those of a sphere by squares, which overlap."""
     parts = [_squares(limbs, k, cells) if limbs.spheres[k] else _mantle(limbs, k) for k in range(len(limbs))]
-    return Facets(np.concatenate(parts), np.arange(len(cells.joints)), cells.joints)
+    sizes = [len(points) for points, _ in parts]
+    firsts = np.cumsum([0, *sizes[:-1]])
+    corners = np.concatenate([own + first for (_, own), first in zip(parts, firsts, strict=True)])
+    points = np.concatenate([points for points, _ in parts])
+    return Facets(points, np.repeat(limbs.joints, sizes), corners, np.arange(len(cells.joints)))
 
 
-def _mantle(limbs: Limbs, k: int) -> FloatArray:
+def _mantle(limbs: Limbs, k: int) -> tuple[FloatArray, IntArray]:
+    """Corners (V, 3) and facets (K, 4) of a cone's cells."""
     u, angle = np.arange(ALONG + 1) / ALONG, 2.0 * np.pi * np.arange(AROUND + 1) / AROUND
     u, angle = (each[..., None] for each in np.meshgrid(u, angle, indexing="ij"))
     radii = limbs.radii[k, 0] + (limbs.radii[k, 1] - limbs.radii[k, 0]) * u
     circle = np.concatenate([np.cos(angle), np.sin(angle)], axis=-1)
     grid = limbs.starts[k] + (limbs.ends[k] - limbs.starts[k]) * u + (circle * radii) @ limbs.axes[k][:, :2].T
-    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    of = np.arange((ALONG + 1) * (AROUND + 1)).reshape(ALONG + 1, AROUND + 1)
+    return grid.reshape(-1, 3), np.stack([of[:-1, :-1], of[:-1, 1:], of[1:, 1:], of[1:, :-1]], axis=2).reshape(-1, 4)
 
 
-def _squares(limbs: Limbs, k: int, cells: Cells) -> FloatArray:
+def _squares(limbs: Limbs, k: int, cells: Cells) -> tuple[FloatArray, IntArray]:
+    """Corners (V, 3) and facets (K, 4) of a sphere's cells."""
     own = cells.limbs == k
     centres, normals = cells.points[own], cells.normals[own]
     side = np.cross(normals, [0.3, 0.5, 0.8])  # any direction; a cell that faces just there has a square of no size
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
     half = _WIDER * np.sqrt(np.pi / own.sum()) * limbs.radii[k, 0, 0]
     a, b = half * side, half * np.cross(normals, side)
-    return np.stack([centres - a - b, centres + a - b, centres + a + b, centres - a + b], axis=1)
+    points = np.stack([centres - a - b, centres + a - b, centres + a + b, centres - a + b], axis=1)
+    return points.reshape(-1, 3), np.arange(4 * len(centres)).reshape(-1, 4)
 
 
 def drawn(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int, int]) -> Layer:
@@ -93,7 +103,10 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     already, `behind`, than without: the sum over the pixels on which they are the nearest."""
     found = np.zeros(len(frames.positions))
     placed = frames.rotations, frames.positions, camera_row(camera)
-    arguments: tuple[Any, ...] = (*behind, *_table(facets), *placed, *_values(shown), found)
+    before, values = np.zeros(behind[0].shape), _values(shown)
+    judged: tuple[Any, ...] = (behind[0], *values, before)
+    over_threads(lambda first, last: _judge(first, last, *judged), len(before), _ROWS)
+    arguments: tuple[Any, ...] = (behind[1], *_table(facets), *placed, *values, before, found)
     over_threads(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
     return found
 
@@ -102,7 +115,8 @@ def drawn_reference(facets: Facets, frames: JointFrames, camera: Camera, behind:
     """Draw facets among what is drawn already in plain NumPy, pixel by pixel."""
     cells, depths = behind[0].copy(), behind[1].copy()
     turned, origins = frames.rotations[0][facets.joints], frames.positions[0][facets.joints]
-    seen = camera.to_camera(np.einsum("kij,kcj->kci", turned, facets.corners) + origins[:, None])
+    points = camera.to_camera(np.einsum("kij,kj->ki", turned, facets.points) + origins)
+    seen = points[facets.corners]
     y, x = np.mgrid[: cells.shape[0], : cells.shape[1]]
     for corners, cell, z in zip(camera.pixels(seen, 1e-6), facets.cells, seen[..., 2], strict=True):
         following = np.roll(corners, -1, axis=0)
@@ -126,96 +140,119 @@ def log_ratio_reference(layer: Layer, shown: Shown) -> float:
     return float(shown.ratio[there].sum() + np.log(ODD + (1.0 - ODD) * normal).sum())
 
 
-def _table(facets: Facets) -> tuple[FloatArray, IntArray, IntArray]:
-    return facets.corners, facets.cells, facets.joints
+def _table(facets: Facets) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    return facets.points, facets.joints, facets.corners, facets.cells
 
 
 def _values(shown: Shown) -> tuple[Any, ...]:
-    return shown.image, shown.ratio, shown.free, shown.texture, shown.n, shown.sigma
+    """What is shown as the kernel takes it: of every cell its deviation and its density's peak, 0 for one not known."""
+    sigma = shown.sigma * np.sqrt(1.0 + 1.0 / np.maximum(shown.n, 1e-300))
+    peak = np.where(shown.n > 0.0, 256.0 / (np.sqrt(2.0 * np.pi) * sigma), 0.0)
+    return shown.image, shown.ratio, shown.free, shown.texture, sigma, peak
 
 
 @inlined_exactly
-def _corners(corners: Any, rotation: Any, position: Any, camera: Any, pixels: Any) -> float:
-    """Write the pixels (4, 2) of a facet's corners (4, 3) and return its mean depth, 0 where it is not to be drawn."""
-    depth, nearest, area = 0.0, np.inf, 0.0
-    for a in range(4):
-        x, y, z = corners[a, 0], corners[a, 1], corners[a, 2]
-        wx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + position[0]
-        wy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + position[1]
-        wz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + position[2]
+def _place(points: Any, joints: Any, rotations: Any, positions: Any, camera: Any, places: Any) -> None:
+    """Write the pixels and depths (V, 3) of corners (V, 3) in a pose."""
+    for k in range(points.shape[0]):
+        x, y, z, turn, origin = points[k, 0], points[k, 1], points[k, 2], rotations[joints[k]], positions[joints[k]]
+        wx = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + origin[0]
+        wy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + origin[1]
+        wz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + origin[2]
         cz = camera[6] * wx + camera[7] * wy + camera[8] * wz + camera[11]
         u = (camera[0] * wx + camera[1] * wy + camera[2] * wz + camera[9]) / cz
         v = (camera[3] * wx + camera[4] * wy + camera[5] * wz + camera[10]) / cz
-        depth, nearest, r2 = depth + 0.25 * cz, min(nearest, cz), u * u + v * v
+        r2 = u * u + v * v
         radial = 1.0 + r2 * (camera[16] + r2 * (camera[17] + r2 * camera[20]))
         bent_u = u * radial + 2.0 * camera[18] * u * v + camera[19] * (r2 + 2.0 * u * u)
         bent_v = v * radial + camera[18] * (r2 + 2.0 * v * v) + 2.0 * camera[19] * u * v
-        pixels[a, 0], pixels[a, 1] = bent_u * camera[12] + camera[14], bent_v * camera[13] + camera[15]
-    for a in range(4):
-        b = (a + 1) % 4
-        area += pixels[a, 0] * pixels[b, 1] - pixels[b, 0] * pixels[a, 1]
-    wide = max(pixels[:, 0].max() - pixels[:, 0].min(), pixels[:, 1].max() - pixels[:, 1].min())
-    return depth if nearest > _NEAREST_M and area < 0.0 and wide < _LARGEST_PX else 0.0
+        places[k, 0], places[k, 1], places[k, 2] = (
+            bent_u * camera[12] + camera[14],
+            bent_v * camera[13] + camera[15],
+            cz,
+        )
 
 
 @inlined_exactly
-def _draw(pixels: Any, depth: float, cell: int, top: int, left: int, cells: Any, depths: Any) -> None:
+def _box(corners: Any, places: Any, box: Any) -> float:
+    """Write the pixels (4,) within which a facet (4,) lies, to the left, to the right, above and below, and return its
+    mean depth, 0 where it is not to be drawn: it faces away, or is too near or too large."""
+    ax, ay, az = places[corners[0], 0], places[corners[0], 1], places[corners[0], 2]
+    bx, by, bz = places[corners[1], 0], places[corners[1], 1], places[corners[1], 2]
+    cx, cy, cz = places[corners[2], 0], places[corners[2], 1], places[corners[2], 2]
+    dx, dy, dz = places[corners[3], 0], places[corners[3], 1], places[corners[3], 2]
+    area = (ax * by - bx * ay) + (bx * cy - cx * by) + (cx * dy - dx * cy) + (dx * ay - ax * dy)
+    if not (area < 0.0 and min(min(az, bz), min(cz, dz)) > _NEAREST_M):
+        return 0.0
+    box[0], box[1] = min(min(ax, bx), min(cx, dx)), max(max(ax, bx), max(cx, dx))
+    box[2], box[3] = min(min(ay, by), min(cy, dy)), max(max(ay, by), max(cy, dy))
+    return 0.25 * (az + bz + cz + dz) if max(box[1] - box[0], box[3] - box[2]) < _LARGEST_PX else 0.0
+
+
+@inlined_exactly
+def _draw(
+    corners: Any, places: Any, box: Any, depth: float, cell: int, top: int, left: int, cells: Any, depths: Any
+) -> None:
     """Draw a facet into the part of an image that begins at (top, left)."""
     height, width = cells.shape
-    low, high = pixels[:, 1].min() - top, pixels[:, 1].max() - top
-    first, last = pixels[:, 0].min() - left, pixels[:, 0].max() - left
-    if not (high >= 0.0 and low <= height - 1.0 and last >= 0.0 and first <= width - 1.0):
+    if not (box[1] >= left and box[0] <= left + width - 1 and box[3] >= top and box[2] <= top + height - 1):
         return
-    for y in range(int(np.ceil(max(low, 0.0))), int(np.floor(min(high, height - 1.0))) + 1):
-        for x in range(int(np.ceil(max(first, 0.0))), int(np.floor(min(last, width - 1.0))) + 1):
-            inside = depth < depths[y, x]
-            for a in range(4):
-                if inside:
-                    b = (a + 1) % 4
-                    along_x, along_y = pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1]
-                    inside = along_x * (y + top - pixels[a, 1]) - along_y * (x + left - pixels[a, 0]) <= 0.0
-            if inside:
-                cells[y, x], depths[y, x] = cell, depth
+    first, last = int(np.ceil(max(box[0], left))), int(np.floor(min(box[1], left + width - 1)))
+    low, high = int(np.ceil(max(box[2], top))), int(np.floor(min(box[3], top + height - 1)))
+    ax, ay = places[corners[0], 0], places[corners[0], 1]
+    bx, by = places[corners[1], 0], places[corners[1], 1]
+    cx, cy = places[corners[2], 0], places[corners[2], 1]
+    dx, dy = places[corners[3], 0], places[corners[3], 1]
+    for y in range(low, high + 1):
+        for x in range(first, last + 1):
+            if (
+                depth < depths[y - top, x - left]
+                and (bx - ax) * (y - ay) - (by - ay) * (x - ax) <= 0.0
+                and (cx - bx) * (y - by) - (cy - by) * (x - bx) <= 0.0
+                and (dx - cx) * (y - cy) - (dy - cy) * (x - cx) <= 0.0
+                and (ax - dx) * (y - dy) - (ay - dy) * (x - dx) <= 0.0
+            ):
+                cells[y - top, x - left], depths[y - top, x - left] = cell, depth
 
 
 @inlined_exactly
-def _ratio(cell: int, y: int, x: int, image: Any, ratio: Any, texture: Any, n: Any, sigma: float) -> float:
+def _ratio(cell: int, y: int, x: int, image: Any, ratio: Any, texture: Any, sigma: Any, peak: Any) -> float:
     """Log ratio of what a pixel shows with a cell there to without."""
-    if cell < 0:
-        return 0.0
-    if not n[cell] > 0.0:
+    if not peak[cell] > 0.0:
         return float(ratio[y, x])
-    own = sigma * np.sqrt(1.0 + 1.0 / n[cell])
-    miss = (image[y, x] - texture[cell]) / own
-    normal = 256.0 / (np.sqrt(2.0 * np.pi) * own) * np.exp(-0.5 * miss * miss)
-    return float(ratio[y, x]) + np.log(ODD + (1.0 - ODD) * normal)
+    miss = (image[y, x] - texture[cell]) / sigma[cell]
+    return float(ratio[y, x]) + np.log(ODD + (1.0 - ODD) * (peak[cell] * np.exp(-0.5 * miss * miss)))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _draw_all(
-    corners: Any, of: Any, joints: Any, rotations: Any, positions: Any, camera: Any, cells: Any, depths: Any
-) -> None:
-    pixels = np.empty((4, 2))
+    points: Any, joints: Any, corners: Any, of: Any, rotations: Any, positions: Any, camera: Any, cells: Any,
+    depths: Any,
+) -> None:  # fmt: skip
+    places, box = np.empty((len(points), 3)), np.empty(4)
+    _place(points, joints, rotations, positions, camera, places)
     for k in range(len(of)):
-        depth = _corners(corners[k], rotations[joints[k]], positions[joints[k]], camera, pixels)
+        depth = _box(corners[k], places, box)
         if depth > 0.0:
-            _draw(pixels, depth, of[k], 0, 0, cells, depths)
+            _draw(corners[k], places, box, depth, of[k], 0, 0, cells, depths)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _log_ratios(
-    first: int, last: int, behind: Any, behind_depths: Any, corners: Any, of: Any, joints: Any, rotations: Any,
-    positions: Any, camera: Any, image: Any, ratio: Any, free: Any, texture: Any, n: Any, sigma: float, found: Any,
+    first: int, last: int, behind_depths: Any, points: Any, joints: Any, corners: Any, of: Any,
+    rotations: Any, positions: Any, camera: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
+    before: Any, found: Any,
 ) -> None:  # fmt: skip
-    height, width = behind.shape
-    pixels, depths = np.empty((len(of), 4, 2)), np.empty(len(of))
+    height, width = behind_depths.shape
+    places, boxes, depths = np.empty((len(points), 3)), np.empty((len(of), 4)), np.empty(len(of))
     for i in range(first, last):
+        _place(points, joints, rotations[i], positions[i], camera, places)
         x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
         for k in range(len(of)):
-            depths[k] = _corners(corners[k], rotations[i, joints[k]], positions[i, joints[k]], camera, pixels[k])
+            depths[k] = _box(corners[k], places, boxes[k])
             if depths[k] > 0.0:
-                x0, x1 = min(x0, pixels[k, :, 0].min()), max(x1, pixels[k, :, 0].max())
-                y0, y1 = min(y0, pixels[k, :, 1].min()), max(y1, pixels[k, :, 1].max())
+                x0, x1 = min(x0, boxes[k, 0]), max(x1, boxes[k, 1])
+                y0, y1 = min(y0, boxes[k, 2]), max(y1, boxes[k, 3])
         if not (x1 >= 0.0 and x0 <= width - 1.0 and y1 >= 0.0 and y0 <= height - 1.0):
             continue
         left, right = int(np.floor(max(x0, 0.0))), int(np.ceil(min(x1, width - 1.0)))
@@ -224,11 +261,23 @@ def _log_ratios(
         near = behind_depths[top : bottom + 1, left : right + 1].copy()
         for k in range(len(of)):
             if depths[k] > 0.0:
-                _draw(pixels[k], depths[k], of[k], top, left, nearest, near)
+                _draw(corners[k], places, boxes[k], depths[k], of[k], top, left, nearest, near)
         total = 0.0
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
                 if nearest[y - top, x - left] >= 0 and free[y, x]:
-                    total += _ratio(nearest[y - top, x - left], y, x, image, ratio, texture, n, sigma)
-                    total -= _ratio(behind[y, x], y, x, image, ratio, texture, n, sigma)
+                    total += _ratio(nearest[y - top, x - left], y, x, image, ratio, texture, sigma, peak)
+                    total -= before[y, x]
         found[i] = total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _judge(
+    first: int, last: int, cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
+    found: Any,
+) -> None:  # fmt: skip
+    """Write the log ratio of every pixel of a layer to the scene."""
+    for y in range(first, last):
+        for x in range(cells.shape[1]):
+            if cells[y, x] >= 0 and free[y, x]:
+                found[y, x] = _ratio(cells[y, x], y, x, image, ratio, texture, sigma, peak)
