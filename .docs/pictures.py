@@ -1,8 +1,8 @@
 """The documents' pictures, of rendered people only.
 
-`python .docs/pictures.py FOLDER` draws the tutorial's, of what its commands left in FOLDER, and `python
-.docs/pictures.py SHOT.png` makes the README's of a shot of the viewer that shows a recording of walk_best. Those of
-experiments are drawn, of the baselines, when the pages are built.
+`PYTHONPATH=. python .docs/pictures.py FOLDER`, in a clone, draws the tutorial's, of what its commands left in FOLDER;
+with SHOT.png in place of FOLDER it makes the README's of a shot of the viewer that shows a recording of walk_best.
+Those of experiments are drawn, of the baselines, when the pages are built.
 """
 
 import sys

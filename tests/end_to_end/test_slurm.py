@@ -19,7 +19,8 @@ JOBS = (
     "inference.n_particles=3000", "dataset.width=160", "dataset.height=120", "dataset.person_px=80",
     "dataset.focal_px=175",
 )  # fmt: skip
-LAUNCHER = ("hydra/launcher=submitit_slurm", "hydra.launcher.cpus_per_task=1", "hydra.launcher.timeout_min=60",
+# With more than ten minutes submitit takes a job whose time is up early for one that may run again.
+LAUNCHER = ("hydra/launcher=submitit_slurm", "hydra.launcher.cpus_per_task=1", "hydra.launcher.timeout_min=10",
             "hydra.launcher.signal_delay_s=1")  # fmt: skip
 PATIENCE_S = 1800.0
 

@@ -1,17 +1,14 @@
 """Several recordings in one viewer: two in one, under a/ and under b/, or many as they are, with names."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from workbench.core.study import Sticks
-from workbench.recording.read.chunks import EVERYTHING, read_chunks
+from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
 from workbench.recording.read.probe import refuse_fatal
 from workbench.recording.read.reader import Run
 from workbench.recording.study.recorder import entity
@@ -47,14 +44,13 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
 def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) -> list[Path]:
     """Write an .rrd for each recording that holds nothing but its name; returns their paths.
 
-    Opened together with the recording it becomes part of it, since both have one recording id.
+    Opened together with the recording it becomes part of it, since both have one recording id. Raises InputError where
+    one cannot be read.
     """
     written = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
     for path, recording, name in zip(written, recordings, names, strict=True):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RerunWarning)  # a recording cut off has no footer
-            store = RrdReader(recording).recordings()[0]
-        stream = rr.RecordingStream(store.application_id, recording_id=store.recording_id, send_properties=False)
+        application, recording_id = recording_of(recording)
+        stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
         stream.set_log_time_enabled(False)
         stream.set_sinks(rr.FileSink(path))
         stream.send_recording_name(name)

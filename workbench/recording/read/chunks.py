@@ -75,6 +75,28 @@ def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
         raise InputError(f"{path}: expected a whole Rerun recording{found}") from None
 
 
+def recording_of(path: Path) -> tuple[str, str]:
+    """Tell of which application and which recording, by its id, an .rrd or what a run cut off left is; raises
+    InputError as `read_chunks`."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RerunWarning)
+            return _recording_of(path)
+    except (RuntimeError, ValueError, OSError, IndexError) as error:
+        raise InputError(f"{path}: expected a whole Rerun recording: {error}") from None
+
+
+def _recording_of(path: Path) -> tuple[str, str]:
+    try:
+        store = RrdReader(path).recordings()[0]
+    except (RuntimeError, ValueError, IndexError):
+        if not path.name.endswith(".part"):
+            raise
+        with _whole_messages(path) as whole:
+            store = RrdReader(whole).recordings()[0]
+    return store.application_id, store.recording_id
+
+
 def _read(path: Path, contents: list[str]) -> list[Chunk]:
     try:  # by the footer: nothing else is read
         return RrdReader(path).store().stream().filter(content=contents).to_chunks()
