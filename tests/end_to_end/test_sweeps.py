@@ -244,31 +244,20 @@ JOBLIB = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_batch_size=2")
 
 
+LAUNCHERS = [("hydra_plugins.hydra_joblib_launcher", JOBLIB), ("hydra_plugins.hydra_submitit_launcher", SUBMITIT)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("needed", "launcher", "victim"),
-    [
-        ("hydra_plugins.hydra_joblib_launcher", JOBLIB, "worker"),
-        ("hydra_plugins.hydra_submitit_launcher", SUBMITIT, "job"),
-    ],
-)
-def test_six_of_eight_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher, victim):
+@pytest.mark.parametrize(("needed", "launcher"), LAUNCHERS)
+def test_six_of_eight_jobs_complete_and_resume_runs_the_other_two(tmp_path, needed, launcher):
     pytest.importorskip(needed)
-    sweep, told = tmp_path / "sweep", tmp_path / "told.txt"
-    environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
-    command = [sys.executable, "-m", "workbench", "-m", *launcher, *MANY]
-    with told.open("w") as out, subprocess.Popen(
-        [*command, f"hydra.sweep.dir={sweep}"], cwd=tmp_path, env=environment, stdout=out, stderr=subprocess.STDOUT
-    ) as process:  # fmt: skip
-        victims = {3: signal.SIGSEGV, 5: signal.SIGKILL}
-        while victims:  # in the order in which they begin, which is the launcher's
-            job, pid = wait_for(lambda: first_running(sweep, victims), lambda: process.poll() is None)
-            os.kill(parent_of(pid) if (victim, job) == ("worker", 5) else pid, victims.pop(job))
-    assert process.returncode == 1, told.read_text()
-    status = Counter(summary["status"] for summary in summaries(sweep).values())
-    assert status["complete"] == 6
-    assert f"{sweep / '3'}: killed by SIGSEGV" in told.read_text()
-    assert f"{sweep / '5'}: {'interrupted' if victim == 'worker' else 'killed by SIGKILL'}" in told.read_text()
+    command, environment, sweep = many(tmp_path, launcher)
+    victims = {3: signal.SIGSEGV, 5: signal.SIGKILL}
+    code, told = killing(command, environment, sweep, lambda job, pid: os.kill(pid, victims[job]), list(victims))
+    assert code == 1, told
+    assert Counter(summary["status"] for summary in summaries(sweep).values()) == {"complete": 6, "failed": 2}
+    assert f"{sweep / '3'}: killed by SIGSEGV" in told
+    assert f"{sweep / '5'}: killed by SIGKILL" in told
 
     before = summaries(sweep)
     done = subprocess.run([*command, f"sweep.resume={sweep}"], cwd=tmp_path, env=environment, check=False)
@@ -276,6 +265,36 @@ def test_six_of_eight_jobs_complete_and_resume_runs_the_other_two(tmp_path, need
     after = summaries(sweep)
     assert {job for job in after if after[job]["started"] != before[job]["started"]} == {3, 5}
     assert all(summary["status"] == "complete" for summary in after.values())
+
+
+@pytest.mark.slow
+def test_what_a_killed_worker_of_a_launcher_ran_is_run_again(tmp_path):
+    """joblib ends all its workers with the one that was killed, and every job that they ran with them."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    command, environment, sweep = many(tmp_path, JOBLIB)
+    code, told = killing(command, environment, sweep, lambda _, pid: os.kill(parent_of(pid), signal.SIGKILL), [3])
+    assert code == 0, told
+    assert "workbench: the launcher died: TerminatedWorkerError" in told
+    assert [summary["status"] for summary in summaries(sweep).values()] == ["complete"] * 8
+
+
+def many(folder, launcher):
+    """The command of a sweep of eight jobs, its environment and its folder."""
+    command = [sys.executable, "-m", "workbench", "-m", *launcher, *MANY]
+    return command, {**os.environ, "WORKBENCH_CACHE": str(folder / "cache")}, folder / "sweep"
+
+
+def killing(command, environment, sweep, kill, jobs):
+    """Run a sweep and kill(job, pid) some of its jobs, in the order in which they begin: (exit code, what it told)."""
+    told = sweep.with_name("told.txt")
+    with told.open("w") as out, subprocess.Popen(
+        [*command, f"hydra.sweep.dir={sweep}"], cwd=sweep.parent, env=environment, stdout=out, stderr=subprocess.STDOUT
+    ) as process:  # fmt: skip
+        while jobs:
+            job, pid = wait_for(lambda: first_running(sweep, jobs), lambda: process.poll() is None)
+            jobs.remove(job)
+            kill(job, pid)
+    return process.returncode, told.read_text()
 
 
 @pytest.mark.slow

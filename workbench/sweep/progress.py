@@ -29,6 +29,8 @@ LONGEST_END_S = 20.0
 """That jobs have to end in when asked to, before their launcher kills them."""
 _ELSEWHERE = ("BasicLauncher", SLURM)
 """Ends of the names of launchers whose jobs are told by who waits for them, or that go on by themselves."""
+_ORPHANED = f"Asked: {signal.SIGINT.name}"
+"""What a job's summary says that ended because the process that had started it is gone, see `process.main`."""
 
 
 class Progress:
@@ -84,6 +86,19 @@ class Progress:
     def cut(self) -> list[int]:
         """The jobs that have not ended: cut off with their launcher, or never begun."""
         return [job for job in self.jobs if job not in self.ended]
+
+    def forget_cut_off(self) -> None:
+        """Count the jobs that a launcher which has died took with it as not ended; waits until they have noticed.
+
+        Each of them interrupts itself with SIGINT; asked by a person, the whole sweep would end.
+        """
+        latest = monotonic() + LONGEST_END_S
+        while any(at_work(self.plan.folder / str(job)) for job in self.cut()) and monotonic() < latest:
+            sleep(0.1)
+        for job in self.jobs:
+            summary = read_summary(self.plan.folder / str(job)) or {}
+            if (summary.get("status"), summary.get("error")) == ("interrupted", _ORPHANED):
+                self.ended.pop(job, None)
 
     def _watch(self) -> None:
         over = False
@@ -168,6 +183,7 @@ class Watch(Callback):
 
 def rest_of(progress: Progress) -> list[str]:
     """The overrides that run what is left after the launcher died; none when a tuner chose the jobs."""
+    progress.forget_cut_off()
     folder = str(progress.plan.folder).replace("'", r"\'")
     left = progress.cut() if progress.plan.varied is not None else []
     return [f"sweep.resume='{folder}'", f"sweep.jobs=[{','.join(map(str, left))}]"] if left else []
