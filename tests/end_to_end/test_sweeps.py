@@ -117,13 +117,33 @@ def test_a_killed_job_is_tried_again_as_often_as_is_said(tmp_path, monkeypatch):
         (folder / "summary.json").write_text(json.dumps({"status": status, "error": error, "metrics": {}}))
 
     monkeypatch.setattr(plan, "run_apart", run_once)
-    job = OmegaConf.create({"runtime": {"output_dir": str(tmp_path)}, "job": {"num": 0, "name": "job"}, "sweeper": {}})
-    keys = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "retries": 1}
-    keys |= {"stop_when": None}
-    plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
+    run_a_job(tmp_path, retries=1)
     assert tried == ["killed by SIGKILL", "killed by SIGTERM"]
-    plan.run_job(OmegaConf.create({}), OmegaConf.create(keys), "custom", job)
+    run_a_job(tmp_path, retries=1)
     assert tried[2:] == [None]
+
+
+def test_a_job_that_a_cluster_runs_again_goes_on_with_what_it_recorded(tmp_path, monkeypatch):
+    """As Slurm does with one that had to make room for another, or whose node is gone: nobody says sweep.resume."""
+    found = []
+
+    def run_once(config, experiment, folder, output, lock, stop):
+        found.extend(each.read_text() for each in folder.glob(".before/*.rrd.part"))
+        (folder / "run.rrd.part").write_text("ten frames")
+        (folder / "summary.json").write_text(json.dumps({"status": "interrupted", "error": None, "metrics": {}}))
+
+    monkeypatch.setattr(plan, "run_apart", run_once)
+    run_a_job(tmp_path)
+    assert found == []
+    run_a_job(tmp_path)
+    assert found == ["ten frames"]
+
+
+def run_a_job(folder, retries=0):
+    """Run the first job of a sweep in its folder."""
+    job = OmegaConf.create({"runtime": {"output_dir": str(folder)}, "job": {"num": 0, "name": "job"}, "sweeper": {}})
+    keys = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "retries": retries}
+    plan.run_job(OmegaConf.create({}), OmegaConf.create(keys | {"stop_when": None}), "custom", job)
 
 
 @pytest.mark.slow

@@ -121,9 +121,8 @@ def _attempt(config: DictConfig, sweep: DictConfig, experiment: str, folder: Pat
         write_failure(folder, f"not begun, as job {failed.read_text()} failed and sweep.fail_fast is true", nothing)
         return
     summary: dict[str, Any] = {}
-    for k in range(1 + sweep.retries):
-        if k or sweep.resume is not None:
-            put_back(folder, sweep.stop_when)
+    for _ in range(1 + sweep.retries):
+        put_back(folder, sweep.stop_when)  # without sweep.resume, too: Slurm may run a job of a sweep twice
         if (folder.parent / ENDING).is_file():
             return
         try:

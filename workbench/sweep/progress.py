@@ -19,6 +19,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment.folder import refuse_if_taken
+from workbench.sweep import starter
 from workbench.sweep.job import CUT_OFF, ENDED, at_work, read_summary, say_if_gone
 from workbench.sweep.plan import ENDING, FAILED, Plan, metric_of, plan_of, worst
 from workbench.sweep.reuse import ASIDE, left_aside
@@ -37,7 +38,8 @@ class Progress:
     """The jobs of a sweep as their folders tell, which every launcher leaves alike.
 
     Job k has ended when `k/summary.json` was written, or marked as looked at, since the sweep began and its status is
-    one of ENDED. `after`: the progress of the same sweep before its launcher died. `launcher`: its name.
+    one of ENDED; one that was interrupted may begin again, as submitit has Slurm do. `after`: the progress of the same
+    sweep before its launcher died. `launcher`: its name.
     """
 
     def __init__(self, plan: Plan, after: "Progress | None" = None, launcher: str = "") -> None:
@@ -63,6 +65,8 @@ class Progress:
 
         Else the launcher would kill them with its processes before they have closed their recordings.
         """
+        if self._launcher.endswith(SLURM):
+            starter.leave(self.plan.folder)
         if self._launcher.endswith(_ELSEWHERE):
             return
         folder, latest, asked = self.plan.folder, monotonic() + LONGEST_END_S, set[int]()
@@ -104,14 +108,18 @@ class Progress:
         over = False
         while not over:
             over = self._over.wait(PERIOD_S)
-            for job in self.cut():
-                self._look(job)
+            for job in self.jobs:
+                if self.ended.get(job) in (None, "interrupted"):
+                    self._look(job)
 
     def _look(self, job: int) -> None:
         written, (was_written, was_started) = self._written(job), self._before.get(job, (0, None))
         summary = (read_summary(self.plan.folder / str(job)) if written != was_written else None) or {}
+        if summary:
+            self.ended.pop(job, None)
         if summary.get("status") not in ENDED:
             return
+        self._before[job] = written, was_started
         same = "taken_from" in summary or summary.get("started", "") == was_started
         self.ended[job] = "kept" if same else summary["status"]
         try:
@@ -172,7 +180,9 @@ class Watch(Callback):
         if Watch.progress is None:
             (plan.folder / FAILED).unlink(missing_ok=True)
         (plan.folder / ENDING).unlink(missing_ok=True)
-        Watch.progress = Progress(plan, after=Watch.progress, launcher=str(config.hydra.launcher._target_))
+        launcher = str(config.hydra.launcher._target_)
+        starter.begin(plan.folder, needed=not launcher.endswith(SLURM))
+        Watch.progress = Progress(plan, after=Watch.progress, launcher=launcher)
 
     @classmethod
     def end(cls) -> None:
@@ -196,6 +206,7 @@ def close(progress: Progress, arguments: list[str]) -> int:
         print(f"{left} complete runs that were here are none of these jobs: kept in {folder / ASIDE}")
     for job in progress.cut():
         say_if_gone(folder / str(job))
+    starter.end(folder)
     if not (missing := progress.not_complete()):
         return 0
     print(f"workbench: {len(missing)} of {len(progress.jobs)} jobs are not complete:", file=sys.stderr)

@@ -20,12 +20,13 @@ from workbench.errors import InputError
 from workbench.experiment.schema import prepare_hydra
 from workbench.limits import MOST_CONFIG, check_file, check_yaml
 from workbench.report.tables import printable
+from workbench.sweep import starter
 from workbench.sweep.job import ENDED
 from workbench.sweep.plan import ERRORS
 
 PERIOD_S = 0.5
 _GONE_AFTER = 20
-"""Looks that a killed job stays one, which whoever started it would have told by then."""
+"""Looks at jobs that nobody starts any more, or at a killed one, which whoever started it would have told by then."""
 _PLAN = "multirun.yaml"
 
 
@@ -57,6 +58,13 @@ class Watched:
         except (OSError, YAMLError):
             return ""
         return printable(" ".join(each for each in overrides if each.partition("=")[0] in self.keys))
+
+    def left(self, entries: Mapping[int, Entry]) -> bool:
+        """Tell whether nobody starts jobs any more, or waits for one that still runs."""
+        known = starter.state_of(self.folder)
+        if known is None:
+            return any(entry.status == "killed" for entry in entries.values())
+        return known == "done" or (known == "gone" and all(entry.status != "running" for entry in entries.values()))
 
     def _began_ns(self) -> int:
         plan = self.folder / _PLAN
@@ -99,12 +107,13 @@ def watch(sweep: Watched, period_s: float = PERIOD_S) -> int:
     """
     entries = sweep.entries()
     print(f"{len(sweep.jobs)} jobs in {sweep.folder}: {_count(sweep, entries)}", flush=True)
-    killed = 0
+    left = 0
     with tqdm(total=len(sweep.jobs), unit="job", disable=None) as bar:
         while True:
             bar.update(sum(entry.status in ENDED for entry in entries.values()) - bar.n)
-            killed = killed + 1 if any(entry.status == "killed" for entry in entries.values()) else 0
-            if all(job in entries and entries[job].status in ENDED for job in sweep.jobs) or killed > _GONE_AFTER:
+            left = left + 1 if sweep.left(entries) else 0
+            all_ended = all(job in entries and entries[job].status in ENDED for job in sweep.jobs)
+            if all_ended or left > _GONE_AFTER:
                 break
             if not sweep.folder.is_dir():
                 raise InputError(f"{sweep.folder}: was removed meanwhile")
@@ -114,9 +123,9 @@ def watch(sweep: Watched, period_s: float = PERIOD_S) -> int:
                 if job not in before or before[job].status != entry.status:
                     bar.write(_line(sweep, entries, job))
     print(_count(sweep, entries), flush=True)
-    if killed:
+    if not all_ended:
         print(f"whoever started the jobs is gone; sweep.resume={sweep.folder} goes on with them")
-    return 0 if all(entry.status == "complete" for entry in entries.values()) and not killed else 1
+    return 0 if all_ended and all(entry.status == "complete" for entry in entries.values()) else 1
 
 
 def _count(sweep: Watched, entries: Mapping[int, Entry]) -> str:

@@ -9,6 +9,7 @@ import pytest
 from run_folders import leave, summary
 
 from workbench.errors import InputError
+from workbench.sweep import starter
 from workbench.sweep import watch as module
 from workbench.sweep.watch import watch, watched
 
@@ -86,6 +87,47 @@ def test_a_sweep_whose_launcher_died_ends(sweep, capsys):
     assert capsys.readouterr().out.endswith(
         f"whoever started the jobs is gone; sweep.resume={sweep} goes on with them\n"
     )
+
+
+def ends(sweep, monkeypatch):
+    """Watch without waiting, for a hundred looks at most; what the command returns, None where it would go on."""
+    looks = iter(range(100))
+    monkeypatch.setattr(module, "sleep", lambda _: next(looks))
+    try:
+        return watch(watched(sweep))
+    except StopIteration:
+        return None
+
+
+def test_a_sweep_that_was_asked_to_end_before_all_jobs_had_begun_ends(sweep, capsys, monkeypatch):
+    starter.begin(sweep, needed=True)
+    leave(sweep / "1", seed=1, status="interrupted")
+    assert ends(sweep, monkeypatch) is None
+    starter.end(sweep)
+    assert ends(sweep, monkeypatch) == 1
+    assert capsys.readouterr().out.endswith(
+        "1 complete, 1 interrupted, 2 not begun\n"
+        f"whoever started the jobs is gone; sweep.resume={sweep} goes on with them\n"
+    )
+
+
+def test_a_sweep_whose_launcher_was_killed_ends_with_its_last_job(sweep, monkeypatch):
+    said = {"host": platform.node(), "pid": PID_NEVER, "done": False}
+    (sweep / starter.FILE).write_text(json.dumps(said))
+    job = leave(sweep / "1", status="running", host=platform.node(), pid=os.getpid())
+    assert ends(sweep, monkeypatch) is None
+    shutil.rmtree(job)
+    leave(job, status="interrupted")
+    assert ends(sweep, monkeypatch) == 1
+
+
+def test_jobs_that_go_on_by_themselves_are_waited_for(sweep, monkeypatch):
+    starter.begin(sweep, needed=False)
+    leave(sweep / "1", status="running", host=platform.node(), pid=PID_NEVER)
+    assert ends(sweep, monkeypatch) is None  # whoever waits for it may run it again
+    starter.leave(sweep)
+    starter.end(sweep)
+    assert ends(sweep, monkeypatch) == 1
 
 
 @pytest.mark.parametrize("plan", ["", "{", "hydra: 3", "hydra: {overrides: {task: ['a=[']}}", "- 1"])
