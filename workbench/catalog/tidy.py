@@ -11,10 +11,11 @@ from uuid import uuid4
 from workbench.catalog.entry import Entry, entry_of_folder
 from workbench.catalog.index import runs_in
 from workbench.errors import InputError
-from workbench.experiment.folder import held
+from workbench.experiment.folder import BEFORE, LOCK, RUN, earlier_runs, held, kept_before
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.read.probe import read_sound_run
+from workbench.signals import finishing
 
 BASELINES = "baselines"
 _REMOVED = ".removed-"
@@ -39,8 +40,11 @@ def check_movable(entries: Iterable[Entry], places: Sequence[Path]) -> None:
 
 
 def bytes_of(entry: Entry) -> int:
-    """All that a run takes on the disk; nothing of what another command removes meanwhile."""
-    below = [os.path.join(folder, name) for folder, _, files in os.walk(entry.path) for name in files]
+    """What a run takes on the disk, without earlier ones in its folder and what another command removes meanwhile."""
+    stay = {str(each) for each in earlier_runs(Path(entry.path))}
+    below = [
+        os.path.join(folder, name) for folder, _, files in os.walk(entry.path) if folder not in stay for name in files
+    ]
     sizes = list[int]()
     for file in below if os.path.isdir(entry.path) else [entry.path]:
         with suppress(FileNotFoundError):
@@ -85,9 +89,19 @@ def archive(entries: Sequence[Entry], file: Path) -> None:
                 raise InputError(f"{entry.path}: was removed meanwhile, and nothing is packed") from None
 
 
+def goes_with(entry: Entry) -> str:
+    """Tell what else lies in a run's folder that nobody listed, and what becomes of it when the run is removed."""
+    if earlier := earlier_runs(Path(entry.path)):
+        return f"the run that was there before, {earlier[-1]}, takes its place"
+    if any(name.endswith(".part") for name in kept_before(Path(entry.path))):
+        return "with what an earlier attempt recorded, from which sweep.resume would go on"
+    return ""
+
+
 def remove(entry: Entry) -> None:
     """Delete a run's folder, or its recording where that lies by itself; see `check_movable`, to be asked first.
 
+    A complete run that the folder held before takes its place. What an attempt at the same run recorded goes with it.
     A folder is renamed first, so that nobody sees half of one, or begins a run in it. Raises InputError for one that
     cannot be removed, or that has begun to run again since it was listed.
     """
@@ -95,7 +109,7 @@ def remove(entry: Entry) -> None:
     apart = path.with_name(f"{_REMOVED}{uuid4().hex}")
     try:
         with _unchanged(entry):
-            os.rename(path, apart) if path.is_dir() else path.unlink()
+            _set_apart(path, apart) if path.is_dir() else path.unlink()
     except FileNotFoundError:  # another command has removed it
         return
     except OSError as error:
@@ -103,6 +117,22 @@ def remove(entry: Entry) -> None:
     _delete(apart)
     for left in path.parent.glob(f"{_REMOVED}*"):  # by a command that was killed
         shutil.rmtree(left, ignore_errors=True)
+
+
+def _set_apart(path: Path, apart: Path) -> None:
+    """Rename a run's folder, or what in it is the run's own where earlier runs are to stay; no run may begin in it."""
+    if not (earlier := earlier_runs(path)):
+        os.rename(path, apart)
+        return
+    apart.mkdir()
+    with finishing():
+        for each in os.listdir(path):
+            if each not in (BEFORE, LOCK):
+                os.rename(path / each, apart / each)
+        for name in RUN:
+            if (earlier[-1] / name).is_file():
+                os.rename(earlier[-1] / name, path / name)
+    shutil.rmtree(earlier[-1])
 
 
 def _delete(folder: Path) -> None:

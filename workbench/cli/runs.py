@@ -188,7 +188,8 @@ def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Na
     if not arguments.yes:
         sizes = [tidy.bytes_of(entry) for entry in found]
         for entry, size in zip(found, sizes, strict=True):
-            print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}")
+            more = f": {printable(told)}" if arguments.rm and (told := tidy.goes_with(entry)) else ""
+            print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}{more}")
         print(f"{len(found)} runs, {_size(sum(sizes))}: would be {what}; nothing was done, --yes does it")
         return 0
     from tqdm import tqdm
@@ -207,8 +208,10 @@ def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Na
 def _removed(entry: Entry) -> int:
     from workbench.catalog import tidy
 
-    size = tidy.bytes_of(entry)
+    size, told = tidy.bytes_of(entry), tidy.goes_with(entry)
     tidy.remove(entry)
+    if told:
+        tell(f"{entry.path}: {told}")
     return size
 
 

@@ -14,9 +14,26 @@ from workbench.signals import finishing
 
 log = logging.getLogger(__name__)
 
-_LOCK = ".taken"
-_BEFORE = ".before"
+LOCK = ".taken"
+BEFORE = ".before"
 """Where in the folder earlier runs are kept, numbered; readers of recordings look into no hidden folder."""
+RUN = ("run.rrd", "summary.json")
+"""What is kept of one: what tells of it last."""
+
+
+def earlier_runs(folder: Path) -> list[Path]:
+    """The complete runs that a folder held before its own, the oldest first."""
+    numbers = sorted((name for name in kept_before(folder) if name.isdecimal()), key=int)
+    found = (folder / BEFORE / name for name in numbers)
+    return [each for each in found if (each / RUN[0]).is_file()]
+
+
+def kept_before(folder: Path) -> list[str]:
+    """The names of what a folder keeps of earlier runs and attempts; none where it is gone."""
+    try:
+        return os.listdir(folder / BEFORE)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
 
 
 @contextmanager
@@ -28,7 +45,7 @@ def taken(folder: Path) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = (folder / _LOCK).open("a+")
+        file = (folder / LOCK).open("a+")
     except OSError as error:
         raise InputError(f"{folder}: cannot be the folder of a run: {error.strerror}") from None
     with file:
@@ -51,7 +68,7 @@ def held(folder: Path) -> Iterator[None]:
     if not os.access(folder, os.W_OK):
         yield
         return
-    with (folder / _LOCK).open("a") as file:
+    with (folder / LOCK).open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -61,8 +78,8 @@ def held(folder: Path) -> Iterator[None]:
 
 def refuse_if_taken(folder: Path) -> None:
     """Raise InputError, which says who, where a run works in the folder."""
-    if (folder / _LOCK).is_file():
-        with (folder / _LOCK).open() as file:
+    if (folder / LOCK).is_file():
+        with (folder / LOCK).open() as file:
             _lock(file.fileno(), fcntl.LOCK_SH, folder)
 
 
@@ -70,17 +87,17 @@ def _lock(file: int, how: int, folder: Path) -> None:
     try:
         fcntl.flock(file, how | fcntl.LOCK_NB)
     except BlockingIOError:
-        who = (folder / _LOCK).read_text() or "another one"
+        who = (folder / LOCK).read_text() or "another one"
         raise InputError(f"{folder}: a run is at work there, {who}; choose another by hydra.run.dir=FOLDER") from None
 
 
 def _set_aside(folder: Path) -> None:
     """Move a run that ended well out of the way, its summary first, which alone would say what is not there."""
-    if (folder / "run.rrd").is_file():
-        aside = next(place for k in count(1) if not (place := folder / _BEFORE / str(k)).exists())
+    if (folder / RUN[0]).is_file():
+        aside = next(place for k in count(1) if not (place := folder / BEFORE / str(k)).exists())
         aside.mkdir(parents=True)
         with finishing():
-            for name in ("summary.json", "run.rrd"):
+            for name in reversed(RUN):
                 if (folder / name).is_file():
                     os.replace(folder / name, aside / name)
         log.warning("%s: held a complete run, which is now in %s", folder, aside)

@@ -65,6 +65,49 @@ def test_the_size_of_a_run_that_is_removed_meanwhile_is_what_was_seen(root, monk
     assert not Path(found.path).exists()
 
 
+def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root):
+    folder = root / "sweep" / "1"
+    for k in range(3):  # each in the place of the one before
+        (folder / "summary.json").unlink()
+        leave(root / f"new{k}", seed=10 + k, status="complete" if k < 2 else "failed")
+        os.replace(root / f"new{k}" / "summary.json", folder / "summary.json")
+        (root / f"new{k}").rmdir()
+        if k < 2:
+            (folder / "run.rrd").write_text(f"run {k}")
+            with taken(folder):
+                leave_nothing_but_a_summary(folder)
+    (folder / "run.log").write_text("of the last")
+    (folder / ".hydra").mkdir()
+    for seed, left in ((12, "run 1"), (11, "run 0")):
+        entry = entries(folder)[0]
+        assert entry.seed == seed
+        tidy.check_movable([entry], [root])
+        assert tidy.goes_with(entry).startswith("the run that was there before, ")
+        tidy.remove(entry)
+        assert (folder / "run.rrd").read_text() == left
+        assert not (folder / "run.log").exists()
+    assert tidy.goes_with(entries(folder)[0]) == ""
+    tidy.remove(entries(folder)[0])
+    assert os.listdir(root / "sweep") == ["0"]
+
+
+def leave_nothing_but_a_summary(folder):
+    """As a run that has just begun."""
+    (folder / "summary.json").write_text("{}")
+
+
+def test_what_an_attempt_recorded_is_told_before_it_is_removed_with_its_run(root):
+    entry = entries(root)[0]
+    before = Path(entry.path, ".before")
+    before.mkdir()
+    assert tidy.goes_with(entry) == ""
+    (before / "1.rrd.part").write_bytes(b"0" * 1000)
+    assert "what an earlier attempt recorded" in tidy.goes_with(entry)
+    assert tidy.bytes_of(entry) > 1000
+    tidy.remove(entry)
+    assert not Path(entry.path).exists()
+
+
 def test_a_baseline_is_never_touched(root):
     leave(root / "baselines" / "a", day=20)
     with pytest.raises(InputError, match="is a baseline"):

@@ -100,6 +100,24 @@ def test_nothing_is_removed_unless_it_is_said_twice(told, root):
     assert len(list(root.rglob("summary.json"))) == 7
 
 
+def test_what_is_removed_with_a_run_and_what_is_not_is_told(told, root):
+    before = root / "lost" / ".before"
+    before.mkdir()
+    (before / "1.rrd.part").write_text("frames")
+    said = f"{root / 'lost'}: with what an earlier attempt recorded, from which sweep.resume would go on"
+    assert told("status=failed", "--rm")[1][0].endswith(said)
+    (before / "1.rrd.part").unlink()
+    (before / "1").mkdir()
+    for name, text in {"run.rrd": "whole", "summary.json": (root / "sweep" / "0" / "summary.json").read_text()}.items():
+        (before / "1" / name).write_text(text)
+    said = f"{root / 'lost'}: the run that was there before, {before / '1'}, takes its place"
+    assert told("status=failed", "--rm")[1][0].endswith(said)
+    code, lines, err = told("status=failed", "--rm", "--yes")
+    assert (code, lines[0], err) == (0, "1 runs removed, 0.0 MB won", f"workbench-runs: {said}\n")
+    assert (root / "lost" / "run.rrd").read_text() == "whole"
+    assert told("status=failed")[1] == ["no run fits"]
+
+
 def test_what_steers_a_terminal_is_not_printed(told, root):
     leave(root / "hostile", prior="\x1b[31m<script>", day=29)
     _, lines, _ = told("status=complete")
