@@ -21,6 +21,7 @@ CARD = "card"
 _OPEN = "recording link"
 """The viewer's own column of what a card opens, and shows a preview of."""
 _IMAGE = "EncodedImage:blob"
+_SCENE = "/world/"
 
 
 def recording_id(path: Path) -> tuple[str, str]:
@@ -37,12 +38,16 @@ def recording_id(path: Path) -> tuple[str, str]:
 
 
 def images_in(path: Path) -> list[str]:
-    """Find the entities of a recording that are images, sorted; none of a recording that was cut off."""
+    """Find the cameras' images in a recording, by their paths, sorted; none of a recording that was cut off.
+
+    Pictures of marginals are images, too, and no preview of a run.
+    """
     try:
         columns = RrdReader(path).store().schema().component_columns()
     except (RuntimeError, ValueError, OSError):
         return []
-    return sorted({each.entity_path for each in columns if each.component == _IMAGE})
+    images = {each.entity_path for each in columns if each.component == _IMAGE}
+    return sorted(path for path in images if path.startswith(_SCENE))
 
 
 def has_layout(path: Path) -> bool:
