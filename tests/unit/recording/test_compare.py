@@ -91,6 +91,26 @@ def test_weights_that_move_show_in_the_marginals(made, tracked):
     }
 
 
+def test_a_run_that_goes_on_from_a_frame_is_compared_from_there_on(made, tracked):
+    """Its own numbers are of other frames."""
+    frame = tracked[1].frame.index
+    whole, part = made(), made(tracked[1:], RESULT | {"error_mm": 50.0}, VERSIONS | {"parent_frame": frame})
+    for was, now in ((whole, part), (part, whole)):
+        findings = {finding.quantity: finding for finding in compare(was, now, {})}
+        assert findings.keys() == {
+            "error_mm", "error_relative_mm", "ess", "log_evidence", "visible_limbs", "frame numbers", "poses",
+        }  # fmt: skip
+        assert all(finding.passed and finding.tolerance == "exact" for finding in findings.values())
+    assert (findings["frame numbers"].was, findings["frame numbers"].now) == (3, 3)
+    assert failed(whole, made(tracked[1:], RESULT, VERSIONS)).keys() >= {"frame numbers", "marginals"}
+
+    other = [tracked[1], with_pose(tracked[2], 0, 0.1), tracked[3]]
+    found = failed(whole, made(other, RESULT, VERSIONS | {"parent_frame": frame}))
+    assert found["error_mm"].detail.startswith(f"first differs in frame {tracked[2].frame.index}: ")
+    assert "poses" in found
+    assert failed(whole, made(tracked[1:3], RESULT, VERSIONS | {"parent_frame": frame}))["frame numbers"].now == 2
+
+
 @pytest.mark.parametrize("other", ["numpy", "platform"])
 def test_elsewhere_results_may_move_by_their_tolerance(made, tracked, monkeypatch, other):
     was = made()

@@ -66,7 +66,8 @@ def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Fin
     every frame, expected poses, and the pictures of the marginals, in which every weight and every particle counts.
     Elsewhere results must lie within `tolerances`, by metric, or those called "default", figures within "figures".
     In both: a number that is not finite, a metric or frame that is missing, and a run that is not complete is a
-    failure. A metric that is new is none.
+    failure. A metric that is new is none. Where one of them goes on from a frame of another run, as the other does not,
+    all is compared from that frame on: what is recorded of every frame, but no number of a whole run.
     """
     if (broken := _incomplete(was, now)) is not None:
         return [broken]
@@ -76,14 +77,44 @@ def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Fin
     def allowed(name: str) -> Tolerance | None:
         return None if exact else tolerances.get(name) or tolerances.get("default") or Tolerance()
 
+    if not was.is_study and (since := _since(was, now)) is not None:
+        was_curves, now_curves = (_from(run, since) for run in (was, now))
+        names = sorted(was_curves.keys() | now_curves.keys())
+        found = [_curve(name, was_curves.get(name), now_curves.get(name), allowed(name)) for name in names]
+        return [*found, _frames(was, now, since), _poses(now, place, exact)]
     names = sorted({*was.result, *was.metrics, *now.result, *now.metrics})
     found = [_metric(name, was, now, allowed(name), place) for name in names]
     if was.is_study:
         return found + list(_figures(was, now, allowed("figures")))
+    return [*found, _frames(was, now), _poses(now, place, exact), *(_marginals(was, now) if exact else ())]
+
+
+def _poses(now: Run, place: str, exact: bool) -> Finding:
     finite = bool(np.isfinite(now.poses[1]).all())
     detail = (place if exact else "") if finite else "not all numbers are finite"
-    poses = Finding("poses", None, None, "exact" if exact and finite else "finite", not detail, detail)
-    return [*found, _frames(was, now), poses, *(_marginals(was, now) if exact else ())]
+    return Finding("poses", None, None, "exact" if exact and finite else "finite", not detail, detail)
+
+
+def _since(was: Run, now: Run) -> int | None:
+    """Find the frame from which both were run, where one of them goes on from a frame of another run; else None."""
+    begun = [run.provenance.get("parent_frame") for run in (was, now)]
+    return None if begun[0] == begun[1] else max(int(frame) for frame in begun if frame is not None)
+
+
+def _from(run: Run, since: int) -> dict[str, Timed]:
+    """What is recorded of every frame, from a frame on."""
+    curves = {name: run.metric(name) for name in run.metrics}
+    return {name: (frames[frames >= since], values[frames >= since]) for name, (frames, values) in curves.items()}
+
+
+def _curve(name: str, was: Timed | None, now: Timed | None, tolerance: Tolerance | None) -> Finding:
+    """Judge a metric over frames; tolerance: None for exact."""
+    before, after = (None if curve is None or not len(curve[1]) else float(curve[1].mean()) for curve in (was, now))
+    text = "exact" if tolerance is None else str(tolerance)
+    if was is None or now is None:
+        return Finding(name, before, after, text, now is not None, "missing" if now is None else "new")
+    at = _first_odd(was, now, tolerance or Tolerance())
+    return Finding(name, before, after, text, not at, at)
 
 
 def _incomplete(was: Run, now: Run) -> Finding | None:
@@ -121,8 +152,12 @@ def _first_frame(name: str, was: Run, now: Run, tolerance: Tolerance) -> str:
     """Find the first frame in which a metric moved too far; empty where none did, or it is not recorded over frames."""
     if name not in was.metrics or name not in now.metrics:
         return ""
-    frames, before, after = _common(was.metric(name), now.metric(name))
-    if missing := sorted(set(was.metric(name)[0].tolist()) - set(frames.tolist())):
+    return _first_odd(was.metric(name), now.metric(name), tolerance)
+
+
+def _first_odd(was: Timed, now: Timed, tolerance: Tolerance) -> str:
+    frames, before, after = _common(was, now)
+    if missing := sorted(set(was[0].tolist()) - set(frames.tolist())):
         return f"missing in frame {missing[0]}"
     for frame, old, new in zip(frames.tolist(), before, after, strict=True):
         if not tolerance.allows(old, new):
@@ -136,8 +171,8 @@ def _common(was: Timed, now: Timed) -> tuple[IntArray, FloatArray, FloatArray]:
     return frames, was[1][first], now[1][second]
 
 
-def _frames(was: Run, now: Run) -> Finding:
-    before, after = set(was.poses[0].tolist()), set(now.poses[0].tolist())
+def _frames(was: Run, now: Run, since: int = 0) -> Finding:
+    before, after = ({frame for frame in run.poses[0].tolist() if frame >= since} for run in (was, now))
     odd = sorted(before ^ after)
     detail = f"frame {odd[0]} is {'missing' if odd[0] in before else 'new'}, {len(odd)} in all" if odd else ""
     return Finding("frame numbers", len(before), len(after), "exact", not odd, detail)
