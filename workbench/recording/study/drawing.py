@@ -68,7 +68,8 @@ def draw(axes: Axes, figure: Drawn) -> None:
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
-    """Draw curves with labels beside the axes, at the heights they end at, faint ones grey behind them, marks as vertical lines named at a height.
+    """Draw curves, named beside the axes at the heights they end at, faint ones grey behind them, marks as vertical
+    lines named at a height.
 
     labels: whether the curves are named. marks_at: the height of the first mark's name, a part of the axes'.
     """
