@@ -22,8 +22,8 @@ _LAYOUT = "BODY_25B"
 
 
 def write_own_files(folder):
-    """Write walk.mp4 with marks.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films, and
-    floor.png; camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
+    """Write walk.mp4 with marks.csv and joints.csv; one.mp4 and two.mp4 with their detections and board films;
+    camera.toml and calibration.toml; points/; clips/ and my_walk.bvh."""
     one, two = (replace(camera.scaled(0.25), name=f"cam{k}") for k, camera in enumerate(around(2), 1))
     (folder / "calibration.toml").write_text(toml(one) + toml(two))
     (folder / "camera.toml").write_text(toml(one))
@@ -42,7 +42,7 @@ def write_own_files(folder):
     for frame in Points(n_frames=N, n_points=120).frames():
         np.savetxt(folder / "points" / f"{frame.index}.csv", frame.points, delimiter=",", header="x,y,z", comments="")
     motion = find_motion("builtin", data=None, rate_hz=30.0)
-    for name in ("clips/walk", "my_walk"):
+    for name in ("clips/dataset-1_walk_normal_001", "my_walk"):
         write_bandai_like(folder / f"{name}.bvh", motion)
 
 
@@ -50,7 +50,6 @@ def _boards(folder):
     left = lens("cam1")
     for number, camera in enumerate((left, replace(left, name="cam2", translation=np.array([-0.1, 0.0, 0.0]))), 1):
         film(folder / f"board{number}.mp4", [rendered(camera, *pose) for pose in board_poses(7)])
-    cv2.imwrite(str(folder / "floor.png"), rendered(left, *board_poses(7)[3]))
 
 
 def film(path, images):
