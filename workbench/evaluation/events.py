@@ -21,7 +21,8 @@ def lost_and_found(errors: Sequence[float], thresholds: Sequence[float], window:
     """Return the events "lost" and "found", which alternate, of errors and their thresholds (F,), in one unit.
 
     Lost: the mean error over `window` frames reaches the mean threshold; the event is the first of these frames that
-    does, after the last event. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins lost loses in 0.
+    does, after the last event. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins
+    lost loses in 0.
     """
     apart = np.asarray(errors, dtype=np.float64) - np.asarray(thresholds, dtype=np.float64)
     places = np.flatnonzero(np.isfinite(apart))
