@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ SMALL = (
 )  # fmt: skip
 
 
+TARGETS = ("my_parts.still.Still", "my_parts.upright.Upright")
 SCENES = Path(__file__).parents[1] / "scenes"
 """Where the package `my_parts` lies: a prior, a likelihood and a dataset, forty lines each at most."""
 
@@ -26,10 +29,10 @@ def command(tmp_path_factory):
     for name in ("WORKBENCH_DATA", "WORKBENCH_PARTS", "PYTEST_ADDOPTS"):
         environment.pop(name, None)
 
-    def call(module, *arguments):
+    def call(module, *arguments, **other):
         return subprocess.run(
             [sys.executable, "-m", module, *arguments],
-            cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False,
+            cwd=folder, env=environment | other, capture_output=True, text=True, timeout=600, check=False,
         )  # fmt: skip
 
     return folder, call
@@ -52,6 +55,26 @@ def test_a_run_its_check_and_a_sweep(command):
     done = call("workbench.cli.report", "sweep")  # which builds nothing
     assert done.returncode == 0, done.stderr
     assert "2 complete" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp_path):
+    """With nothing but what the page shows: its code, its YAML and its first command, made small."""
+    page = (SCENES.parents[1] / ".docs" / "howto" / "own_parts.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n(.+?)```", page, re.DOTALL)
+    for code in re.findall(r"literalinclude\} \.\./\.\./tests/scenes/(my_parts/\w+\.py)", page):
+        name, group = Path(code).stem, {"still": "prior", "upright": "likelihood"}[Path(code).stem]
+        option = tmp_path / "my_parts" / "conf" / group / f"{name}.yaml"
+        option.parent.mkdir(parents=True)
+        option.write_text(text.replace("still.Still", f"{name}.{name.title()}"))
+        (tmp_path / code).write_text((SCENES / code).read_text(encoding="utf-8"))
+    _, call = command
+    said = next(line for line in page.splitlines() if line.startswith("workbench parts="))
+    small = ["dataset.n_frames=3", "inference.n_particles=20", f"hydra.run.dir={tmp_path / 'out'}"]
+    done = call("workbench", *shlex.split(said)[1:], *small, PYTHONPATH=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    chosen = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
+    assert (chosen["prior"]["_target_"], chosen["likelihood"]["_target_"]) == TARGETS
 
 
 @pytest.mark.slow

@@ -21,17 +21,20 @@ def lost_and_found(errors: Sequence[float], thresholds: Sequence[float], window:
     """Return the events "lost" and "found", which alternate, of errors and their thresholds (F,), in one unit.
 
     Lost: the mean error over `window` frames reaches the mean threshold; the event is the first of these frames that
-    does. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins lost loses in 0.
+    does, after the last event. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins
+    lost loses in 0.
     """
     apart = np.asarray(errors, dtype=np.float64) - np.asarray(thresholds, dtype=np.float64)
     places = np.flatnonzero(np.isfinite(apart))
     events: list[Event] = []
+    last = -1
     for end in range(max(1, min(window, len(places))), len(places) + 1):
         among = places[max(0, end - window) : end]
         lost = bool(apart[among].mean() >= 0.0)
-        if lost is (len(events) % 2 == 0):
-            crossed = among[(apart[among] >= 0.0) == lost]
-            events.append(Event("lost" if lost else "found", int(crossed[0])))
+        crossed = among[((apart[among] >= 0.0) == lost) & (among > last)]
+        if lost is (len(events) % 2 == 0) and len(crossed):
+            last = int(crossed[0])
+            events.append(Event("lost" if lost else "found", last))
     return events
 
 

@@ -26,10 +26,11 @@ def told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> Told:
 
 
 def constant(config: DictConfig, parts: Parts) -> frozenset[str]:
-    """Name the numbers that are the same in every run of such parts: those of even weights and of a fit, the
-    flexion of legs that do not move."""
+    """Name the numbers that are the same in every run of such parts: those of even weights, which a likelihood that
+    sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
     offers = traits_of(config.inference).offers
-    names = {"ess", "ess_mean"} if EVEN_WEIGHTS in offers else set()
+    seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).offers
+    names = {"ess", "ess_mean"} if EVEN_WEIGHTS in offers | seen else set()
     names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
     for joint in ("knee", "hip"):
         angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}

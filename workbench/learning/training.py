@@ -224,7 +224,10 @@ def _without(found: Sequence[Motion], leave_out: Sequence[str], activities: Sequ
         and (not activities or motion.activity in activities)
     )
     if not kept:
-        raise InputError(f"motions: none of {len(found)} is left without {leave_out} among the activities {activities}")
+        shown = ", ".join(sorted({motion.activity for motion in found}))
+        wanted = f" of {' or '.join(activities)}" if activities else ""
+        without = f" without {', '.join(leave_out)}" if leave_out else ""
+        raise InputError(f"motions: expected clips{wanted}{without}, found {len(found)} clips, of activity {shown}")
     return kept
 
 

@@ -5,14 +5,14 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.core.frame import Frame
-from workbench.core.traits import Traits, offering
+from workbench.core.traits import EVEN_WEIGHTS, Traits, offering
 from workbench.likelihoods.looks import PoseLook
 
 
 class Uniform:
     """log p = 0 whatever the images show, so that a run shows what the temporal prior does by itself."""
 
-    traits: ClassVar[Traits] = offering()
+    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS)
 
     def look(self, previous: Frame | None, frame: Frame) -> PoseLook:
         """See nothing."""

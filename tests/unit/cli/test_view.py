@@ -124,11 +124,14 @@ def test_several_files_are_piped_one_after_the_other_of_one_cut_off_what_is_whol
 
 
 @pytest.mark.slow
-def test_a_browser_is_served_on_this_machine_alone(sweep):
+@pytest.mark.parametrize("place", ["0", "."])
+def test_a_browser_is_served_on_this_machine_alone(sweep, place):
+    """Of a run, and of a sweep, whose recordings go through a pipe."""
     code = "import sys; from workbench.cli.view import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "--web", str(sweep / "0")]
+    command = [sys.executable, "-c", code, "--web", str(sweep / place)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
-        address, forward = process.stdout.readline().split()[1], process.stdout.readline()
+        address = next(line.split()[1] for line in process.stdout if line.startswith("open "))
+        forward = process.stdout.readline()
         page = address.partition("/?")[0]
         try:
             for _ in range(100):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from workbench.evaluation.events import Event, lost_and_found, lost_share
 
@@ -38,3 +40,18 @@ def test_frames_without_a_truth_say_nothing():
     errors = [2.0] * 3 + [np.nan] * 4 + [40.0] * 6
     assert lost_and_found(errors, WIDTH[:13]) == [Event("lost", 7)]
     assert lost_and_found([np.nan] * 5, WIDTH[:5]) == []
+
+
+def test_nobody_is_found_before_they_were_lost():
+    errors = [9.0, 0.0, 0.0, 0.0, 42.0, 0.0, 0.0, 0.0]  # one frame loses; the window is below again by those before it
+    assert lost_and_found(errors, WIDTH[:8]) == [Event("lost", 4), Event("found", 5)]
+    assert lost_share(errors, WIDTH[:8]) == pytest.approx(1 / 8)
+
+
+@given(st.lists(st.sampled_from([0.0, 15.0, 21.0, 60.0]), max_size=30))
+def test_losses_and_finds_alternate_in_the_order_of_frames(errors):
+    events = lost_and_found(errors, [20.0] * len(errors))
+    frames = [event.frame for event in events]
+    assert frames == sorted(set(frames))
+    assert [event.kind for event in events] == ["lost", "found"] * (len(events) // 2) + ["lost"] * (len(events) % 2)
+    assert 0.0 <= lost_share(errors, [20.0] * len(errors)) <= 1.0

@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.errors import InputError
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import grid, pages, record_study
+from workbench.recording.study.recorder import eye, grid, pages, record_study
 from workbench.recording.write.file import RecordingFile
 
 CONFIG = "seed: 7\nstudy:\n  missing: 0.3  # ö\n"
@@ -144,3 +144,17 @@ def test_pages_keep_the_order_and_hold_eight_at_most():
     assert [figure.name for _, shown in found for figure in shown] == names
     assert [(title, len(shown)) for title, shown in found] == [("a", 2), ("figures", 1), ("b", 8), ("b", 1)]
     assert all(columns * rows >= n and columns <= 4 and rows <= 2 for n in range(1, 9) for columns, rows in [grid(n)])
+
+
+@pytest.mark.parametrize("way_m", [0.0, 0.3, 4.0])
+def test_the_eye_of_skeletons_sees_heads_and_feet(way_m):
+    """Of someone 1.8 m tall, in what the viewer shows: 55° from top to bottom."""
+    upright = np.array([[0.0, 0.0, 0.9], [0.0, 0.0, 1.8], [0.0, 0.2, 0.0]])
+    went = upright + np.linspace(0.0, way_m, 5)[:, None, None] * np.eye(3)[0]
+    seen = eye(Sticks("run", went, np.array([-1, 0, 0]), np.ones(5)))
+    position, target = (np.array(each.as_arrow_array().flatten()) for each in (seen.position, seen.look_target))
+    ahead = (target - position) / np.linalg.norm(target - position)
+    rays = went - position
+    angles = np.degrees(np.arccos(np.sum(rays * ahead, axis=-1) / np.linalg.norm(rays, axis=-1)))
+    upwards = angles[np.argmin(np.abs(went[:, 0, 0] - target[0]))]  # of who is in the middle
+    assert upwards.max() < 27.5

@@ -14,6 +14,7 @@ from matplotlib import figure as plt
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from matplotlib.style import context
+from matplotlib.ticker import MaxNLocator
 
 from workbench.arrays import FloatArray
 from workbench.core.study import Bars, Curves, Scatter
@@ -67,7 +68,8 @@ def draw(axes: Axes, figure: Drawn) -> None:
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:
-    """Draw curves with labels at their ends, faint ones grey behind them, marks as vertical lines named at a height.
+    """Draw curves, named beside the axes at the heights they end at, faint ones grey behind them, marks as vertical
+    lines named at a height.
 
     labels: whether the curves are named. marks_at: the height of the first mark's name, a part of the axes'.
     """
@@ -83,12 +85,13 @@ def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool =
             figure.x, curve, color=colour, linestyle=dashes, zorder=3.0 - 0.01 * k, marker="o", markersize=2.5,
             markevery=dots,
         )  # fmt: skip
-        if known.any():
-            last = np.flatnonzero(known)[-1]
-            ends.append((label, colour, float(figure.x[last]), float(curve[last])))
+        if known.any():  # right of all curves, also where this one ends before
+            ends.append((label, colour, float(figure.x[-1]), float(curve[known][-1])))
     axes.set_xlabel(figure.x_name)
     axes.set_ylabel(figure.y_name)
     axes.margins(x=0.0)
+    if (figure.x == np.round(figure.x)).all():  # counted
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for k, (label, x) in enumerate(figure.marks.items()):
         axes.axvline(x, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
         axes.annotate(

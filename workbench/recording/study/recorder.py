@@ -60,7 +60,7 @@ def _draw(file: RecordingFile, figure: Figure, width: float, height: float) -> V
     path, title = entity(figure), figure.name.rpartition("/")[2]
     if isinstance(figure, Sticks):
         file.send(_sticks(path, figure), static=True)
-        return rrb.Spatial3DView(origin=path, name=title, eye_controls=_eye(figure))
+        return rrb.Spatial3DView(origin=path, name=title, eye_controls=eye(figure))
     from workbench.recording.study.drawing import picture  # matplotlib takes a third of a second to load
 
     image = rr.EncodedImage(contents=picture(figure, width, height), media_type="image/png")
@@ -105,7 +105,7 @@ def _sticks(path: str, figure: Sticks) -> Entities:
         yield f"{path}/trails/{k}/end", end
 
 
-def _eye(figure: Sticks) -> rrb.EyeControls3D:
+def eye(figure: Sticks) -> rrb.EyeControls3D:
     """From the side, far enough to see everything: across the way the roots went, or across x where they stayed."""
     places = np.concatenate([figure.positions.reshape(-1, 3), *figure.trails.values()])
     middle, reach = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
@@ -113,5 +113,5 @@ def _eye(figure: Sticks) -> rrb.EyeControls3D:
     _, spread, directions = np.linalg.svd(roots - roots.mean(axis=0))
     along = directions[0] if spread[0] > _LEAST_WAY_M else np.array([1.0, 0.0])
     across = np.array([along[1], -along[0], 0.0])
-    position = middle + 1.15 * reach * (0.75 * across + np.array([0.0, 0.0, 0.15]))
+    position = middle + 1.15 * reach * (across + np.array([0.0, 0.0, 0.2]))
     return rrb.EyeControls3D(position=position, look_target=middle, eye_up=[0.0, 0.0, 1.0])

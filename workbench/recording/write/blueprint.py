@@ -98,9 +98,7 @@ def _numbers(shown: Shown) -> rrb.Vertical:
     if shown.flexions:
         above = [fit.views(shown.flexions), *[fit.timeline()] * shown.activity]
         beside = [*errors, *coverage]
-        pairs = [
-            rrb.Horizontal(*beside[k : k + 2], name="more errors" if k else "errors") for k in (0, 2) if beside[k:]
-        ]
+        pairs = [rrb.Horizontal(*beside[k : k + 2], name="coverage" if k else "errors") for k in (0, 2) if beside[k:]]
         below = rrb.Tabs(*pairs, *details)  # of three the titles would be cut
         return rrb.Vertical(*above, below, row_shares=[2.4, *[0.8] * shown.activity, 1.4])
     title = f"effective sample size (of {shown.n_particles})"
@@ -230,7 +228,7 @@ def _others(shown: Shown) -> list[rrb.Grid]:
     elsewhere |= shown.constant | (set() if shown.flexions else {"ess", *styles.doubts(shown.metrics)})
     together = [_curves("shares of the cues in what tells particles apart", shares, shown)] if shares else []
     views = [*together, *(_metric(name, shown) for name in shown.metrics if name not in elsewhere)]
-    return [rrb.Grid(*views, name="more numbers")] if views else []
+    return [rrb.Grid(*views, name="numbers")] if views else []
 
 
 def _curves(title: str, metrics: Sequence[str], shown: Shown, named: bool = False) -> rrb.TimeSeriesView:

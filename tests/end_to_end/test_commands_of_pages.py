@@ -1,0 +1,145 @@
+"""Every command of the documents is run once, as it stands but for its size: in a folder with the files it names."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+from own_files import CORNERS, SQUARE_MM, write_own_files
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / ".docs"
+SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+RENDERED = ("dataset.width=80", "dataset.height=60", "dataset.person_px=40", "dataset.focal_px=90")
+SMALLER = {  # what makes them small; what is measured stays as it is written
+    r"\b(inference\.n_particles)=\d+\b(?!,)": r"\1=20", "n_particles=500,5000": "n_particles=20,30",
+    r"range\((5|20)\)": "range(1)", r"range\(10\)": "range(2)", "seed=0,1,2": "seed=0,1",
+    "n_trials=20": "n_trials=2", "n_jobs=8": "n_jobs=1", "9x6": CORNERS, "floor 120": "floor 3",
+    "square-mm 25": f"square-mm {SQUARE_MM}", "recordings/baselines": "baselines",
+    r"-o (camera|calibration)\.toml": r"-o made_\1.toml", "@30": "@2", r"/13\b": "/7",
+}  # fmt: skip
+ELSEWHERE = {  # what is not run here, and which test does
+    "python3 -m venv": ".ci/run", "pip install": ".ci/run", "submitit_slurm": "test_slurm.py",
+    "pytest --pyargs": "test_own_parts.py", "--bisect": "test_bisect.py", "python -m analysis": "tests/unit/analysis",
+    "analysis.benchmarks": "analysis/benchmarks, by hand", "--watch": "test_watch.py",
+}  # fmt: skip
+NEEDED = {
+    "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
+    "--gallery": "datafusion",
+}  # fmt: skip
+PAGES = [
+    page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
+    if "_generated" not in page.parts and page.name != "tutorial.md"  # which test_documents follows to the letter
+]  # fmt: skip
+
+
+def lines(page):
+    """The command lines of a page's shell blocks that are run here, as they stand."""
+    for block in re.findall(r"```sh\n(.+?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.strip() and not line.startswith("#") and not any(each in line for each in ELSEWHERE):
+                yield line
+
+
+def words(line, folder):
+    """A line's words as a shell takes them, made small."""
+    for long, short in SMALLER.items():
+        line = re.sub(long, short, line)
+    said = ["bash", "-euc", f"printf '%s\\0' {line}"]
+    found = subprocess.run(said, cwd=folder, capture_output=True, text=True, check=True).stdout.split("\0")[:-1]
+    return found + _small(found) if found[0] == "workbench" else found
+
+
+def _small(found):
+    """Few frames, particles and pixels, where the command does not say them itself."""
+    if any(word.startswith(("from=", "--")) for word in found):
+        return []
+    text = " ".join(found)
+    own = re.search(r"dataset=(\w+)", text)
+    small = ["dataset.n_frames=4"]
+    small += list(RENDERED) * (own is None and "walk_video" not in text)
+    small += ["learn.motions=builtin"] * ("paths.data=" in text and "learn.motions" not in text)
+    small += ["dataset.motion=builtin"] * ("walk_best" in text)
+    without = re.search(r"inference\.n_particles|least_squares|synthesis", text)
+    small += ["inference.n_particles=20"] * (without is None)
+    return small
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, cache):
+    """A folder with one's own files, a run and a sweep of two, under the names that the pages give them."""
+    folder = tmp_path_factory.mktemp("pages")
+    write_own_files(folder)
+    environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
+    environment.pop("WORKBENCH_DATA", None)
+    small = [*RENDERED, "dataset.n_frames=4", "inference.n_particles=20"]
+    for sweep in (["hydra.run.dir=recordings/runs/walk_circle/TIME", "experiment=walk_circle"],
+                  ["-m", "seed=0,1", "hydra.sweep.dir=recordings/sweeps/walk_straight/TIME"]):  # fmt: skip
+        command = [sys.executable, "-m", "workbench", *sweep, *small]
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    runs = [folder / "recordings/sweeps/walk_straight/TIME" / job / "run.rrd" for job in "01"]
+    for name, run in {"A": runs[0], "B": runs[1], "a": runs[0], "b": runs[0], "mine": runs[0], "run": runs[0]}.items():
+        shutil.copy(run, folder / f"{name}.rrd")
+    (folder / "baselines").mkdir()
+    shutil.copy(ROOT / "recordings" / "baselines" / "learn_walk.rrd", folder / "baselines")
+    return folder
+
+
+@pytest.fixture
+def call(made, cache, monkeypatch, request):
+    """Run a line's words in that folder; returns the exit code. In this process, which saves the imports, but for what
+    takes Hydra's plugins, which leave things behind."""
+    monkeypatch.chdir(made)
+    monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    for module in ("view", "gallery"):  # a viewer that is closed at once
+        monkeypatch.setattr(f"workbench.cli.{module}.viewer", lambda: Path(shutil.which("true")))
+    monkeypatch.setattr("workbench.cli.mark.serve", lambda server: None)  # interrupted at once
+    monkeypatch.setattr("workbench.cli.mark.webbrowser.open", lambda url: True)
+
+    def command(found):
+        if "paths.data=DATA" in found:
+            data = request.getfixturevalue("data")
+            found = [f"paths.data={data}" if word == "paths.data=DATA" else word for word in found]
+        if any(word.startswith("hydra/") for word in found):
+            return subprocess.run([sys.executable, "-m", *found], check=False).returncode
+        module, _, function = SCRIPTS[found[0]].partition(":")
+        monkeypatch.setattr(sys, "argv", found)
+        try:
+            return getattr(import_module(module), function)()
+        except SystemExit as end:
+            return end.code
+        finally:
+            GlobalHydra.instance().clear()
+
+    return command
+
+
+ALL = [(page, line) for page in PAGES for line in lines(page)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "line"), ALL, ids=lambda each: " ".join(getattr(each, "name", each).split())[:80])
+def test_a_command_of_a_page_does_what_it_says(call, made, page, line, capfd):
+    if "my_parts" in line:
+        pytest.skip("test_own_parts.py runs it")
+    for extra in ("joblib", "optuna"):
+        if (
+            extra in line
+            and find_spec(f"hydra_plugins.hydra_{extra}_{'launcher' if extra == 'joblib' else 'sweeper'}") is None
+        ):
+            pytest.skip(f"needs the extra with {extra}")
+    if "--gallery" in line and find_spec("datafusion") is None:
+        pytest.skip("needs the extra 'catalog'")
+    code = call(words(line, made))
+    told = capfd.readouterr()
+    assert code == 0, told.out + told.err
+    assert "Traceback" not in told.out + told.err
