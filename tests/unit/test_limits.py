@@ -44,9 +44,10 @@ SOON_S = 5.0
 
 @pytest.fixture
 def soon():
-    began = time.perf_counter()
+    """Within seconds of the processor: what else the machine does counts nothing."""
+    began = time.process_time()
     yield
-    assert time.perf_counter() - began < SOON_S
+    assert time.process_time() - began < SOON_S
 
 
 def refusal(read, *arguments, **keys):
