@@ -37,6 +37,15 @@ MOST_CONFIG = 1_000_000
 DEEPEST = 50
 """Levels of lists and mappings in one another."""
 
+MOST_REFERENCES = 100
+"""Of a configuration's value to its other values, and of theirs to others; and of a file in all."""
+
+MOST_VALUES = 5_000
+"""Of a configuration, keys included; ours have some hundred."""
+
+MOST_DIGITS = 100
+"""Of a number in a configuration."""
+
 LARGEST_M = 1e7
 """Of a position, m: a quarter of the way around the earth."""
 
@@ -51,16 +60,34 @@ LARGEST_PX = 1e7
 """Of a place in an image."""
 
 MOST_COUNT = 1_000_000
-"""Of anything that a configuration counts by a key that begins with n_: particles, frames, points, paths."""
+"""Of anything that a configuration counts: particles, frames, points, paths."""
+
+MOST_ROUNDS = 1_000
+"""Of what is done again and again for one frame."""
+
+MOST_JOBS = 100_000
+"""Of a sweep."""
 
 MOST_WHOLE = 2**63 - 1
-"""Of a seed, and of any whole number in a configuration."""
+"""Of a seed."""
 
 WIDEST_PX = 20_000
 """Of an image that is made."""
 
+LARGEST = 1e9
+"""Of any other number in a configuration, in whatever unit; sums of squares of such are still finite and exact."""
+
+_MOST = {
+    "seed": MOST_WHOLE, "width": WIDEST_PX, "height": WIDEST_PX,
+    **dict.fromkeys(("layers", "steps", "moves", "guesses"), MOST_ROUNDS),
+}  # fmt: skip
+_MOST_BY_UNIT = {"_px": LARGEST_PX, "_m": LARGEST_M, "_hz": RATES_HZ[1]}
+
 BYTES_A_PARTICLE = 4_000
 """What a filter takes at most for one of them: a few hundred numbers for its state, its pose and its joints."""
+
+_LONG_NUMBER = re.compile(rf"[-+]?[0-9][0-9a-fA-FxXoObB_:.]{{{MOST_DIGITS},}}")
+"""As YAML writes them, hexadecimal and sexagesimal ones, too, of which Python writes only some in decimal."""
 
 _YAML = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -86,23 +113,28 @@ def check_number(place: object, what: str, found: int, most: int) -> None:
 
 
 def check_sizes(value: object, place: str = "") -> None:
-    """Raise InputError for a number in a configuration that no run can have, before anything of its size is made."""
+    """Raise InputError for a number in a configuration that no run can have, before anything of its size is made; so
+    are those that are no numbers and those without an end."""
     if isinstance(value, dict):
         for key, item in value.items():
             check_sizes(item, f"{place}.{key}" if place else str(key))
     elif isinstance(value, list):
         for item in value:
             check_sizes(item, place)
-    elif isinstance(value, int):
-        name, most = place.rpartition(".")[2], MOST_WHOLE
-        if name.startswith("n_"):
-            most = MOST_COUNT
-        if name in ("width", "height"):
-            most = WIDEST_PX
-        if name == "n_particles":
-            most = min(most, memory_bytes() // (2 * BYTES_A_PARTICLE))
-        if abs(value) > most:
-            raise InputError(f"config: {place}: expected at most {most}, found {value}")
+    elif isinstance(value, int | float) and not abs(value) <= (most := _most_of(place.rpartition(".")[2], value)):
+        said = value if isinstance(value, float) or abs(value) < 2**64 else f"one of {value.bit_length()} bits"
+        raise InputError(f"config: {place}: expected a number up to {most:.9g}, found {said}")
+
+
+def _most_of(name: str, value: float) -> float:
+    """Tell how large a number may be, by the key that it is given to."""
+    if name == "n_particles":
+        return min(MOST_COUNT, memory_bytes() // (2 * BYTES_A_PARTICLE))
+    if name in _MOST:
+        return _MOST[name]
+    if isinstance(value, int) and not name.startswith(("most_", "max_")):
+        return MOST_COUNT
+    return next((most for ending, most in _MOST_BY_UNIT.items() if name.endswith(ending)), LARGEST)
 
 
 _PRODUCTS: Sequence[tuple[str, float]] = (
@@ -192,18 +224,23 @@ def parse_toml(place: object, text: str) -> dict[str, Any]:
         raise InputError(f"{place}: expected TOML: {said}") from None
 
 
-def check_yaml(place: object, text: str) -> None:
-    """Raise InputError for YAML that is too long or too deep, or refers to its own parts: a few lines of references to
-    references stand for more than any memory holds."""
+def check_yaml(place: object, text: str, most_values: int = MOST_VALUES) -> None:
+    """Raise InputError for YAML that is too long or too deep, holds too many values, or refers to its own parts: a few
+    lines of references to references stand for more than any memory holds."""
     check_number(place, "characters", len(text), MOST_CONFIG)
-    depth = 0
+    check_number(place, "references ${…}", text.count("${"), MOST_REFERENCES)
+    depth = n_values = 0
     try:
         for event in yaml.parse(text, _YAML):
+            n_values += isinstance(event, yaml.NodeEvent)
+            check_number(place, "keys and values", n_values, most_values)
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
                 raise InputError(f"{place}: expected at most {DEEPEST} levels in one another, found more")
             if isinstance(event, yaml.AliasEvent):
                 raise InputError(f"{place}: expected YAML without references, found *{event.anchor}")
+            if isinstance(event, yaml.ScalarEvent) and _LONG_NUMBER.fullmatch(event.value):
+                raise InputError(f"{place}: expected numbers of at most {MOST_DIGITS} digits, found {event.value}")
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from kills import MOST_LOST, main
 
 from workbench.experiment.folder import taken
 from workbench.recording.read.reader import read
@@ -119,6 +120,19 @@ def test_kernels_that_cannot_be_kept_are_compiled_for_the_run(tmp_path):
     )
     assert (done.returncode, done.stdout) == (0, "3 7\n"), done.stderr
     assert done.stderr == "kernels are not kept, and compiled again by the next run: File too large\n"
+
+
+@pytest.mark.slow
+def test_runs_that_a_signal_ends_at_any_time_lose_nothing(tmp_path):
+    """Two of each signal; $WORKBENCH_CASES of them instead, where that says how many."""
+    script, cases = sys.modules[main.__module__].__file__, os.environ.get("WORKBENCH_CASES", "8")
+    done = subprocess.run(
+        [sys.executable, script, cases, "7", str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    told = json.loads(done.stdout.splitlines()[-1])
+    assert (told["flaws"], told["first"], told["next_is_equal"]) == (0, [], True), told
+    assert told["most_lost"] <= MOST_LOST
 
 
 KERNEL = """

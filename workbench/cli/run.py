@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import re
 import signal
 import sys
 from datetime import datetime
@@ -83,7 +84,7 @@ def main() -> int:
 
 
 def _main() -> int:
-    arguments, Watch.progress = [quoted(text) for text in sys.argv[1:]], None
+    arguments, Watch.progress = sorted(map(quoted, sys.argv[1:]), key=_is_override), None
     code = 0
     try:
         if unnamed := [text for text in arguments if text.startswith("=")]:
@@ -117,6 +118,11 @@ def _main() -> int:
             told = close(Watch.progress, arguments)
             code = code or told
     return code
+
+
+def _is_override(argument: str) -> bool:
+    """Tell whether it is none of the options that stand for themselves: Hydra reads overrides on one side of these."""
+    return argument not in ("-m", "--multirun") and not re.match("--[a-z-]+=", argument)
 
 
 def _plain(argument: str) -> str:

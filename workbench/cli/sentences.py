@@ -43,7 +43,8 @@ def mistyped(arguments: Sequence[str]) -> list[str]:
     from workbench.experiment.parts import GROUPS, options
     from workbench.experiment.schema import RunSchema
 
-    if any("=" not in text and text not in ("-m", "--multirun") for text in arguments):
+    others = [text for text in arguments if text not in ("-m", "--multirun")]
+    if any("=" not in text or text.startswith("-") for text in others):
         return []
     groups, keys = ("experiment", "paper", *GROUPS), {"experiment", *(each.name for each in fields(RunSchema))}
     for found in filter(None, map(_WORD.fullmatch, arguments)):

@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import hydra._internal.hydra as hydra_main
@@ -266,6 +267,9 @@ def _check_folder(place: str, value: object, said: bool) -> None:
         found = next(each for each in (path, *path.parents) if each.exists())
         if not found.is_dir():
             raise InputError(f"{place}: expected a folder, found the file {found}")
+        if found != path and place in _FOLDERS:
+            with TemporaryDirectory(dir=found, prefix="."):  # Hydra makes the folder, and would end in a traceback
+                pass
     except OSError as error:
         raise InputError(f"{place}: cannot be a folder: {error.strerror}: {path}") from None
 

@@ -27,6 +27,7 @@ from workbench.errors import InputError
 from workbench.experiment import parts, strangers
 from workbench.experiment.admission import admit_checked_only
 from workbench.experiment.build import resolved
+from workbench.experiment.references import bound_references
 from workbench.mocap.names import left_out
 
 LIVE = frozenset(
@@ -157,6 +158,7 @@ def prepare_hydra() -> None:
     for plugin in (PartsConfigSource, PartsSearchPath):
         Plugins.instance().register(plugin)
     admit_checked_only()
+    bound_references()
     OmegaConf.register_new_resolver("given", _given, replace=True)
     OmegaConf.register_new_resolver("performers", _performers, replace=True)
     OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)

@@ -4,17 +4,19 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, RangeSweep
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment.identity import identity
+from workbench.limits import MOST_JOBS, check_number
 from workbench.sweep.job import KILLED, alone, put_back, read_summary, run_apart, write_failure
 from workbench.sweep.process import STOP_WHEN
 from workbench.sweep.reuse import RECORDING, set_aside, take_over
@@ -56,7 +58,8 @@ def plan_of(config: DictConfig) -> Plan:
     """The sweep that Hydra is about to start with this configuration, `hydra` included.
 
     Raises InputError for a folder that holds a sweep already, unless it is to be resumed, for one to be resumed that
-    is not there, where jobs would share a folder, and for a tuner that would try something else the second time.
+    is not there, where jobs would share a folder, for more of them than MOST_JOBS, and for a tuner that would try
+    something else the second time.
     """
     sweeper, folder, resume = config.hydra.sweeper, Path(config.hydra.sweep.dir), config.sweep.resume
     if f"subdir: {SUBDIR}\n" not in OmegaConf.to_yaml(config.hydra.sweep):
@@ -73,7 +76,8 @@ def plan_of(config: DictConfig) -> Plan:
     if config.sweep.retries < 0:
         raise InputError(f"sweep.retries: expected 0 or more, found {config.sweep.retries}")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
-    varied = None
+    varied, place = None, "sweep" if "n_trials" not in sweeper else "hydra.sweeper.n_trials"
+    check_number(place, "jobs", sweeper.get("n_trials") or math.prod(map(len, swept.values())), MOST_JOBS)
     if sweeper._target_.endswith(".BasicSweeper"):
         varied = tuple(product(*([f"{key}={value}" for value in values] for key, values in swept.items())))
     elif resume is not None and (sweeper.get("sampler") or {}).get("seed") is None:
@@ -178,7 +182,15 @@ def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     given = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()] + task
     chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
     return {
-        key: list(each.sweep_string_iterator()) if each.is_discrete_sweep() else []
+        key: _values(each) if each.is_discrete_sweep() else []
         for key, each in chosen.items()
         if each.is_sweep_override()
     }
+
+
+def _values(swept: Override) -> list[str]:
+    """List what a key goes through; InputError, before that, for a range of more than any sweep has jobs."""
+    if isinstance(found := swept.value(), RangeSweep):
+        n_values = sum(1 for _ in islice(iter(found.range()), MOST_JOBS + 1))
+        check_number(f"sweep: {swept.get_key_element()}", "values", n_values, MOST_JOBS)
+    return list(swept.sweep_string_iterator())

@@ -80,7 +80,7 @@ def watched(folder: Path) -> Watched:
     prepare_hydra()  # the parameters may be told by our resolvers, as those of experiment=strangers
     try:
         check_file(plan, MOST_CONFIG)
-        check_yaml(plan, plan.read_text(encoding="utf-8"))
+        check_yaml(plan, plan.read_text(encoding="utf-8"), most_values=MOST_CONFIG)  # all jobs
         config = OmegaConf.load(plan)
         trials = OmegaConf.select(config, "hydra.sweeper.n_trials")
         overrides = OverridesParser.create().parse_overrides(_told(config))

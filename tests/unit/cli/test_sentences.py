@@ -56,7 +56,7 @@ def test_what_can_be_said_is_not_mistyped():
     said = [f"{group}={name}" for group in ("experiment", "paper", *GROUPS) for name in options(group)]
     said += ["study=null", "seed=3", "-m", "prior=walking,smooth", "seed=range(5)", "+prior.new=1", "prior.nothing=1"]
     assert mistyped([*said, "hydra.run.dir=a b", "hydra/launcher=joblib", "prior@prior.base=gait"]) == []
-    assert mistyped(["--config-dir", "mine", "prior=mine"]) == []
+    assert mistyped(["--config-dir", "mine", "prior=mine"]) == mistyped(["--config-dir=mine", "prior=mine"]) == []
 
 
 def test_anything_else_is_one_line_with_its_cause():

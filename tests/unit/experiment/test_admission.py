@@ -166,7 +166,7 @@ def test_a_mapping_on_the_command_line_says_its_own_keys_only(composed):
     assert dict(composed("", "+hydra.job.env_set={A: 1}").hydra.job.env_set) == {"A": "1"}
 
 
-@pytest.mark.parametrize("folder", ["x" * 300, "file", "file/below"])
+@pytest.mark.parametrize("folder", ["x" * 300, "file", "file/below", "/proc/self/x", "/dev/null/x"])
 def test_a_folder_that_cannot_be_one_is_refused(composed, tmp_path, folder):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"hydra\.run\.dir"):
