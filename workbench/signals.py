@@ -1,7 +1,8 @@
 """Signals that ask a process to end: its status is told, its recording kept, its children end.
 
 Python raises what a signal asks for wherever the main thread is. While LLVM compiles a kernel that can be a callback
-from C, where it is lost and leaves the compiler without what the callback was to bring; so it waits until LLVM is done.
+from C, where it is lost and leaves the compiler without what the callback was to bring; and what is raised in an import
+leaves half a module, which whoever tells the end may need. So it waits until LLVM, or the import, is done.
 """
 
 import signal
@@ -13,7 +14,7 @@ from types import FrameType
 ASKING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What whoever ends a process sends first: a person, a cluster or a service manager, a terminal that is closed."""
 
-_NOT_IN = ("/llvmlite/", "/weakref.py")
+_NOT_IN = ("/llvmlite/", "/weakref.py", "<frozen importlib")
 """Parts of the names of files in whose functions, or those that they call, what is raised may be lost."""
 _LATER_S = 0.05
 

@@ -15,7 +15,7 @@ WORDS = (
     "prior.sigma_position=[1e308,0,0]", "prior.sigma_phase=-inf", "prior.sigma_coefficients=nan",
     "dataset.departures={camera:1e308}", "dataset.departures={start_m:nan}", "dataset.departures={what:1}",
     "recorder.marginal_bins=-1", "recorder.n_particles_shown=-1", "recorder.jpeg_quality=-1",
-    "inference=fixed_lag inference.lag=1000000", "inference=annealed inference.move.layers=1000000000",
+    "inference=fixed_lag inference.lag=1000000000", "inference=annealed inference.move.layers=1000000000",
     "inference=tempered_smc inference.move.moves=1000000000",
     "inference=backward_simulation inference.n_paths=1000000", "dataset.motion=/dev/zero",
     "dataset.motion=/dev/zero.bvh", "dataset.motion=[[[[builtin]]]]", "dataset.motion=[]",

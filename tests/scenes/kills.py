@@ -1,7 +1,6 @@
 """Runs that a signal ends at random times, and what is left of them: `python kills.py CASES SEED FOLDER`.
 
-It prints one line of JSON. Most runs are forked from this process, so that Python and what it imports start once; every
-fourth is a process of its own, and every fifth finds an empty cache. Whatever is left is read when all are over.
+It prints one line of JSON. Every fifth run finds an empty cache. Whatever is left is read when all are over.
 """
 
 import json
@@ -19,12 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.cli.run import main as workbench
 from workbench.errors import InputError
-from workbench.experiment import execute  # noqa: F401 (before all forks)
 from workbench.recording.read.reader import read
 
-N_FRAMES = 12
+N_FRAMES = 60
 SMALL = ("inference.n_particles=60", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")
 SMALL += ("dataset.focal_px=175", f"dataset.n_frames={N_FRAMES}")
 WAYS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -37,11 +34,10 @@ _TOLD = re.compile(rf"(\d+)/{N_FRAMES} \[")
 
 @dataclass(frozen=True)
 class Case:
-    """A run. whole: as a process of its own. way: the signal it gets after so many seconds; None: it is left alone."""
+    """A run. way: the signal it gets after so many seconds; None: it is left alone."""
 
     folder: Path
     cache: Path
-    whole: bool
     way: signal.Signals | None = None
     after_s: float = LONGEST_S
 
@@ -70,20 +66,7 @@ def begin(case):
     os.environ |= {"WORKBENCH_CACHE": str(case.cache), "NUMBA_NUM_THREADS": "1", "COLUMNS": "200"}
     os.environ.pop("WORKBENCH_DATA", None)
     words = [*SMALL, f"hydra.run.dir={case.folder}"]
-    code = 1
-    try:
-        if case.whole:
-            os.execv(sys.executable, [sys.executable, "-m", "workbench", *words])
-        sys.argv = ["workbench", *words]
-        code = workbench()
-    except SystemExit as end:
-        code = end.code
-    except BaseException:  # noqa: BLE001 (which is counted)
-        sys.excepthook(*sys.exc_info())
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code if isinstance(code, int) else 0)
+    os.execv(sys.executable, [sys.executable, "-m", "workbench", *words])
 
 
 def let_run(case):
@@ -132,11 +115,11 @@ def flaws(case, left):
     if not sound:
         found.append(f"{case.way.name}: summary says {status}, published: {published.is_file()}")
     ends = {-signal.SIGKILL, 0} if killed else {128 + case.way, 0}
-    if left.code not in ends and not (status is None and case.whole and left.code == -case.way):
+    if left.code not in ends and not (status is None and left.code == -case.way):
         found.append(f"{case.way.name}: ended with {left.code}")
     if left.code == 0 and not published.is_file():
         found.append(f"{case.way.name}: ended with 0, nothing is published")
-    if "Traceback" in left.told and not (status is None and case.whole):
+    if "Traceback" in left.told and status is not None:
         found.append(f"{case.way.name}: a traceback: {left.told.splitlines()[-1][:200]}")
     if left.hung:
         found.append(f"{case.way.name}: hung")
@@ -146,16 +129,15 @@ def flaws(case, left):
 def main(n_cases, seed, root):
     """End so many runs, all ways in turn."""
     rng, warm = np.random.default_rng(seed), root / "cache"
-    quiet = {whole: let_run(Case(root / f"quiet {whole}", warm, whole)) for whole in (True, False)}
-    assert all(left.code == 0 for left in quiet.values()), quiet
-    quiet = {whole: let_run(Case(root / f"quieter {whole}", warm, whole)) for whole in (True, False)}
-    cases = []
-    for k in range(n_cases):
-        whole, cache = k % 4 == 3, root / f"cache {k}" if k % 5 == 4 else warm
-        way = WAYS[k // 4 % 4]
-        cases.append(Case(root / str(k), cache, whole, way, rng.uniform(0.0, quiet[whole].took_s)))
+    quiet = let_run(Case(root / "quiet", warm))  # which compiles
+    assert quiet.code == 0, quiet
+    longest = let_run(Case(root / "quieter", warm)).took_s
+    cases = [
+        Case(root / str(k), root / f"cache {k}" if k % 5 == 4 else warm, WAYS[k % 4], rng.uniform(0.0, longest))
+        for k in range(n_cases)
+    ]
     left = [let_run(case) for case in cases]
-    last = Case(root / "last", warm, whole=True)
+    last = Case(root / "last", warm)
     assert let_run(last).code == 0
     counts, found, lost = Counter(), [], []
     for case, each in zip(cases, left, strict=True):
@@ -164,9 +146,9 @@ def main(n_cases, seed, root):
         lost.append(n_lost)
         at = "began" if not (case.folder / "summary.json").is_file() else "ran" if each.code else "over"
         counts[f"{case.way.name} {at}"] += 1
-    same = np.array_equal(read(root / "last" / "run.rrd").poses[1], read(root / "quiet True" / "run.rrd").poses[1])
+    same = np.array_equal(read(root / "last" / "run.rrd").poses[1], read(root / "quiet" / "run.rrd").poses[1])
     told = {"cases": n_cases, "flaws": len(found), "most_lost": max(lost), "lost": sum(n > 0 for n in lost)}
-    told |= {"told": sum(each.n_told > 0 for each in left), "next_is_equal": same, "quiet_s": quiet[True].took_s}
+    told |= {"told": sum(each.n_told > 0 for each in left), "next_is_equal": same, "longest_s": longest}
     print(json.dumps({**told, "when": dict(sorted(counts.items())), "first": found[:20]}), flush=True)
 
 

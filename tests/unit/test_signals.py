@@ -1,5 +1,6 @@
 """Signals that ask a process to end."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -50,6 +51,20 @@ def test_it_waits_where_it_would_be_lost(monkeypatch):
     with pytest.raises(Asked, match="SIGTERM"), ending_as_interrupted():
         work()
     assert reached == [1]
+
+
+def test_it_waits_until_a_module_is_whole(tmp_path, monkeypatch):
+    kill = f"os.kill(os.getpid(), {int(signal.SIGTERM)})"
+    (tmp_path / "asked_in_an_import.py").write_text(f"import os, time\n{kill}\ntime.sleep(0.12)\nwhole = True\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def work():
+        importlib.import_module("asked_in_an_import")
+        time.sleep(1.0)
+
+    with pytest.raises(Asked, match="SIGTERM"), ending_as_interrupted():
+        work()
+    assert sys.modules.pop("asked_in_an_import").whole
 
 
 def test_what_is_ignored_as_under_nohup_stays_so():
