@@ -17,7 +17,7 @@ SCENES = {
     "tree": (TREE, limbs_surface(skeleton_limbs(TREE))),
     "parts across joints": (TREE, scenes.blended(7, TREE)),
 }
-STEP = 1e-6  # truncation and rounding both stay below 1e-8 of the derivative, which is asked to 1e-6
+STEP = 1e-7  # rounding stays below 1e-8 of the derivative, which is asked to 1e-6, and so do seams of two limbs
 
 
 @pytest.mark.parametrize("kind", KINDS)
