@@ -27,9 +27,10 @@ def test_the_shares_of_the_cues_are_recorded_frame_by_frame(run):
 
 
 @pytest.mark.slow  # it renders people to learn from
-def test_edges_are_learned_once(run):
+def test_edges_are_learned_once(run, tmp_path):
+    own = f"paths.cache={tmp_path / 'cache'}"
     for folder in ("out", "again"):
-        code, told, _ = run(folder, *SMALL, *(f"likelihood.weights.{cue}=0" for cue in CUES))
+        code, told, _ = run(folder, *SMALL, own, *(f"likelihood.weights.{cue}=0" for cue in CUES))
         assert code == 0, told
         assert ("learning edges" in told) == (folder == "out")
 

@@ -115,11 +115,12 @@ def flaws(case, left):
     if not sound:
         found.append(f"{case.way.name}: summary says {status}, published: {published.is_file()}")
     ends = {-signal.SIGKILL, 0} if killed else {128 + case.way, 0}
-    if left.code not in ends and not (status is None and left.code == -case.way):
+    by_itself = status is None or published.is_file()  # before Python hears of signals, and when all is over
+    if left.code not in ends and not (by_itself and left.code == -case.way):
         found.append(f"{case.way.name}: ended with {left.code}")
     if left.code == 0 and not published.is_file():
         found.append(f"{case.way.name}: ended with 0, nothing is published")
-    if "Traceback" in left.told and status is not None:
+    if "Traceback" in left.told and not by_itself:
         found.append(f"{case.way.name}: a traceback: {left.told.splitlines()[-1][:200]}")
     if left.hung:
         found.append(f"{case.way.name}: hung")
