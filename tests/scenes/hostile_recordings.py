@@ -8,7 +8,6 @@ import contextlib
 import io
 import json
 import logging
-import resource
 import sys
 import tempfile
 import traceback
@@ -16,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from hostile import spent_s
+from hostile import most_mb, spent_s
 from hostile_hdf5 import flipped
 from kinds_of_recordings import leave_kinds
 
@@ -125,8 +124,7 @@ def main(cases, seed, folder):
     told |= dict.fromkeys(("read", "refused", "fatal", "long", "hangs", "tracebacks"), 0)
     for k in range(0, cases, TOGETHER):
         together(told, folder, folder / "sound.rrd", kinds, min(TOGETHER, cases - k), rng)
-    most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    print(json.dumps({**told, "most_mb": most // 1024, "first": sorted(told["first"])[:20]}), flush=True)
+    print(json.dumps({**told, "most_mb": most_mb(), "first": sorted(told["first"])[:20]}), flush=True)
 
 
 if __name__ == "__main__":
