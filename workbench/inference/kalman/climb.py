@@ -77,6 +77,11 @@ def climb(
     for level in range(look.levels):
         pose, slope, taken = _climb_at(look, level, prior, pose, limits)
         count += taken
+    return peak_at(prior, pose, slope, flatten, count)
+
+
+def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Peak:
+    """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
     precision = prior.precision(pose)
     narrowed = np.linalg.inv(precision + flatten * slope.curvature)
     _, volume = np.linalg.slogdet(np.eye(len(pose)) + slope.curvature @ np.linalg.inv(precision))

@@ -21,9 +21,10 @@ from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
 from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed
-from workbench.inference.kalman.climb import FARTHER, climb
+from workbench.inference.kalman.climb import FARTHER, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
+from workbench.inference.kalman.settle import settle
 from workbench.inference.particles.move import Streams
 from workbench.inference.particles.target import Stopwatch
 from workbench.inference.particles.weights import even_log_weights
@@ -160,6 +161,7 @@ class Kalman:
             peak = self._climbed(look, belief, belief.mean[:n])
             if isinstance(look, LayeredLook):
                 belief, peak = self._leapt(look, belief, peak, before[0], rng)
+                peak = self._settled(look, belief, peak)
             doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
         else:
             peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
@@ -191,6 +193,14 @@ class Kalman:
             if is_better(look, len(skeleton.names), peak.pose, again.pose, limb, before):
                 belief, peak = released, again
         return belief, peak
+
+    def _settled(self, look: LayeredLook, belief: Belief, peak: Peak) -> Peak:
+        """Climb on by all pixels of the frame."""
+        n, skeleton = len(peak.pose), self.body.skeleton
+        prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
+        everything = np.ones(len(skeleton.names), dtype=np.bool_)
+        pose, slope, count = settle(look, prior, peak.pose, skeleton.limits, everything)
+        return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
 
     def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """What is believed of a limb that leapt to where it is in a pose (P,): the columns of its angles and of their
