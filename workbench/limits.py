@@ -68,6 +68,9 @@ MOST_ROUNDS = 1_000
 MOST_JOBS = 100_000
 """Of a sweep."""
 
+MOST_PROCESSES = 1_000
+"""Of a sweep, at once."""
+
 MOST_WHOLE = 2**63 - 1
 """Of a seed."""
 
