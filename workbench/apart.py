@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 
 from workbench.errors import InputError
@@ -40,7 +41,7 @@ def asked_apart(module: str, path: Path, what: str) -> Iterator[Callable[[str, i
         subprocess.Popen(_command(module, path), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said) as process,
     ):
         assert process.stdin is not None
-        assert process.stdout is not None
+        assert isinstance(process.stdout, BufferedReader)
         questions, answers = process.stdin.fileno(), process.stdout
 
         def ask(question: str, most: int) -> bytearray:

@@ -94,10 +94,9 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
     InputError for anything else."""
     with opened(path, "a whole file of points") as file:
         frames = file.get("frames")
-        names = natural_order(list(frames)) if isinstance(frames, Group) else []
-        if not names:
+        if not isinstance(frames, Group) or not frames:
             raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-        for name in names:
+        for name in natural_order(list(frames)):
             found = frames[name]
             if not isinstance(found, DataSet):
                 raise InputError(f"{path}: /frames/{name}: expected an array (K, 3), found none")
