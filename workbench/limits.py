@@ -68,6 +68,9 @@ MOST_ROUNDS = 1_000
 MOST_JOBS = 100_000
 """Of a sweep."""
 
+MOST_PROCESSES = 1_000
+"""Of a sweep, at once."""
+
 MOST_WHOLE = 2**63 - 1
 """Of a seed."""
 
@@ -202,7 +205,7 @@ def check_file(path: Path, most: int = MOST_TEXT) -> None:
     check_number(path, "bytes", found.st_size, most)
 
 
-def parse_json(place: object, text: str | bytes) -> Any:
+def parse_json(place: object, text: str | bytes | bytearray) -> Any:
     """Parse JSON; raises InputError, naming the place, for anything else and for what is too deep."""
     try:
         return json.loads(text)

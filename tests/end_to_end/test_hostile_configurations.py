@@ -39,6 +39,23 @@ WORDS = (
     "body=height body.height_m=1.7 +body.lengths={thigh:nan}", "seed=shuffle(range(0,1000000000000)) -m",
     "seed=range(0,1000) inference.n_particles=range(1,1000) -m",
     "hydra/sweeper=optuna hydra.sweeper.n_trials=1000000000000 seed=range(0,5) -m",
+    "sweep.halving=[1000000000] -m", "sweep.halving=[2,1000000000] -m",
+    f"sweep.halving=[{','.join(map(str, range(1, 2000)))}] -m",
+    f"sweep.halving=[{'9' * 5000}] -m", f"seed={'9' * 5000}", f"seed={'[' * 3000}{']' * 3000}",
+    "sweep.retries=1000000 -m", "inference.n_particles=10,1000000000 -m", "dataset.focal_px=nan,1 -m",
+    "sweep.stop_when=error_px>nan -m", "sweep.stop_when=error_px>1e999 -m",
+    "hydra.sweeper.max_batch_size=0 seed=0,1 -m",
+    "hydra/launcher=joblib hydra.launcher.n_jobs=1000000000 -m", "hydra/launcher=joblib hydra.launcher.n_jobs=0 -m",
+    *(f"hydra/sweeper=optuna {words} -m" for words in (
+        "hydra.sweeper.n_trials=-5", "hydra.sweeper.n_trials=0", "hydra.sweeper.n_trials=1.5",
+        "hydra.sweeper.n_jobs=1000000000", "hydra.sweeper.n_jobs=0", "hydra.sweeper.max_failure_rate=nan",
+        "hydra.sweeper.sampler.seed=-1", "hydra.sweeper.sampler.n_ei_candidates=1000000000000",
+        "inference.n_particles=interval(1,1e300)", "dataset.n_frames=choice(1000000000,2000000000)",
+    )),
+)  # fmt: skip
+ABSURD = (
+    "dataset.focal_px=1e308", "seed=range(0,1000000000000) -m", "hydra.run.dir=/proc/self/x",
+    "sweep.halving=[1000000000] -m", "inference.n_particles=10,1000000000 -m", f"seed={'9' * 5000}",
 )  # fmt: skip
 LAUGHS = "people:\n  walk: x\n" + "".join(
     f"  {name}: '{f'${{people.{before}}}' * 20}'\n"
@@ -56,6 +73,10 @@ THEIRS = {
 }  # fmt: skip
 SOON_S = 5.0
 MOST_MB = 1000
+
+
+def of_few_letters(words):
+    return words[:80]
 
 
 def refused(words, folder):
@@ -79,15 +100,13 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    "words", ["dataset.focal_px=1e308", "seed=range(0,1000000000000) -m", "hydra.run.dir=/proc/self/x"]
-)
+@pytest.mark.parametrize("words", ABSURD, ids=of_few_letters)
 def test_what_is_absurd_is_refused_soon(words, folder):
     refused(words.split(), folder)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", WORDS)
+@pytest.mark.parametrize("words", WORDS, ids=of_few_letters)
 def test_what_no_run_can_have_is_refused_soon(words, folder):
     refused(words.split(" "), folder)
 

@@ -339,23 +339,33 @@ def changed(kind, path, content, rng):
             path.write_bytes(flipped(path.read_bytes(), rng))
 
 
-def in_a_fork(command, **_):
-    """What `subprocess.run` does of `python -m MODULE PATH`, but for starting Python, which takes most of the time."""
+def forked(command, files):
+    """Begin what `python -m MODULE PATH` does, but for starting Python, which takes most of the time. files: those that
+    it reads, writes, and complains to."""
     _, _, _, module, path = command
-    out, error = os.memfd_create("out"), os.memfd_create("error")
-    if (child := os.fork()) == 0:
-        code = 1
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            os.dup2(out, 1), os.dup2(error, 2)
-            sys.stdout, sys.stderr = io.TextIOWrapper(os.fdopen(1, "wb")), io.TextIOWrapper(os.fdopen(2, "wb"))
-            apart.bounded(path, {"workbench.hdf5": hdf5._touch, "workbench.mocap.c3d": c3d._points}[module])
-            code = 0
-        except SystemExit as end:
-            code = end.code
-        finally:
-            sys.stdout.flush(), sys.stderr.flush()
-            os._exit(code)
+    if child := os.fork():
+        return child
+    code = 1
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, file in enumerate(files):
+            os.dup2(file, number)
+        os.closerange(3, max(files) + 1)  # what the other end holds, too, which else would not be seen to end
+        sys.stdin = io.TextIOWrapper(os.fdopen(0, "rb"))
+        sys.stdout, sys.stderr = (io.TextIOWrapper(os.fdopen(number, "wb")) for number in (1, 2))
+        apart.bounded(path, {"workbench.hdf5": hdf5._tell, "workbench.mocap.c3d": c3d._points}[module])
+        code = 0
+    except SystemExit as end:
+        code = end.code
+    finally:
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(code)
+
+
+def in_a_fork(command, **_):
+    """What `subprocess.run` does of such a command."""
+    nothing, out, error = os.open(os.devnull, os.O_RDONLY), os.memfd_create("out"), os.memfd_create("error")
+    child = forked(command, (nothing, out, error))
     try:
         _, status = os.waitpid(child, 0)
     except TimeoutError:
@@ -363,8 +373,34 @@ def in_a_fork(command, **_):
         os.waitpid(child, 0)
         raise
     said = [os.pread(file, os.fstat(file).st_size, 0) for file in (out, error)]
-    os.close(out), os.close(error)
+    for file in (nothing, out, error):
+        os.close(file)
     return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), *said)
+
+
+class Forked:
+    """What `subprocess.Popen` does of such a command."""
+
+    def __init__(self, command, *, stderr, **_):
+        (read, stdin), (stdout, write) = os.pipe(), os.pipe()
+        self.child, self.code = forked(command, (read, write, stderr.fileno())), None
+        os.close(read), os.close(write)
+        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.wait(), self.stdin.close(), self.stdout.close()
+
+    def wait(self):
+        if self.code is None:
+            self.code = os.waitstatus_to_exitcode(os.waitpid(self.child, 0)[1])
+        return self.code
+
+    def kill(self):
+        if self.code is None:
+            os.kill(self.child, signal.SIGKILL)
 
 
 def spent_s():
@@ -395,7 +431,6 @@ def run(kind, cases, seed, folder):
     for _ in range(cases):
         if path is not None:
             changed(kind, path, content, rng)
-            hdf5._read_apart.cache_clear()  # two files of one moment have one time
         began = spent_s()
         try:
             signal.setitimer(signal.ITIMER_REAL, ASLEEP_S)
@@ -426,7 +461,9 @@ def main(kind, cases, seed, folder=None):
     warnings.simplefilter("ignore")
     logging.disable()
     if kind in OWN_PROCESS:
-        apart.subprocess = SimpleNamespace(run=in_a_fork, TimeoutExpired=subprocess.TimeoutExpired)
+        apart.subprocess = SimpleNamespace(
+            run=in_a_fork, Popen=Forked, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
+        )
     if kind == "c3d":
         import ezc3d  # noqa: F401 (before all forks)
     with tempfile.TemporaryDirectory() as made:

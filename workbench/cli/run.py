@@ -84,9 +84,11 @@ def main() -> int:
 
 
 def _main() -> int:
-    arguments, Watch.progress = sorted(map(quoted, sys.argv[1:]), key=_is_override), None
+    Watch.progress = None
+    arguments: list[str] = []
     code = 0
     try:
+        arguments = sorted(map(quoted, sys.argv[1:]), key=_is_override)
         if unnamed := [text for text in arguments if text.startswith("=")]:
             raise InputError(f"expected key=value, found {unnamed[0]!r}")
         name_parts(parts_in(arguments))

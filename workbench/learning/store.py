@@ -13,7 +13,7 @@ import numpy as np
 from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import kept_for_later, whole_file
-from workbench.hdf5 import opened
+from workbench.hdf5 import DataSet, Group, opened
 
 FORMAT = "workbench model 3"
 
@@ -78,7 +78,7 @@ def load(kind: type[Stored], path: Path, own: bool = False) -> Stored:
     if not path.is_file():
         raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
     with opened(path, f"a {kind.__name__}", own) as file:
-        found = file.attrs.get("format")
+        found = file.attributes.get("format")
         if not isinstance(found, str) or found != _format(kind):
             raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
         model = _read(kind, file)
@@ -96,7 +96,7 @@ def _write(group: h5py.Group, model: Model) -> None:
             group[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
 
 
-def _read(kind: type[Stored], group: h5py.Group) -> Stored:
+def _read(kind: type[Stored], group: Group) -> Stored:
     return kind(**{name: _value(group[name], hint) for name, hint in _hints(kind).items()})
 
 
@@ -109,13 +109,13 @@ def _hints(kind: type[Model]) -> dict[str, Any]:
     return {field.name: every[field.name] for field in fields(kind)}
 
 
-def _value(stored: h5py.Dataset | h5py.Group, hint: Any) -> Any:
-    if isinstance(stored, h5py.Group):
+def _value(stored: DataSet | Group, hint: Any) -> Any:
+    if isinstance(stored, Group):
         kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
         return _read(kinds[0], stored)
     if get_origin(hint) is np.ndarray:
-        return stored[()]
-    value = json.loads(stored.asstr()[()])
+        return stored.numbers()
+    value = json.loads(stored.text())
     return None if value is None else (get_origin(hint) or hint)(value)
 
 

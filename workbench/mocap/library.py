@@ -18,7 +18,7 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.hdf5 import opened
+from workbench.hdf5 import DataSet, Group, opened
 from workbench.limits import check_places, check_rate
 from workbench.mocap.motion import Motion
 
@@ -61,50 +61,51 @@ def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
         return _read_motions(path, file)
 
 
-def _read_motions(path: Path, file: Any) -> tuple[Motion, ...]:
-    found = (file.attrs.get("format"), file.attrs.get("format_version"))
+def _read_motions(path: Path, file: Group) -> tuple[Motion, ...]:
+    found = (file.attributes.get("format"), file.attributes.get("format_version"))
     if found != (FORMAT, FORMAT_VERSION):
         raise InputError(f"{path}: expected {FORMAT!r} of version {FORMAT_VERSION}, found {found[0]!r}, {found[1]}")
     groups = file.get("motions")
-    if not isinstance(groups, h5py.Group) or len(groups) == 0:
+    if not isinstance(groups, Group) or len(groups) == 0:
         raise InputError(f"{path}: expected at least one motion under /motions, found none")
     return tuple(_read_motion(path, groups, key) for key in sorted(groups))
 
 
-def _read_motion(path: Path, groups: Any, key: str) -> Motion:
+def _read_motion(path: Path, groups: Group, key: str) -> Motion:
     group, place = groups.get(key), f"{path}: motion {key}"
-    if not isinstance(group, h5py.Group):
+    if not isinstance(group, Group):
         raise InputError(f"{place} is not a group")
-    words = {word: group.attrs.get(word) for word in _WORDS}
-    rate_hz = group.attrs.get("rate_hz")
+    words: dict[str, Any] = {word: group.attributes.get(word) for word in _WORDS}
+    rate_hz = group.attributes.get("rate_hz")
     if wrong := [word for word in _WORDS if not isinstance(words[word], str)]:
         raise InputError(f"{place} lacks the text {wrong[0]!r}")
     if not isinstance(rate_hz, float):
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
     check_rate(f"{place} must have a positive rate_hz", rate_hz)
-    if not isinstance(group.get("shape"), h5py.Group):
+    shape = group.get("shape")
+    if not isinstance(shape, Group):
         raise InputError(f"{place} lacks the group 'shape'")
     poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
     _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
     check_places(place, poses[:, :3])
     return Motion(
-        **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, group["shape"].attrs),
+        **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, shape.attributes),
         joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
     )  # fmt: skip
 
 
-def _numbers(place: str, group: Any, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+def _numbers(place: str, group: Group, name: str, shape: tuple[int | None, ...]) -> FloatArray:
     """A dataset of finite float64; None in the shape stands for any positive size."""
     dataset = group.get(name)
-    if not isinstance(dataset, h5py.Dataset):
+    if not isinstance(dataset, DataSet):
         raise InputError(f"{place} lacks the dataset {name!r}")
-    fits = len(dataset.shape or ()) == len(shape) and all(
+    fits = len(dataset.shape) == len(shape) and all(
         size == wanted or (wanted is None and size > 0) for size, wanted in zip(dataset.shape, shape, strict=True)
     )
-    if not fits or dataset.dtype != np.float64:
+    if not fits or dataset.kind != "float64":
         expected = " × ".join("F" if wanted is None else str(wanted) for wanted in shape)
-        raise InputError(f"{place}: {name} must be {expected} float64, found {dataset.shape} {dataset.dtype}")
-    values: FloatArray = dataset[()]
+        raise InputError(f"{place}: {name} must be {expected} float64, found {dataset.shape} {dataset.kind}")
+    values: FloatArray = dataset.numbers()
     if not np.isfinite(values).all():
         raise InputError(f"{place}: {name} holds numbers that are not finite")
     return values

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from workbench.errors import InputError
+from workbench.limits import MOST_COUNT, MOST_DIGITS, MOST_ROUNDS, check_number
 from workbench.sweep.job import read_summary
 from workbench.sweep.plan import Plan, metric_of
 
@@ -15,11 +16,14 @@ _SEED = "seed="
 
 
 def frames_of(text: str) -> list[int]:
-    """Read the frames of each round, `[10,50]`; raises InputError for anything but rising numbers of frames."""
-    words = re.fullmatch(r"\[(\d+(?:,\d+)*)\]", text.replace(" ", "").strip("'\""))
+    """Read the frames of each round, `[10,50]`; raises InputError for anything but rising numbers of frames, for more
+    rounds than MOST_ROUNDS and for more frames than a run has, before the first round begins."""
+    words = re.fullmatch(rf"\[(\d{{1,{MOST_DIGITS}}}(?:,\d{{1,{MOST_DIGITS}}})*)\]", text.replace(" ", "").strip("'\""))
     frames = [int(word) for word in words[1].split(",")] if words else []
     if not frames or any(second <= first for first, second in zip([0, *frames], frames, strict=False)):
         raise InputError(f"sweep.halving: expected rising numbers of frames, such as [10,50], found {text}")
+    check_number("sweep.halving", "rounds", len(frames), MOST_ROUNDS)
+    check_number("sweep.halving", "frames", frames[-1], MOST_COUNT)
     return frames
 
 

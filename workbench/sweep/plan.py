@@ -10,13 +10,13 @@ from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, RangeSweep
+from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, Override, RangeSweep
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment.identity import identity
-from workbench.limits import MOST_JOBS, check_number
+from workbench.limits import MOST_JOBS, MOST_PROCESSES, MOST_ROUNDS, check_number, check_sizes
 from workbench.sweep.job import KILLED, alone, put_back, read_summary, run_apart, write_failure
 from workbench.sweep.process import STOP_WHEN
 from workbench.sweep.reuse import RECORDING, set_aside, take_over
@@ -29,6 +29,16 @@ ENDING = ".ending"
 """In a sweep's folder: a sign that whoever started the jobs was asked to end, and that no more are to begin."""
 ERRORS = ("error_abs_mm", "error_px")
 """What a sweep minimises where its configuration names no metric: the first of these that a run has."""
+_BOUNDS: Mapping[str, tuple[int, int]] = {
+    "sweep.retries": (0, MOST_ROUNDS),
+    "hydra.sweeper.n_trials": (1, MOST_JOBS),
+    "hydra.sweeper.n_jobs": (1, MOST_PROCESSES),
+    "hydra.sweeper.max_failure_rate": (0, 1),
+    "hydra.sweeper.max_batch_size": (1, MOST_JOBS),
+    "hydra.sweeper.sampler.seed": (0, 2**32 - 1),
+    "hydra.launcher.n_jobs": (-1, MOST_PROCESSES),
+}
+"""The least and the most of what a sweep is told in numbers; sweepers and launchers have them or not."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +68,8 @@ def plan_of(config: DictConfig) -> Plan:
     """The sweep that Hydra is about to start with this configuration, `hydra` included.
 
     Raises InputError for a folder that holds a sweep already, unless it is to be resumed, for one to be resumed that
-    is not there, where jobs would share a folder, for more of them than MOST_JOBS, and for a tuner that would try
-    something else the second time.
+    is not there, where jobs would share a folder, for more of them than MOST_JOBS, for numbers that no sweep can have
+    or whose jobs would all be refused, and for a tuner that would try something else the second time.
     """
     sweeper, folder, resume = config.hydra.sweeper, Path(config.hydra.sweep.dir), config.sweep.resume
     if f"subdir: {SUBDIR}\n" not in OmegaConf.to_yaml(config.hydra.sweep):
@@ -73,8 +83,7 @@ def plan_of(config: DictConfig) -> Plan:
         stop_when(config.sweep.stop_when)
     if config.sweep.halving is not None:
         raise InputError("sweep.halving: expected on the command line, found in a file")
-    if config.sweep.retries < 0:
-        raise InputError(f"sweep.retries: expected 0 or more, found {config.sweep.retries}")
+    _check_numbers(config)
     swept = _swept(sweeper, list(config.hydra.overrides.task))
     varied, place = None, "sweep" if "n_trials" not in sweeper else "hydra.sweeper.n_trials"
     check_number(place, "jobs", sweeper.get("n_trials") or math.prod(map(len, swept.values())), MOST_JOBS)
@@ -176,21 +185,36 @@ def _stopped_so(folder: Path, sweep: DictConfig) -> bool:
     return written.is_file() and written.read_text() == (sweep.stop_when or "")
 
 
+def _check_numbers(config: DictConfig) -> None:
+    """Refuse numbers for a sweeper or a launcher on which it would end or never come back."""
+    for name, (least, most) in _BOUNDS.items():
+        found = OmegaConf.select(config, name)
+        if isinstance(found, int | float) and not least <= found <= most:
+            raise InputError(f"{name}: expected a number of {least} to {most}, found {found}")
+    if OmegaConf.select(config, "hydra.launcher.n_jobs") == 0:
+        raise InputError("hydra.launcher.n_jobs: expected -1, which is all processors, or 1 and more, found 0")
+    for part in ("sweeper", "launcher"):
+        check_sizes(OmegaConf.to_container(config.hydra[part]), f"hydra.{part}")
+
+
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     """The keys that vary and, where they are a list and not an interval, their values, in the order of the sweep."""
     loader = GlobalHydra.instance().config_loader()
     given = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()] + task
     chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
-    return {
-        key: _values(each) if each.is_discrete_sweep() else []
-        for key, each in chosen.items()
-        if each.is_sweep_override()
-    }
+    return {key: _values(each) for key, each in chosen.items() if each.is_sweep_override()}
 
 
 def _values(swept: Override) -> list[str]:
-    """List what a key goes through; InputError, before that, for a range of more than any sweep has jobs."""
-    if isinstance(found := swept.value(), RangeSweep):
-        n_values = sum(1 for _ in islice(iter(found.range()), MOST_JOBS + 1))
-        check_number(f"sweep: {swept.get_key_element()}", "values", n_values, MOST_JOBS)
-    return list(swept.sweep_string_iterator())
+    """List what a key goes through, nothing for an interval; InputError, before that, for a range of more than any
+    sweep has jobs, and for numbers that no run can have."""
+    key, numbers, found = swept.get_key_element().lstrip("+"), [], swept.value()
+    if isinstance(found, RangeSweep):
+        numbers = list(islice(iter(found.range()), MOST_JOBS + 1))
+        check_number(f"sweep: {key}", "values", len(numbers), MOST_JOBS)
+    elif isinstance(found, ChoiceSweep):
+        numbers = found.list
+    elif isinstance(found, IntervalSweep):
+        numbers = [found.start, found.end]
+    check_sizes(numbers, key)
+    return list(swept.sweep_string_iterator()) if swept.is_discrete_sweep() else []

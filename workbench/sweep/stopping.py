@@ -1,8 +1,10 @@
 """The condition that ends a run early, such as `times_lost>0`."""
 
+import math
 import operator
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from workbench.errors import InputError
@@ -33,8 +35,7 @@ def stop_when(text: str) -> StopWhen:
     """Read `name<number`; raises InputError for anything else."""
     if match := _CONDITION.fullmatch(text):
         name, sign, bound = match.groups()
-        try:
-            return StopWhen(name, sign, float(bound))
-        except ValueError:
-            pass
+        with suppress(ValueError):
+            if math.isfinite(number := float(bound)):
+                return StopWhen(name, sign, number)
     raise InputError(f"sweep.stop_when: expected a number of the run and a bound, such as times_lost>0, found {text!r}")

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
+from workbench import hdf5
 from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
 from workbench.errors import InputError
@@ -24,8 +25,8 @@ EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
 
 @pytest.fixture(autouse=True)
 def without_another_process(monkeypatch):
-    """HDF5 is read here at once; that another process reads it first is for test_hdf5."""
-    monkeypatch.setattr("workbench.hdf5._read_apart", lambda *_: None)
+    """HDF5 is read here at once; that another process reads it is for test_hdf5."""
+    monkeypatch.setattr("workbench.hdf5._read_apart", hdf5._read_here)
 
 
 def ply_header(form, n, properties, more=""):

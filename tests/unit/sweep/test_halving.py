@@ -37,3 +37,13 @@ def test_frames_of_rounds_rise():
     for text in ("[50,10]", "[10,10]", "[0,10]", "10", "[]", "[a]", "null"):
         with pytest.raises(InputError, match="rising"):
             frames_of(text)
+
+
+def test_frames_and_rounds_that_no_sweep_has_are_refused_before_the_first():
+    for text in ("[1000000000]", "[2,1000001]"):
+        with pytest.raises(InputError, match=r"sweep\.halving: expected at most 1000000 frames, found 1"):
+            frames_of(text)
+    with pytest.raises(InputError, match=r"sweep\.halving: expected at most 1000 rounds, found 1001"):
+        frames_of(f"{list(range(1, 1002))}")
+    with pytest.raises(InputError, match="rising"):
+        frames_of(f"[{'9' * 5000}]")

@@ -23,7 +23,9 @@ def test_it_compares_a_number_of_the_run(text, metrics, holds):
     assert stop_when(text)(metrics) is holds
 
 
-@pytest.mark.parametrize("text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", ""])
+@pytest.mark.parametrize(
+    "text", ["times_lost", "times_lost>", ">0", "a>b", "__import__('os')>0", "a>0 or b>0", "", "a>nan", "a<1e999"]
+)
 def test_anything_else_is_a_sentence(text):
     with pytest.raises(InputError, match=r"sweep\.stop_when"):
         stop_when(text)

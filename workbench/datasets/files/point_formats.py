@@ -13,13 +13,12 @@ import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from workbench.arrays import AnyArray, FloatArray
 from workbench.datasets.files import natural_order
 from workbench.errors import InputError
-from workbench.hdf5 import opened
+from workbench.hdf5 import DataSet, Group, opened
 from workbench.limits import MOST_NUMBERS, check_file, check_number
 from workbench.mocap.text import fail
 
@@ -95,14 +94,13 @@ def read_hdf5(path: Path) -> Iterator[FloatArray]:
     InputError for anything else."""
     with opened(path, "a whole file of points") as file:
         frames = file.get("frames")
-        names = natural_order(list(frames)) if isinstance(frames, h5py.Group) else []
-        if not names:
+        if not isinstance(frames, Group) or not frames:
             raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-        for name in names:
+        for name in natural_order(list(frames)):
             found = frames[name]
-            if not isinstance(found, h5py.Dataset):
+            if not isinstance(found, DataSet):
                 raise InputError(f"{path}: /frames/{name}: expected an array (K, 3), found none")
-            yield _table(f"{path}: /frames/{name}", found[()])
+            yield _table(f"{path}: /frames/{name}", found.numbers())
 
 
 READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file
