@@ -19,6 +19,7 @@ import pytest
 import rerun_cli
 from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
@@ -286,6 +287,40 @@ def test_a_killed_run_leaves_a_readable_part(tmp_path):
     assert found.config == "seed: 1"
     assert found.poses[0].tolist() == list(range(10, 34))  # of 26 frames two are lost
     assert len(column(path.with_name("run.rrd.part"), "/world/camera/image", "EncodedImage:blob")) == 24
+
+
+def pieces(path):
+    """The frames of each piece in which the poses were written."""
+    chunks = RrdReader(path).store().stream().filter(content=["/estimate/pose"]).to_chunks()
+    tables = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
+    return sorted(table.column("frame").to_pylist() for table in tables)
+
+
+def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "LONG", 6)
+    monkeypatch.setattr(module, "OF_LONG", 2)
+    path = record(tmp_path / "run.rrd", run)
+    assert [len(frames) for frames in pieces(path)] == [3, 3, 5, 2]  # after 11 frames five together
+    shown = [frame for frames in pieces(path) for frame in frames]
+    assert shown == [step.frame.index for step in run]
+
+
+def test_large_images_do_not_wait(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MOST_WAITING", 20_000)
+    path = record(tmp_path / "run.rrd", run)
+    assert {len(frames) for frames in pieces(path)} == {1}
+
+
+@pytest.mark.parametrize("lost", [1, 40, 100_000])
+def test_a_file_whose_end_did_not_reach_the_disk_is_not_published(run, tmp_path, monkeypatch, lost):
+    def cut(path):
+        os.truncate(path, path.stat().st_size - lost)
+        return RrdReader(path)
+
+    monkeypatch.setattr(file, "RrdReader", cut)
+    with pytest.raises((RuntimeError, RerunWarning)):
+        record(tmp_path / "run.rrd", run)
+    assert not (tmp_path / "run.rrd").exists()
 
 
 def test_a_disk_that_fills_up_ends_the_run_in_time(run, tmp_path, monkeypatch):

@@ -27,6 +27,12 @@ class Row:
     def __len__(self) -> int:
         return len(next(iter(self.fields.values())))
 
+    @property
+    def n_bytes(self) -> int:
+        """Of its arrays."""
+        lists = (field if isinstance(field, list) else [field] for field in self.fields.values())
+        return sum(each.nbytes for field in lists for each in field if isinstance(each, np.ndarray))
+
 
 Rows: TypeAlias = Iterator[tuple[str, Row]]
 
@@ -38,9 +44,13 @@ def curves(values: Mapping[str, float | FloatArray]) -> Rows:
 
 
 class Columns:
-    """Rows per entity path, waiting to be written. A path's rows are of one kind and have the same fields."""
+    """Rows per entity path, waiting to be written. A path's rows are of one kind and have the same fields.
+
+    n_bytes: what the arrays of the rows take until then, images above all.
+    """
 
     def __init__(self) -> None:
+        self.n_bytes = 0
         self._waiting: dict[str, list[tuple[int, np.timedelta64, Row]]] = {}
         self._numbers: dict[tuple[str, ...], list[tuple[int, np.timedelta64, FloatArray]]] = {}
 
@@ -48,6 +58,7 @@ class Columns:
         """Take in what entities show in one frame: pairs (entity path, row)."""
         for path, row in rows:
             self._waiting.setdefault(path, []).append((frame, time, row))
+            self.n_bytes += row.n_bytes
 
     def add_numbers(self, frame: int, time: np.timedelta64, numbers: Mapping[str, float]) -> None:
         """Take in one frame's numbers, {entity path: number}: what `curves` makes of them, in a tenth of its time, and
@@ -75,6 +86,7 @@ class Columns:
                 batch = rr.components.ScalarBatch(pa.array(column))
                 scalars = rr.ComponentColumn(rr.Scalars.descriptor_scalars(), batch, offsets=ends)
                 stream.send_columns(path, indexes=times_of, columns=[scalars])
+        self.n_bytes = 0
         self._waiting.clear()
         self._numbers.clear()
 

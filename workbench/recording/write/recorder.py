@@ -58,6 +58,10 @@ else:  # Rerun takes half a second to import, which a configuration that is refu
 
 FLUSH_EVERY = 3
 """Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
+LONG, OF_LONG = 150, 20
+"""After so many frames, a twentieth of them: the file's footer has a row for each piece with a column for each of some
+190 kinds of values, 8 kB a piece that stay in memory to the end."""
+MOST_WAITING = 16_000_000  # bytes, of long runs with large images
 PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 
@@ -66,7 +70,7 @@ class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
     A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance, settings
-    and live. The file is flushed every FLUSH_EVERY frames.
+    and live. The file is flushed every FLUSH_EVERY frames, less often in long runs.
 
     body, space: of the steps to come. n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a
     marginal. coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
@@ -101,7 +105,7 @@ class Recorder:
         self._trails, self._ranks = trails.Trails(self._figure), posterior.Ranks()
         self._pictures: dict[str, images.Picture] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
-        self._n_frames = self._n_frames_pictured = 0
+        self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
         self._constant, self._told = frozenset(constant), dict[str, int]()
         self._spans: dict[str, tuple[float, float]] = {}
@@ -206,13 +210,13 @@ class Recorder:
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
-        self._n_frames += 1
+        self._n_frames, self._n_waiting = self._n_frames + 1, self._n_waiting + 1
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
         # What was not in one when a run is killed is lost to who goes on from its checkpoints.
         growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        if self._n_frames % FLUSH_EVERY == 0 or self._file.live:
+        if self._file.live or self._n_waiting >= self._piece() or self._columns.n_bytes >= MOST_WAITING:
             self._flush()
             self._file.check_space()
 
@@ -328,7 +332,12 @@ class Recorder:
                 self._stream.send_blueprint(self._trails.layout(self._diagnostics, warned))
             self._n_frames_pictured = self._n_frames
 
+    def _piece(self) -> int:
+        """Tell how many frames go to the disk together."""
+        return max(FLUSH_EVERY, self._n_frames // OF_LONG if self._n_frames >= LONG else 0)
+
     def _flush(self) -> None:
+        self._n_waiting = 0
         self._columns.write(self._stream)
         self._file.flush()
 
