@@ -289,9 +289,9 @@ def test_a_killed_run_leaves_a_readable_part(tmp_path):
     assert len(column(path.with_name("run.rrd.part"), "/world/camera/image", "EncodedImage:blob")) == 24
 
 
-def pieces(path):
-    """The frames of each piece in which the poses were written."""
-    chunks = RrdReader(path).store().stream().filter(content=["/estimate/pose"]).to_chunks()
+def pieces(path, entity="/estimate/pose"):
+    """The frames of each piece in which something was written."""
+    chunks = RrdReader(path).store().stream().filter(content=[entity]).to_chunks()
     tables = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
     return sorted(table.column("frame").to_pylist() for table in tables)
 
@@ -305,10 +305,13 @@ def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch):
     assert shown == [step.frame.index for step in run]
 
 
-def test_large_images_do_not_wait(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "MOST_WAITING", 20_000)
+def test_large_images_do_not_wait_for_the_rest(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FLUSH_EVERY", 5)
+    monkeypatch.setattr(module, "MOST_WAITING", 5000)
     path = record(tmp_path / "run.rrd", run)
-    assert {len(frames) for frames in pieces(path)} == {1}
+    shown = pieces(path, "/world/camera/image")
+    assert shown == [[step.frame.index] for step in run]
+    assert [len(frames) for frames in pieces(path)] == [5, 5, 3]
 
 
 @pytest.mark.parametrize("lost", [1, 40, 100_000])

@@ -61,7 +61,8 @@ FLUSH_EVERY = 3
 LONG, OF_LONG = 150, 20
 """After so many frames, a twentieth of them: the file's footer has a row for each piece with a column for each of some
 190 kinds of values, 8 kB a piece that stay in memory to the end."""
-MOST_WAITING = 16_000_000  # bytes, of long runs with large images
+MOST_WAITING = 1_000_000
+"""Bytes of one path: images do not wait longer, since writing takes several times their room."""
 PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 
@@ -216,7 +217,8 @@ class Recorder:
         growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        if self._file.live or self._n_waiting >= self._piece() or self._columns.n_bytes >= MOST_WAITING:
+        self._columns.write_large(self._stream, MOST_WAITING)
+        if self._file.live or self._n_waiting >= self._piece():
             self._flush()
             self._file.check_space()
 
