@@ -58,8 +58,8 @@ else:  # Rerun takes half a second to import, which a configuration that is refu
 
 FLUSH_EVERY = 3
 """Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
-LONG, OF_LONG = 150, 20
-"""After so many frames, a twentieth of them: the file's footer has a row for each piece with a column for each of some
+LONG, OF_LONG = 100, 10
+"""After so many frames, a tenth of them: the file's footer has a row for each piece with a column for each of some
 190 kinds of values, 8 kB a piece that stay in memory to the end."""
 MOST_WAITING = 1_000_000
 """Bytes of one path: images do not wait longer, since writing takes several times their room."""
@@ -113,7 +113,7 @@ class Recorder:
         self._marks = False
         self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
-        self._warned = False
+        self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
@@ -238,7 +238,8 @@ class Recorder:
             self._shown, metrics=names, lanes=lanes, sparse=sparse, spans=spans, residuals=tuple(far),
             letters=len(verdict.sentence),
         )  # fmt: skip
-        self._stream.send_blueprint(blueprint.layout(self._shown))
+        self._laid_out = False
+        self._send_layout()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
         """Record the run's scalar results as the property `metrics`."""
@@ -319,9 +320,15 @@ class Recorder:
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.fixed(new), static=True)
             self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
+            self._laid_out = False  # with what goes to the disk: the second frame has other metrics than the first
+
+    def _send_layout(self) -> None:
+        if self._shown is not None and not self._laid_out:
             self._stream.send_blueprint(blueprint.layout(self._shown))
+        self._laid_out = True
 
     def _send_pictures(self) -> None:
+        self._send_layout()  # before that of trails
         if self._n_frames > self._n_frames_pictured:
             self._bands.write(self._stream)  # a hundred curves: few long pieces of each take least room and time
             pictures, axes = self._posterior.pictures()
@@ -340,6 +347,7 @@ class Recorder:
 
     def _flush(self) -> None:
         self._n_waiting = 0
+        self._send_layout()
         self._columns.write(self._stream)
         self._file.flush()
 
