@@ -32,6 +32,8 @@ def digest_of(sources: Mapping[str, bytes], modules: Iterable[str]) -> str:
     pending = set(modules)
     while pending:
         found |= pending
+        if len(found) == len(sources):
+            break
         pending = {name for module in pending for name in _imported(sources[module]) if name in sources} - found
     digest = hashlib.sha256()
     for module in sorted(found):

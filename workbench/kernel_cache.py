@@ -53,11 +53,16 @@ def _tell_once(sentence: str) -> None:
 
 
 def kernel_folder(package: Path) -> Path:
-    """The folder for the package as it is: in $NUMBA_CACHE_DIR, else with its byte code, else in ~/.cache."""
+    """The folder for the package as it is, in `kept_folder`."""
+    return kept_folder(package) / f"{_FOLDER}{source_key(package)}"
+
+
+def kept_folder(package: Path) -> Path:
+    """Where what follows from the package's sources is kept: $NUMBA_CACHE_DIR, else with its byte code, else in
+    ~/.cache."""
     own = package / "__pycache__" if os.access(package, os.W_OK) else Path("~/.cache/workbench").expanduser()
     given = Path(os.environ.get(_VARIABLE) or own)
-    parent = given.parent if given.name.startswith(_FOLDER) else given  # as the process that started this one set it
-    return parent / f"{_FOLDER}{source_key(package)}"
+    return given.parent if given.name.startswith(_FOLDER) else given  # as the process that started this one set it
 
 
 def source_key(package: Path) -> str:

@@ -19,6 +19,7 @@ import pytest
 import rerun_cli
 from recording_steps import BODY, CAMERA, SCALE, SPACE, errors, steps
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
@@ -224,7 +225,7 @@ def test_the_viewer_tool_accepts_it_and_finds_a_blueprint(recorded):
     environment = {**os.environ, "RERUN_ANALYTICS": "false"}
     done = subprocess.run([RERUN, "rrd", "verify", recorded], capture_output=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
-    assert len(RrdReader(recorded).blueprints()) == 2  # the second when the first warning came
+    assert len(RrdReader(recorded).blueprints()) == 1  # the first warning came before anything was written
 
 
 def test_equal_runs_give_equal_recordings(recorded, tmp_path):
@@ -286,6 +287,43 @@ def test_a_killed_run_leaves_a_readable_part(tmp_path):
     assert found.config == "seed: 1"
     assert found.poses[0].tolist() == list(range(10, 34))  # of 26 frames two are lost
     assert len(column(path.with_name("run.rrd.part"), "/world/camera/image", "EncodedImage:blob")) == 24
+
+
+def pieces(path, entity="/estimate/pose"):
+    """The frames of each piece in which something was written."""
+    chunks = RrdReader(path).store().stream().filter(content=[entity]).to_chunks()
+    tables = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
+    return sorted(table.column("frame").to_pylist() for table in tables)
+
+
+def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "LONG", 6)
+    monkeypatch.setattr(module, "OF_LONG", 2)
+    path = record(tmp_path / "run.rrd", run)
+    assert [len(frames) for frames in pieces(path)] == [3, 3, 5, 2]  # after 11 frames five together
+    shown = [frame for frames in pieces(path) for frame in frames]
+    assert shown == [step.frame.index for step in run]
+
+
+def test_large_images_do_not_wait_for_the_rest(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FLUSH_EVERY", 5)
+    monkeypatch.setattr(module, "MOST_WAITING", 5000)
+    path = record(tmp_path / "run.rrd", run)
+    shown = pieces(path, "/world/camera/image")
+    assert shown == [[step.frame.index] for step in run]
+    assert [len(frames) for frames in pieces(path)] == [5, 5, 3]
+
+
+@pytest.mark.parametrize("lost", [1, 40, 100_000])
+def test_a_file_whose_end_did_not_reach_the_disk_is_not_published(run, tmp_path, monkeypatch, lost):
+    def cut(path):
+        os.truncate(path, path.stat().st_size - lost)
+        return RrdReader(path)
+
+    monkeypatch.setattr(file, "RrdReader", cut)
+    with pytest.raises((RuntimeError, RerunWarning)):
+        record(tmp_path / "run.rrd", run)
+    assert not (tmp_path / "run.rrd").exists()
 
 
 def test_a_disk_that_fills_up_ends_the_run_in_time(run, tmp_path, monkeypatch):

@@ -45,6 +45,8 @@ _BY_WORD = (
 _FOLDERS = {"hydra.run.dir": "hydra.run.dir", "hydra.sweep.dir": "sweep.resume"}
 """Keys of the folders written to, each with a key that says it as well."""
 
+_RUN = "hydra.mode=RUN"
+
 _PLAIN = re.compile(r"[\w.,:@%*+-]*")
 _LOG_FILES = ("${hydra.runtime.output_dir}/${hydra.job.name}.log", "hydra-${hydra.job.name}.log")
 _LOG_KEYS = {
@@ -54,15 +56,47 @@ _LOG_KEYS = {
 
 
 class CheckedLoader(ConfigLoaderImpl):
-    """Hydra's loader of configurations, which lets none through that `check_composed` refuses."""
+    """Hydra's loader of configurations, which lets none through that `check_composed` refuses.
+
+    Hydra composes twice, the first time only to see whether the configuration says that there is to be a sweep. Unless
+    the command line does, that is the run's own composition, kept for the second time, or the error that it ends with.
+    """
+
+    _kept: tuple[tuple[str | None, list[str]], DictConfig | Exception] | None = None
 
     def load_configuration(
         self, config_name: str | None, overrides: list[str], run_mode: RunMode, from_shell: bool = True,
         validate_sweep_overrides: bool = True,
     ) -> DictConfig:  # fmt: skip
         """Compose, as Hydra does. Raises InputError for what is nonsense or not allowed, HydraException as Hydra."""
+        if run_mode == RunMode.MULTIRUN and not validate_sweep_overrides and _is_of_one_run(overrides):
+            self._kept = (config_name, [*overrides]), self._tried(config_name, overrides, from_shell)
+            return self._taken()
+        said = overrides[:-1] if overrides[-1:] == [_RUN] else overrides  # which Hydra adds
+        if run_mode == RunMode.RUN and self._kept is not None and self._kept[0] == (config_name, said):
+            config, self._kept = self._taken(), None
+            config.hydra.mode = RunMode.RUN
+            config.hydra.overrides.hydra.extend(overrides[len(said) :])
+            return config
+        return self._checked(config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
+
+    def _tried(self, config_name: str | None, overrides: list[str], from_shell: bool) -> DictConfig | Exception:
         try:
-            config = super().load_configuration(config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
+            return self._checked(config_name, overrides, RunMode.RUN, from_shell, True)
+        except Exception as error:  # noqa: BLE001 (whatever it is, whoever asks for the configuration raises it)
+            return error
+
+    def _taken(self) -> DictConfig:
+        assert self._kept is not None
+        if isinstance(self._kept[1], Exception):
+            raise self._kept[1]
+        return self._kept[1]
+
+    def _checked(
+        self, config_name: str | None, overrides: list[str], run_mode: RunMode, from_shell: bool, validate: bool
+    ) -> DictConfig:
+        try:
+            config = super().load_configuration(config_name, overrides, run_mode, from_shell, validate)
             check_composed(config, overrides)
         except (InputError, HydraException, OmegaConfBaseException):
             raise
@@ -124,6 +158,15 @@ def check_composed(config: DictConfig, overrides: Sequence[str]) -> None:
         folder = OmegaConf.select(config, key)
         _check_folder(key, folder, key in said or str(folder) == said.get(other))
     _check_caches(config, said)
+
+
+def _is_of_one_run(overrides: Sequence[str]) -> bool:
+    """Tell that overrides are understood, none has several values, and none says that there is a sweep."""
+    try:
+        parsed = OverridesParser.create().parse_overrides([*overrides])
+    except HydraException:
+        return False
+    return not any(each.is_sweep_override() or each.key_or_group in ("hydra", "hydra.mode") for each in parsed)
 
 
 def _refuse(place: str, found: object) -> None:

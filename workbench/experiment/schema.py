@@ -27,6 +27,7 @@ from workbench.errors import InputError
 from workbench.experiment import parts, strangers
 from workbench.experiment.admission import admit_checked_only
 from workbench.experiment.build import resolved
+from workbench.experiment.kept_keys import kept_keys
 from workbench.experiment.references import bound_references
 from workbench.mocap.names import left_out
 
@@ -167,16 +168,25 @@ def prepare_hydra() -> None:
         OmegaConf.register_new_resolver(each.__name__, each, replace=True)
 
 
-def schema_of(target: Callable[..., object], with_defaults: bool = False) -> type:
-    """A dataclass with `_target_` and one typed field per parameter of `target` that is not live.
+def schema_of(target: str, with_defaults: bool = False) -> type:
+    """A dataclass with `_target_` and one typed field per parameter of a part, by its dotted name, that is not live.
 
     with_defaults: and a field for Hydra's own list of that name, which it takes out again.
+    Raises InputError as `resolved`, of which only the name is looked at where the keys are known from before.
     """
-    columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{target.__module__}.{target.__qualname__}")]
+    known = target in parts.targets()
+    told = kept_keys(target, lambda: _described(resolved(target))) if known else _described(resolved(target))
+    columns: list[tuple[str, Any, Any]] = [("_target_", str, told["name"])]
     if with_defaults:
         columns.append(("defaults", list[Any], field(default_factory=list)))
-    columns += [(name, _schema_type(hint), _default(value)) for name, (hint, value) in keys_of(target).items()]
-    return make_dataclass(f"{target.__qualname__}_keys", columns)
+    columns += [(key, _TYPES[hint], _field(*default)) for key, (hint, *default) in told["keys"].items()]
+    return make_dataclass(f"{told['name'].rpartition('.')[2]}_keys", columns)
+
+
+def _described(target: Callable[..., object]) -> dict[str, Any]:
+    """Tell a part's name and of each key the type, by name, and the default in a list, empty where there is none."""
+    keys = {key: [_name(_schema_type(hint)), *_default(value)] for key, (hint, value) in keys_of(target).items()}
+    return {"name": f"{target.__module__}.{target.__qualname__}", "keys": keys}
 
 
 def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
@@ -195,14 +205,20 @@ def _is_live(hint: Any) -> bool:
     return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
-def _default(value: object) -> Any:
+def _default(value: object) -> list[Any]:
     if value is inspect.Parameter.empty:
-        return MISSING
+        return []
     if isinstance(value, tuple | list):
-        return field(default_factory=lambda: list(value))
+        return [list(value)]
     if isinstance(value, Mapping):
-        return field(default_factory=lambda: dict(value))
-    return value if isinstance(value, (*_PLAIN, NoneType)) else None  # a part, which the class makes itself
+        return [dict(value)]
+    return [value if isinstance(value, (*_PLAIN, NoneType)) else None]  # a part, which the class makes itself
+
+
+def _field(*default: Any) -> Any:
+    if not default:
+        return MISSING
+    return field(default_factory=lambda: deepcopy(default[0])) if isinstance(default[0], list | dict) else default[0]
 
 
 def _schema_type(hint: Any) -> Any:
@@ -223,6 +239,15 @@ def _schema_type(hint: Any) -> Any:
     if origin in (dict, Mapping):
         return dict[str, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
     return Any
+
+
+def _name(kind: Any) -> str:
+    return inspect.formatannotation(kind)
+
+
+_LISTED: list[Any] = [list[kind] for kind in (*_PLAIN, Any)] + [dict[str, kind] for kind in (*_PLAIN, Any)]  # type: ignore[valid-type]
+_TYPES = {_name(kind): kind for one in (*_PLAIN, *_LISTED) for kind in (one, one | None)} | {_name(Any): Any}
+"""What `_schema_type` gives, by name."""
 
 
 class PartsConfigSource(ConfigSource):
@@ -369,7 +394,7 @@ def typed(config: Any, file: str) -> Any:
     if not isinstance(config, DictConfig) or "_target_" not in config:
         return config
     try:
-        schema = open_mappings(OmegaConf.structured(schema_of(resolved(config._target_), "defaults" in config)))
+        schema = open_mappings(OmegaConf.structured(schema_of(config._target_, "defaults" in config)))
     except InputError as error:
         raise ConfigCompositionException(f"{file}: {error}") from error
     known = [str(key) for key in schema]  # which `in` would not find where they have no default

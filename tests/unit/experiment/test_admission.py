@@ -8,6 +8,7 @@ import hydra._internal.hydra as hydra_main
 import pytest
 from hydra._internal.utils import create_automatic_config_search_path
 from hydra.core.config_search_path import SearchPathQuery
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
 from hydra.types import RunMode
@@ -16,7 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.cli.run import main
 from workbench.errors import LONGEST, InputError
-from workbench.experiment import admission
+from workbench.experiment import admission, execute
 from workbench.experiment.build import check_targets, resolved
 from workbench.experiment.schema import prepare_hydra
 
@@ -208,3 +209,47 @@ def test_only_what_an_option_names_is_called(target, monkeypatch):
 def test_what_is_not_installed_has_no_classes():
     assert admission._stored("launcher") >= {"hydra._internal.core_plugins.basic_launcher.BasicLauncher"}
     assert admission._stored("a plugin that nobody installed") == set()
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """How often a configuration is composed, with the last one."""
+    found = []
+    whole = admission.CheckedLoader._checked
+
+    def counted(self, *how):
+        found.append(None)
+        found[-1] = whole(self, *how)
+        return found[-1]
+
+    monkeypatch.setattr(admission.CheckedLoader, "_checked", counted)
+    prepare_hydra()
+    return found
+
+
+def shown(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["workbench", *words])
+    return main()
+
+
+def test_one_run_is_composed_once(calls, monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr(execute, "execute", lambda config, *_, **__: sys.exit(seen.append(HydraConfig.get())))
+    with pytest.raises(SystemExit):
+        shown(monkeypatch, f"hydra.run.dir={tmp_path}", "seed=3")
+    assert len(calls) == 1
+    assert seen[0].mode == RunMode.RUN
+    assert seen[0].overrides.task == ["seed=3"]
+    assert seen[0].overrides.hydra == [f"hydra.run.dir={tmp_path}", "hydra.mode=RUN"]
+
+
+def test_a_refused_run_is_composed_once_and_says_the_same(calls, monkeypatch, capsys):
+    assert shown(monkeypatch, "inference.n_particles=abc") == 2
+    assert "could not be converted" in capsys.readouterr().err
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize("words", [["seed=1,2"], ["hydra.mode=RUN", "seed=1,2"]])
+def test_several_values_without_a_sweep_are_still_refused(calls, monkeypatch, capsys, words):
+    assert shown(monkeypatch, *words) == 2
+    assert "Ambiguous value" in capsys.readouterr().err

@@ -253,3 +253,26 @@ def test_what_is_refused_does_without_what_a_run_takes_long_to_import(words, tol
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert told in done.stderr
     assert done.stdout.splitlines()[-1] == "set()"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["prior=nope"], "no option 'nope'"),
+        (["inference.n_particles=abc"], "n_particles"),
+        (["experiment=walk_best", "likelihood.wieghts=3"], "likelihood.weights"),
+        (["prior._target_=os.system"], "refused 'os.system'"),
+    ],
+)
+def test_what_is_not_understood_is_refused_without_importing_a_part(words, told, tmp_path, monkeypatch):
+    """In a second process, since the first may have to ask the classes for their keys."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    parts = "{'numba', 'numpy', 'scipy', 'cv2', 'rerun', 'h5py', 'pandas'}"
+    code = f"import sys; sys.argv = ['workbench', *{words}, 'hydra.run.dir={tmp_path}']\n"
+    code += (
+        f"from workbench.cli.run import main\ntry:\n    code = main()\nfinally:\n    print({parts} & {{*sys.modules}})"
+    )
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert told in done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"

@@ -121,8 +121,10 @@ def rgba(colour):
     return red << 24 | green << 16 | blue << 8 | 255
 
 
-@pytest.mark.parametrize(("first_known", "n_layouts"), [(10, 1), (12, 2)])
+@pytest.mark.parametrize(("first_known", "n_layouts"), [(10, 1), (12, 1), (13, 2)])
 def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, tmp_path):
+    """The first three frames are written together."""
+
     def errors(step):
         return {"error_px": 3.0} if step.frame.index >= first_known else {}
 

@@ -27,6 +27,12 @@ class Row:
     def __len__(self) -> int:
         return len(next(iter(self.fields.values())))
 
+    @property
+    def n_bytes(self) -> int:
+        """Of its arrays."""
+        lists = (field if isinstance(field, list) else [field] for field in self.fields.values())
+        return sum(each.nbytes for field in lists for each in field if isinstance(each, np.ndarray))
+
 
 Rows: TypeAlias = Iterator[tuple[str, Row]]
 
@@ -42,18 +48,28 @@ class Columns:
 
     def __init__(self) -> None:
         self._waiting: dict[str, list[tuple[int, np.timedelta64, Row]]] = {}
+        self._n_bytes: dict[str, int] = {}  # of the rows that wait
         self._numbers: dict[tuple[str, ...], list[tuple[int, np.timedelta64, FloatArray]]] = {}
 
     def add(self, frame: int, time: np.timedelta64, rows: Iterable[tuple[str, Row]]) -> None:
         """Take in what entities show in one frame: pairs (entity path, row)."""
         for path, row in rows:
             self._waiting.setdefault(path, []).append((frame, time, row))
+            self._n_bytes[path] = self._n_bytes.get(path, 0) + row.n_bytes
 
     def add_numbers(self, frame: int, time: np.timedelta64, numbers: Mapping[str, float]) -> None:
         """Take in one frame's numbers, {entity path: number}: what `curves` makes of them, in a tenth of its time, and
         of the room that they take until they are written."""
         values = np.array([*numbers.values()], dtype=np.float64)
         self._numbers.setdefault(tuple(numbers), []).append((frame, time, values))
+
+    def write_large(self, stream: rr.RecordingStream, least_bytes: int) -> None:
+        """Send the rows of paths, such as images, that take at least so many bytes."""
+        for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= least_bytes]:
+            large = Columns()
+            large._waiting[path] = self._waiting.pop(path)
+            large.write(stream)
+            del self._n_bytes[path]
 
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits on the timelines `frame` and `time`."""
@@ -75,6 +91,7 @@ class Columns:
                 batch = rr.components.ScalarBatch(pa.array(column))
                 scalars = rr.ComponentColumn(rr.Scalars.descriptor_scalars(), batch, offsets=ends)
                 stream.send_columns(path, indexes=times_of, columns=[scalars])
+        self._n_bytes.clear()
         self._waiting.clear()
         self._numbers.clear()
 

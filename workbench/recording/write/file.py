@@ -10,6 +10,7 @@ import re
 import resource
 import shutil
 import socket
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
@@ -20,6 +21,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
@@ -120,7 +122,7 @@ class RecordingFile:
         self.flush()  # what may take long
         with finishing():
             self._close(self.status)
-            RrdReader(self.part).store()  # raises if the last bytes did not reach the disk
+            _check_end(self.part)
             os.replace(self.part, self.path)
 
     def _close(self, status: str) -> None:
@@ -192,6 +194,14 @@ class RecordingFile:
         """Tell a sentence, which waits in `warnings` to be recorded."""
         logger.warning(sentence)
         self.warnings.append(sentence)
+
+
+def _check_end(path: Path) -> None:
+    """Raise RerunWarning or RuntimeError if the last bytes did not reach the disk; the footer is looked for, not read,
+    which takes 3 kB of memory for each piece of a run."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RerunWarning)
+        RrdReader(path)
 
 
 def viewer_listens(timeout_s: float = 0.5) -> bool:

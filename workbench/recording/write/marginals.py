@@ -12,6 +12,7 @@ LOWEST_LOG_MASS = float(np.log(1e-4))
 MOST_PICTURED = 1024
 """Columns of a picture: of more frames each stands for two, four, eight …, so that memory stays as it is."""
 _FINE = 4
+_AT_FIRST = 64  # frames that there is room for
 
 
 def systematic(weights: FloatArray, n: int) -> IntArray:
@@ -37,13 +38,15 @@ class Marginals:
     def __init__(self, n_parameters: int, n_bins: int) -> None:
         self._n_bins, self._n_fine = n_bins, _FINE * n_bins
         self._low, self._width = np.zeros(n_parameters), np.zeros(n_parameters)
-        self._frames: list[Float32Array] = []  # half the memory of a long run
+        # (F, K, B), of which n are frames: half the memory of doubles, in one piece, since many small ones leave gaps
+        self._kept: Float32Array = np.empty((0, n_parameters, self._n_fine), dtype=np.float32)
+        self._n = 0
         self.every, self._in_last = 1, 1
 
     def add(self, values: FloatArray, weights: FloatArray) -> None:
         """Take in one more frame: values (N, K), finite, with weights (N,) that sum to one."""
         lowest, highest = values.min(axis=0), values.max(axis=0)
-        if not self._frames:
+        if self._n == 0:
             spread = np.maximum(highest - lowest, 1e-6 * np.maximum(np.abs(highest), 1.0))
             self._low, self._width = lowest - 0.01 * spread, 1.02 * spread
         for k in np.flatnonzero((lowest < self._low) | (highest >= self._low + self._width)):
@@ -55,13 +58,19 @@ class Marginals:
     def _append(self, mass: Float32Array) -> None:
         if self._in_last < self.every:
             self._in_last += 1
-            self._frames[-1] += (mass - self._frames[-1]) / np.float32(self._in_last)
+            last = self._kept[self._n - 1]
+            last += (mass - last) / np.float32(self._in_last)
             return
-        if len(self._frames) == MOST_PICTURED:
-            self._frames = [0.5 * (a + b) for a, b in zip(self._frames[::2], self._frames[1::2], strict=True)]
+        if self._n == MOST_PICTURED:
+            self._n //= 2
+            for i in range(self._n):
+                self._kept[i] = 0.5 * (self._kept[2 * i] + self._kept[2 * i + 1])
             self.every *= 2
-        self._frames.append(mass)
-        self._in_last = 1
+        if self._n == len(self._kept):
+            shorter, self._kept = self._kept, np.empty((max(2 * self._n, _AT_FIRST), *mass.shape), dtype=np.float32)
+            self._kept[: self._n] = shorter
+        self._kept[self._n] = mass
+        self._n, self._in_last = self._n + 1, 1
 
     def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray, n_frames: int) -> int:
         """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones.
@@ -74,8 +83,8 @@ class Marginals:
         whole = n_frames // self.every
         mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
         self._low, self._width = low.copy(), high - low
-        self._frames = [np.repeat(frame, _FINE, axis=1) for frame in np.moveaxis(mass, 2, 0)[:whole]]
-        self._in_last = self.every
+        self._kept = np.ascontiguousarray(np.repeat(np.moveaxis(mass, 2, 0)[:whole], _FINE, axis=2))
+        self._n, self._in_last = whole, self.every
         return whole * self.every
 
     def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -83,11 +92,11 @@ class Marginals:
 
         An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
         """
-        n_parameters, n_frames = len(self._low), len(self._frames)
+        n_parameters, n_frames = len(self._low), self._n
         log_mass = np.empty((n_parameters, self._n_bins, n_frames))
         starts, merged = np.empty((2, n_parameters), dtype=np.int64)
         for k in range(n_parameters):  # one by one, which takes little memory
-            fine = np.stack([frame[k] for frame in self._frames], axis=-1)
+            fine = np.ascontiguousarray(self._kept[:n_frames, k].T)
             seen = np.flatnonzero((fine > np.exp(LOWEST_LOG_MASS)).any(axis=1))
             merged[k] = -(-(seen[-1] + 1 - seen[0]) // self._n_bins)
             window = self._n_bins * merged[k]
@@ -102,10 +111,10 @@ class Marginals:
     def _double(self, k: int, downwards: bool) -> None:
         half = self._n_fine // 2
         kept = slice(half, None) if downwards else slice(half)
-        for mass in self._frames:
-            merged = mass[k].reshape(half, 2).sum(axis=1)
-            mass[k] = 0.0
-            mass[k, kept] = merged
+        mass = self._kept[: self._n, k]
+        merged = mass.reshape(self._n, half, 2).sum(axis=2)
+        mass[:] = 0.0
+        mass[:, kept] = merged
         self._low[k] -= self._width[k] if downwards else 0.0
         self._width[k] *= 2.0
 

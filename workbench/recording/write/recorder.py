@@ -58,6 +58,11 @@ else:  # Rerun takes half a second to import, which a configuration that is refu
 
 FLUSH_EVERY = 3
 """Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
+LONG, OF_LONG = 100, 10
+"""After so many frames, a tenth of them: the file's footer has a row for each piece with a column for each of some
+190 kinds of values, 8 kB a piece that stay in memory to the end."""
+MOST_WAITING = 1_000_000
+"""Bytes of one path: images do not wait longer, since writing takes several times their room."""
 PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
 
@@ -66,7 +71,7 @@ class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
     A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance, settings
-    and live. The file is flushed every FLUSH_EVERY frames.
+    and live. The file is flushed every FLUSH_EVERY frames, less often in long runs.
 
     body, space: of the steps to come. n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a
     marginal. coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
@@ -101,14 +106,14 @@ class Recorder:
         self._trails, self._ranks = trails.Trails(self._figure), posterior.Ranks()
         self._pictures: dict[str, images.Picture] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
-        self._n_frames = self._n_frames_pictured = 0
+        self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
         self._constant, self._told = frozenset(constant), dict[str, int]()
         self._spans: dict[str, tuple[float, float]] = {}
         self._marks = False
         self._with_keypoints: set[str] = set()
         self._shown: blueprint.Shown | None = None
-        self._warned = False
+        self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
         self.path, self.part, self._stream = self._file.path, self._file.part, self._file.stream
@@ -206,13 +211,14 @@ class Recorder:
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
-        self._n_frames += 1
+        self._n_frames, self._n_waiting = self._n_frames + 1, self._n_waiting + 1
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
         # What was not in one when a run is killed is lost to who goes on from its checkpoints.
         growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        if self._n_frames % FLUSH_EVERY == 0 or self._file.live:
+        self._columns.write_large(self._stream, MOST_WAITING)
+        if self._file.live or self._n_waiting >= self._piece():
             self._flush()
             self._file.check_space()
 
@@ -232,7 +238,8 @@ class Recorder:
             self._shown, metrics=names, lanes=lanes, sparse=sparse, spans=spans, residuals=tuple(far),
             letters=len(verdict.sentence),
         )  # fmt: skip
-        self._stream.send_blueprint(blueprint.layout(self._shown))
+        self._laid_out = False
+        self._send_layout()
 
     def set_result(self, metrics: Mapping[str, float]) -> None:
         """Record the run's scalar results as the property `metrics`."""
@@ -313,9 +320,15 @@ class Recorder:
         if new or warned > before.warned or drawn > before.drawn:
             self._file.send(styles.fixed(new), static=True)
             self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
+            self._laid_out = False  # with what goes to the disk: the second frame has other metrics than the first
+
+    def _send_layout(self) -> None:
+        if self._shown is not None and not self._laid_out:
             self._stream.send_blueprint(blueprint.layout(self._shown))
+        self._laid_out = True
 
     def _send_pictures(self) -> None:
+        self._send_layout()  # before that of trails
         if self._n_frames > self._n_frames_pictured:
             self._bands.write(self._stream)  # a hundred curves: few long pieces of each take least room and time
             pictures, axes = self._posterior.pictures()
@@ -328,7 +341,13 @@ class Recorder:
                 self._stream.send_blueprint(self._trails.layout(self._diagnostics, warned))
             self._n_frames_pictured = self._n_frames
 
+    def _piece(self) -> int:
+        """Tell how many frames go to the disk together."""
+        return max(FLUSH_EVERY, self._n_frames // OF_LONG if self._n_frames >= LONG else 0)
+
     def _flush(self) -> None:
+        self._n_waiting = 0
+        self._send_layout()
         self._columns.write(self._stream)
         self._file.flush()
 
