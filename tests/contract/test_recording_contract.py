@@ -296,11 +296,13 @@ def pieces(path, entity="/estimate/pose"):
     return sorted(table.column("frame").to_pylist() for table in tables)
 
 
-def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("most", "sizes"), [(60, [3, 3, 5, 2]), (4, [3, 3, 4, 3])])  # after 11 frames five together
+def test_a_long_run_is_written_in_few_pieces(run, tmp_path, monkeypatch, most, sizes):
     monkeypatch.setattr(module, "LONG", 6)
     monkeypatch.setattr(module, "OF_LONG", 2)
+    monkeypatch.setattr(module, "MOST_TOGETHER", most)
     path = record(tmp_path / "run.rrd", run)
-    assert [len(frames) for frames in pieces(path)] == [3, 3, 5, 2]  # after 11 frames five together
+    assert [len(frames) for frames in pieces(path)] == sizes
     shown = [frame for frames in pieces(path) for frame in frames]
     assert shown == [step.frame.index for step in run]
 

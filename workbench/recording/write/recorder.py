@@ -58,9 +58,9 @@ else:  # Rerun takes half a second to import, which a configuration that is refu
 
 FLUSH_EVERY = 3
 """Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
-LONG, OF_LONG = 100, 10
-"""After so many frames, a tenth of them: the file's footer has a row for each piece with a column for each of some
-190 kinds of values, 8 kB a piece that stay in memory to the end."""
+LONG, OF_LONG, MOST_TOGETHER = 100, 10, 60
+"""After so many frames, a tenth of them, but at most two seconds of a video: the file's footer has a row for each piece
+with a column for each of some 190 kinds of values, 8 kB a piece that stay in memory to the end."""
 MOST_WAITING = 1_000_000
 """Bytes of one path: images do not wait longer, since writing takes several times their room."""
 PICTURES_EVERY = 10  # frames, at most
@@ -343,7 +343,8 @@ class Recorder:
 
     def _piece(self) -> int:
         """Tell how many frames go to the disk together."""
-        return max(FLUSH_EVERY, self._n_frames // OF_LONG if self._n_frames >= LONG else 0)
+        in_long = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
+        return max(FLUSH_EVERY, in_long)
 
     def _flush(self) -> None:
         self._n_waiting = 0
