@@ -1,5 +1,6 @@
 """The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
 
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -106,6 +107,27 @@ def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
     forwards = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, steps=4, second_pass=False), frames)
     assert np.abs(forwards[-1].expected_pose - means[-1]).max() < 2e-4
     assert np.abs(forwards[1].expected_pose - means[1]).max() > 1e-3  # which knows nothing of later frames
+
+
+class Twice(Seen):
+    """A likelihood that, when all frames are seen, looks at them again."""
+
+    def relearned(self, frame, poses):
+        assert (frame.index, sorted(poses)) == (0, list(range(len(self.marks))))
+        return Seen(self.marks)
+
+
+def test_every_frame_tells_what_both_looks_at_it_took(monkeypatch):
+    prior, marks, frames = setting()
+    ticks = count()
+    monkeypatch.setattr("workbench.inference.particles.target.working_s", lambda: float(next(ticks)))
+    once, twice = (run(Kalman(prior, likelihood(marks), BODY, guesses=0), frames) for likelihood in (Seen, Twice))
+    for k, (one, two) in enumerate(zip(once, twice, strict=True)):
+        learning = 1.0 if k == 0 else 0.0
+        assert two.timing_s["likelihood"] == 2.0 * one.timing_s["likelihood"] + learning
+        assert two.timing_s.get("prior") == (None if k == 0 else 2.0 * one.timing_s["prior"])
+        assert two.evaluations == 2.0 * one.evaluations
+    assert once[1].evaluations > 0
 
 
 def test_steps_come_as_frames_do_without_a_second_pass():

@@ -112,12 +112,25 @@ class Kalman:
             raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
         seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
         if isinstance(self.likelihood, Relearning):
-            again = [frame for frame, _, _ in seen]
-            likelihood = self.likelihood.relearned(again[0], self._poses(seen))
-            seen = list(self._filtered(likelihood, again, start, rng_streams))
+            seen = self._again(self.likelihood, seen, start, rng_streams)
         beliefs = smoothed([belief for _, belief, _ in seen])
         for (frame, _, extra), belief in zip(seen, beliefs, strict=True):
             yield self._step(frame, belief, rng_streams["prior"], extra)
+
+    def _again(
+        self, likelihood: Relearning, seen: list[Filtered], start: FloatArray, rng_streams: Streams
+    ) -> list[Filtered]:
+        """Look at all frames again, knowing more; each tells what both looks took, the first frame the learning."""
+        clock, frames = Stopwatch(), [frame for frame, _, _ in seen]
+        relearned = likelihood.relearned(frames[0], self._poses(seen))
+        clock.lap("likelihood")
+        again = list(self._filtered(relearned, frames, start, rng_streams))
+        for (_, _, before), (_, _, now) in zip(seen, again, strict=True):
+            spent = before["timing_s"], now["timing_s"], clock.laps
+            now["timing_s"] = {stage: sum(laps.get(stage, 0.0) for laps in spent) for stage in {**spent[0], **spent[1]}}
+            now["evaluations"] += before["evaluations"]
+            clock.laps.clear()
+        return again
 
     def _poses(self, seen: list[Filtered]) -> dict[int, FloatArray]:
         """The expected poses (P,) of all frames, by their indices."""
