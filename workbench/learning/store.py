@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeGuard, TypeVar, get_args, get_origin, get_type_hints
 
@@ -52,6 +52,19 @@ class Provenance:
         """A SHA-256 over the inputs, the parameters and the learning's code: equal keys mean equal models."""
         text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def as_kept(model: Stored) -> Stored:
+    """A model whose arrays lie in memory as those read from its file do, row by row: sums over others may round
+    otherwise, and the run that learns a model would not be the run that finds it."""
+    laid: dict[str, Any] = {}
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if isinstance(value, np.ndarray):
+            laid[field.name] = np.asarray(value, order="C")
+        elif _is_model(value):
+            laid[field.name] = as_kept(value)
+    return replace(model, **laid)
 
 
 def keep(path: Path, model: Model, provenance: Provenance) -> None:

@@ -1,13 +1,23 @@
 """Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from workbench.errors import InputError
 from workbench.learning import training
-from workbench.learning.training import cyclic_model, database_motions, motion_windows, training_motions
+from workbench.learning.store import as_kept
+from workbench.learning.training import (
+    cyclic_model,
+    database_motions,
+    gait_model,
+    linear_motion,
+    motion_windows,
+    training_motions,
+    walking_model,
+)
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.mocap.library import write_library
 
@@ -91,6 +101,52 @@ def test_windows_from_the_cache_are_those_learned(library, tmp_path):
     fewer = motion_windows(**options, leave_out=["12"])
     assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 2
     assert set(learned.clips) - set(fewer.clips) == {"12_03"}
+
+
+def arrays(model):
+    """All arrays of a model, by name, those of models within it too."""
+    found = {}
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if is_dataclass(value):
+            found |= {f"{field.name}.{name}": array for name, array in arrays(value).items()}
+        elif isinstance(value, np.ndarray):
+            found[field.name] = value
+    return found
+
+
+@pytest.mark.parametrize("learn", [walking_model, gait_model, cyclic_model, linear_motion, motion_windows])
+def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_path, learn):
+    """Sums over arrays that lie otherwise in memory round otherwise: the first run would not be the second one."""
+    learned, read = (arrays(learn(motions=library, cache=str(tmp_path))) for _ in range(2))
+    assert len(list((tmp_path / "models").glob("*.h5"))) == 1
+    assert learned.keys() == read.keys()
+    for name, array in learned.items():
+        np.testing.assert_array_equal(array, read[name])
+        assert (array.dtype, array.strides) == (read[name].dtype, read[name].strides), name
+
+
+def test_models_within_models_are_laid_out_too():
+    @dataclass(frozen=True, eq=False)
+    class Inner:
+        SHAPES: ClassVar = {"a": "xy"}
+        a: np.ndarray
+
+    @dataclass(frozen=True, eq=False)
+    class Outer:
+        SHAPES: ClassVar = {"b": "xy", "c": ""}
+        b: np.ndarray
+        c: np.ndarray
+        inner: Inner
+        name: str
+
+    turned = np.arange(6.0).reshape(2, 3).T
+    kept = as_kept(Outer(turned, np.array(2.0), Inner(turned), "n"))
+    for array in (kept.b, kept.inner.a):
+        np.testing.assert_array_equal(array, turned)
+        assert array.flags.c_contiguous
+    assert kept.c.shape == ()
+    assert kept.name == "n"
 
 
 def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
