@@ -67,10 +67,11 @@ def as_kept(model: Stored) -> Stored:
     return replace(model, **laid)
 
 
-def keep(path: Path, model: Model, provenance: Provenance) -> None:
-    """Write a model to a cache, as far as that can be written to."""
+def keep(path: Path, model: Stored, provenance: Provenance) -> Stored:
+    """Write a model to a cache, as far as that can be written to, and return it `as_kept`."""
     with kept_for_later():
         save(path, model, provenance)
+    return as_kept(model)
 
 
 def save(path: Path, model: Model, provenance: Provenance) -> None:

@@ -19,7 +19,7 @@ from workbench.learning.cyclic import learn_cyclic
 from workbench.learning.discrepancy import learn_discrepancy
 from workbench.learning.gaps import with_gaps
 from workbench.learning.linear_motion import LinearMotion, learn_linear_motion
-from workbench.learning.store import Provenance, Stored, as_kept, keep, load
+from workbench.learning.store import Provenance, Stored, keep, load
 from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
 from workbench.learning.windows import Windows, learn_windows
 from workbench.mocap import full_skeleton, sources
@@ -278,6 +278,4 @@ def _learned(
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
         return load(kind, path, own=True)
-    model = as_kept(learn())
-    keep(path, model, provenance)
-    return model
+    return keep(path, learn(), provenance)

@@ -53,7 +53,8 @@ class Kalman:
     of m and `guesses` changes of one limb after the other, and P is narrowed by the likelihood's curvature there.
     Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp. A likelihood
     that knows its derivatives is climbed by these instead, from m, with heavier tails (`climb`); one that can also tell
-    apart poses that are far from each other is asked whether an arm or a leg is somewhere else (`leap`).
+    apart poses that are far from each other is asked whether an arm or a leg is somewhere else (`leap`), and climbed on
+    by all its pixels (`settle`).
 
     second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
     likelihood that learns from tracked clips (`Relearning`) looks at all of them again. Else every frame is told as

@@ -16,7 +16,7 @@ from workbench.core.frame import View
 from workbench.datasets.synthetic import Synthetic
 from workbench.digest import code_digest
 from workbench.errors import InputError
-from workbench.learning.store import Provenance, as_kept, keep, load
+from workbench.learning.store import Provenance, keep, load
 from workbench.likelihoods.edges.filters import POINTS, filtered, responses, smoothed
 from workbench.likelihoods.limb_points import limb_points, looked_up
 
@@ -68,9 +68,7 @@ def edge_model(cache: str) -> EdgeModel:
         return load(EdgeModel, path, own=True)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
-    model = as_kept(learn_edges(rendered_people(rng), rng))
-    keep(path, model, provenance)
-    return model
+    return keep(path, learn_edges(rendered_people(rng), rng), provenance)
 
 
 def rendered_people(rng: np.random.Generator) -> Iterable[tuple[Body, View, FloatArray]]:
