@@ -7,9 +7,13 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.core.likelihood import LayeredLook
+from workbench.core.frame import Frame
+from workbench.core.likelihood import LayeredLook, Slope
 from workbench.inference.kalman.belief import Belief, smoothed
-from workbench.inference.kalman.leap import LEAST_GAIN, MOST_LOSS, cost, is_better, leap
+from workbench.inference.kalman.filter import Kalman
+from workbench.inference.kalman.leap import LEAST_GAIN, cost, is_better, leap
+from workbench.priors.smooth import Smooth
+from workbench.streams import stream
 
 SKELETON = person_skeleton(from_height(1.75))
 ARM = np.array([k for k, name in enumerate(SKELETON.dof_names) if name.startswith(("left_shoulder", "left_elbow"))])
@@ -20,21 +24,17 @@ class Image:
 
     levels, judges, notes, diagnostics = 2, True, (), {}
 
-    def __init__(self, place, height, wide=0.5, points=0.0):
-        self.place, self.height, self.wide, self.points, self.asked = place, height, wide, points, []
+    def __init__(self, place, height, wide=0.5):
+        self.place, self.height, self.wide, self.asked = place, height, wide, []
 
     def compare(self, poses, moved):
         self.asked.append(moved)
         return self.height * np.exp(-0.5 * (((poses[:, ARM] - self.place) / self.wide) ** 2).sum(axis=1))
 
-    def slope(self, pose, level, derive=True):
-        assert level == self.levels - 1
-        return SimpleNamespace(log_prob=self.points * float(np.abs(pose[ARM] - self.place).max() < 0.5))
-
     def misfit(self, pose):
         raise AssertionError
 
-    evaluate = remember = misfit
+    evaluate = remember = slope = misfit
 
 
 def standing():
@@ -60,8 +60,9 @@ def test_an_arm_that_is_elsewhere_is_found_there(seed):
 
 
 def test_an_arm_that_is_where_it_was_thought_to_be_stays():
-    look = Image(standing()[ARM], 80.0)
+    look = Image(standing()[ARM], 80.0, wide=0.1)
     assert leap(look, SKELETON, ARM, standing(), standing(), np.random.default_rng(0)) is None
+    assert len(look.asked) == 1  # nowhere else is worth a closer look
 
 
 def test_a_little_likelier_is_not_enough():
@@ -71,11 +72,8 @@ def test_a_little_likelier_is_not_enough():
     assert leap(Image(place, 0.9 * least), SKELETON, ARM, standing(), standing(), rng) is None
     found = standing()
     found[ARM] = place
-    for height, points, expected in (
-        (1.1 * least, 0.0, True), (0.9 * least, 0.0, False), (1.1 * least, -1.1 * MOST_LOSS, False),
-        (1.1 * least, -0.9 * MOST_LOSS, True),
-    ):  # fmt: skip
-        look = Image(place, height, wide=0.05, points=points)
+    for height, expected in ((1.1 * least, True), (0.9 * least, False)):
+        look = Image(place, height, wide=0.05)
         assert is_better(look, len(SKELETON.names), standing(), found, ARM, standing()) is expected
         assert look.asked[0].all()
 
@@ -109,3 +107,38 @@ def test_the_past_says_nothing_of_what_leapt_and_all_of_the_rest():
     )
     back = smoothed([first, seen])[0]
     np.testing.assert_allclose(back.mean, first.mean, atol=1e-9)
+
+
+class Likelihood(Image):
+    """One whose look is the same in every frame, and that notes in which of them a single limb was asked about."""
+
+    def __init__(self):
+        super().__init__(elsewhere(), 80.0)
+        self.frame, self.leapt = None, set()
+
+    def look(self, previous, frame):
+        self.frame = frame.index
+        return self
+
+    def compare(self, poses, moved):
+        if not moved.all():
+            self.leapt.add(self.frame)
+        return super().compare(poses, moved)
+
+    def slope(self, pose, level, derive=True):
+        return Slope(0.0, np.zeros(len(pose)), np.eye(len(pose)))
+
+    def misfit(self, pose):
+        return np.zeros(len(SKELETON.names))
+
+    def remember(self, expected_pose):
+        return self
+
+
+def test_nobody_leaps_from_where_the_start_is_given():
+    likelihood, frames = Likelihood(), [Frame(k, k / 30.0, (), None) for k in range(3)]
+    body = SimpleNamespace(skeleton=SKELETON)
+    filtered = Kalman(Smooth(), likelihood, body, n_particles=2, second_pass=False)
+    streams = {name: stream(0, name) for name in ("resampling", "prior")}
+    assert len(list(filtered.run(frames, standing(), streams))) == 3
+    assert likelihood.leapt == {1, 2}

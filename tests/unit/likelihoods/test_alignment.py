@@ -28,7 +28,7 @@ from workbench.likelihoods.alignment.cells import (
 )
 from workbench.likelihoods.alignment.passing import LEAST_PX, nothing_passing
 from workbench.likelihoods.alignment.pictures import picture
-from workbench.likelihoods.alignment.scene import first_scene, tracked_scene
+from workbench.likelihoods.alignment.scene import _median, first_scene, tracked_scene
 from workbench.likelihoods.alignment.sight import Residuals, person_mask
 
 BODY = person(from_height(1.75))
@@ -45,6 +45,14 @@ def walking_pose(seed=0):
 
 def frames_of(pose):
     return forward(BODY.skeleton, pose[None])
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 5, 50])
+def test_medians_are_numpys_to_the_last_bit(n_frames):
+    rng = np.random.default_rng(n_frames)
+    levels = (255.0 * rng.random((n_frames, 400))).astype(np.float32).astype(np.float64)
+    levels[1:][rng.random((n_frames - 1, 400)) < 0.4] = np.nan
+    np.testing.assert_array_equal(_median(levels), np.nanmedian(levels, axis=0))
 
 
 def test_cells_lie_on_their_limbs_and_face_outwards():

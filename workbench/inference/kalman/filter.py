@@ -158,7 +158,8 @@ class Kalman:
                 before = self.prior.pose(belief.mean[None])
                 predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
-                belief, peak = self._updated(predicted, look, before, rng_streams["resampling"])
+                leaps = previous is not None  # nobody leaps from where a start is given
+                belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
                 log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
             likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
             clock.lap("likelihood")
@@ -168,13 +169,16 @@ class Kalman:
             }  # fmt: skip
             previous = frame
 
-    def _updated(self, belief: Belief, look: Look, before: FloatArray, rng: np.random.Generator) -> tuple[Belief, Peak]:
-        """Take in what a frame shows; the person was in the pose `before` (1, P)."""
+    def _updated(
+        self, belief: Belief, look: Look, before: FloatArray, leaps: bool, rng: np.random.Generator
+    ) -> tuple[Belief, Peak]:
+        """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
         n = before.shape[1]
         if isinstance(look, SlopedLook):
             peak = self._climbed(look, belief, belief.mean[:n])
             if isinstance(look, LayeredLook):
-                belief, peak = self._leapt(look, belief, peak, before[0], rng)
+                if leaps:
+                    belief, peak = self._leapt(look, belief, peak, before[0], rng)
                 peak = self._settled(look, belief, peak)
             doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
         else:

@@ -11,8 +11,10 @@ REACH = 0.7
 """By how much a limb's angles may differ from those of the frame before, rad: their deviation."""
 COST = 6.0
 """Of a leap, nats, beside that."""
-LEAST_GAIN, MOST_LOSS = 12.0, 10.0
-"""By how much the image must be likelier as layers, and how much less likely the peak may be as points, nats."""
+LEAST_GAIN = 12.0
+"""By how much the image must be likelier as layers, nats."""
+HOPELESS = 25.0
+"""By how much less likely the best place may be, nats, for it to be looked at more closely."""
 FIRST, LATER, BEST = 120, (60, 60), 5
 """Places tried at first, and then about the BEST so far, NARROWER."""
 NARROWER = (0.25, 0.12)
@@ -30,7 +32,7 @@ def leap(
     LEAST_GAIN, by how far it is from where it was `before` (P,); returns the pose, None where there is no such place.
 
     Places are drawn about the last one, and twice again about the best of them, so that what is found need not be near
-    to where the limb is thought to be.
+    to where the limb is thought to be; but not where even the best is HOPELESS less likely
     """
     moved, low, high = _moved(skeleton, limb), *skeleton.limits[limb].T
     places, scores, here = np.empty((0, len(limb))), np.empty(0), -np.inf
@@ -46,6 +48,8 @@ def leap(
             np.concatenate([places, tried]),
             np.concatenate([scores, ratios[1:] - cost(tried, before[limb])]),
         )
+        if scores.max() < here - HOPELESS:
+            return None
     if not scores.max() >= here + LEAST_GAIN:
         return None
     found = pose.copy()
@@ -61,13 +65,11 @@ def cost(places: FloatArray, before: FloatArray) -> FloatArray:
 def is_better(
     look: LayeredLook, n_joints: int, pose: FloatArray, leapt: FloatArray, limb: IntArray, before: FloatArray
 ) -> bool:
-    """Tell whether a frame is likelier in the pose (P,) that was climbed to after a leap: by all its pixels, and hardly
-    less so by the points that were climbed by."""
+    """Tell whether a frame is likelier in the pose (P,) that was climbed to after a leap: by all its pixels alone, as a
+    limb that hides behind others costs the points nothing, and one that is seen costs them something anywhere."""
     everything = np.ones(n_joints, dtype=np.bool_)
     ratios = look.compare(np.stack([pose, leapt]), everything)
-    gain = ratios[1] - ratios[0] - cost(leapt[limb], before[limb])
-    last = look.levels - 1
-    return bool(gain > LEAST_GAIN and look.slope(leapt, last).log_prob > look.slope(pose, last).log_prob - MOST_LOSS)
+    return bool(ratios[1] - ratios[0] - cost(leapt[limb], before[limb]) > LEAST_GAIN)
 
 
 def _moved(skeleton: Skeleton, limb: IntArray) -> BoolArray:

@@ -77,7 +77,7 @@ def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) 
     for rows in np.array_split(np.arange(stack.shape[1]), 16):  # in strips, which take less memory
         some = free[:, rows].any(axis=0)
         shown = np.where(free[:, rows], stack[:, rows], np.nan)[:, some]
-        median = np.nanmedian(shown, axis=0)
+        median = _median(shown)
         agree = (np.abs(shown - median) < _apart(noise)).sum(axis=0)
         level_rows, n_rows = level[rows], n[rows]
         level_rows[some], n_rows[some] = median, np.minimum(agree, KEPT)
@@ -102,9 +102,17 @@ def _apart(noise: float) -> float:
     return _DIFFERS * max(noise, 0.5 * LEAST_NOISE)
 
 
+def _median(levels: FloatArray) -> FloatArray:
+    """The median (K,) of grey levels (F, K), each an image's and so exact in single precision, among those that are not
+    NaN, of which every column has one: as NumPy's, faster by sorting short rows."""
+    ordered = np.sort(np.ascontiguousarray(levels.T, dtype=np.float32), axis=1)  # NaN comes last
+    last, every = (~np.isnan(ordered)).sum(axis=1) - 1, np.arange(len(ordered))
+    return 0.5 * (ordered[every, last // 2].astype(np.float64) + ordered[every, (last + 1) // 2])
+
+
 def _lasting(levels: FloatArray, apart: float) -> FloatArray:
     """The level (K,) of pixels that show (F, K): the first, or the median if that is seen more often."""
-    median = np.median(levels, axis=0)
+    median = _median(levels)
     as_first, as_median = (np.abs(levels - level) < apart for level in (levels[0], median))
     own = as_first.sum(axis=0) >= np.minimum(as_median.sum(axis=0), OWN)
     alike = np.where(own, as_first, as_median)
@@ -119,7 +127,7 @@ def _uncovered(levels: FloatArray, apart: float) -> tuple[FloatArray, FloatArray
     level, n = np.zeros(levels.shape[1]), np.zeros(levels.shape[1])
     if len(often):
         others = np.where(changed[:, often], levels[:, often], np.nan)
-        middle = np.nanmedian(others, axis=0)
+        middle = _median(others)
         agreed = (np.abs(others - middle) <= apart).sum(axis=0) >= AGREE * n_changed[often]
         level[often[agreed]], n[often[agreed]] = middle[agreed], UNCOVERED
     return level, n
