@@ -13,7 +13,7 @@ COST = 6.0
 """Of a leap, nats, beside that."""
 LEAST_GAIN = 12.0
 """By how much the image must be likelier as layers, nats."""
-HOPELESS = 25.0
+HOPELESS = 20.0
 """By how much less likely the best place may be, nats, for it to be looked at more closely."""
 FIRST, LATER, BEST = 120, (60, 60), 5
 """Places tried at first, and then about the BEST so far, NARROWER."""
