@@ -16,10 +16,11 @@ from threadpoolctl import threadpool_limits
 
 from workbench.errors import InputError
 from workbench.experiment.described import PYTHON, settings_of
-from workbench.experiment.execute import ending, execute, recorder_of
-from workbench.experiment.execute import record as record_steps
+from workbench.experiment.execute import ending, execute
 from workbench.experiment.parts import GROUPS, name_parts, parts_in
 from workbench.experiment.provenance import Command, provenance
+from workbench.experiment.running import record as record_steps
+from workbench.experiment.running import recorder_of
 from workbench.experiment.schema import prepare_hydra, typed
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts

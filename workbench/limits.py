@@ -84,6 +84,8 @@ _MOST = {
     "seed": MOST_WHOLE, "width": WIDEST_PX, "height": WIDEST_PX,
     **dict.fromkeys(("layers", "steps", "moves", "guesses"), MOST_ROUNDS),
 }  # fmt: skip
+_LEAST = {"n_frames": 1, "n_particles": 1}
+"""Of what a run has at least one of; other counts may be 0 somewhere."""
 _MOST_BY_UNIT = {"_px": LARGEST_PX, "_m": LARGEST_M, "_hz": RATES_HZ[1]}
 
 BYTES_A_PARTICLE = 4_000
@@ -127,6 +129,8 @@ def check_sizes(value: object, place: str = "") -> None:
     elif isinstance(value, int | float) and not abs(value) <= (most := _most_of(place.rpartition(".")[2], value)):
         said = value if isinstance(value, float) or abs(value) < 2**64 else f"one of {value.bit_length()} bits"
         raise InputError(f"config: {place}: expected a number up to {most:.9g}, found {said}")
+    elif isinstance(value, int | float) and value < (least := _LEAST.get(place.rpartition(".")[2], value)):
+        raise InputError(f"config: {place}: expected at least {least}, found {value}")
 
 
 def _most_of(name: str, value: float) -> float:

@@ -28,7 +28,7 @@ from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
 from workbench.evaluation.evidence import Evidence
 from workbench.experiment.assembly import assemble
-from workbench.experiment.execute import record, recorder_of
+from workbench.experiment.running import record, recorder_of
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.summary import Summary
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from analysis.benchmarks.figure import Figure
 
 RUN = ["-m", "workbench", "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
-IMPORTS = ["-c", "import workbench.experiment.execute, workbench.experiment.schema"]
+IMPORTS = ["-c", "import workbench.experiment.running, workbench.experiment.schema"]
 REPEATS = 3
 
 

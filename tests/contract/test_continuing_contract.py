@@ -13,8 +13,8 @@ from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
 from workbench.experiment.parts import options
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.tracking import rng_streams
 from workbench.priors.following import Following, Trajectory
+from workbench.streams import rng_streams
 
 N_FRAMES = 4
 SCENE = (

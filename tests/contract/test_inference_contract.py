@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_module
 from workbench.experiment.assembly import assemble
 from workbench.experiment.parts import options
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.tracking import rng_streams
+from workbench.streams import rng_streams
 
 NAMES = sorted(options("inference"))
 N = 40

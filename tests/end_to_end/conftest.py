@@ -38,9 +38,13 @@ def no_handlers_left():
 
 @pytest.fixture
 def run(tmp_path, cache, monkeypatch, capfd):
-    """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there."""
+    """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there.
 
-    def command(folder, *overrides, within=None):
+    suspicious: another process reads a recording first, as usual, which takes a second more."""
+
+    def command(folder, *overrides, within=None, suspicious=False):
+        if not suspicious:
+            monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole=False: set())
         monkeypatch.chdir(within or tmp_path)
         monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
         monkeypatch.delenv("WORKBENCH_DATA", raising=False)

@@ -36,7 +36,7 @@ def first(tmp_path_factory, cache):
 
 
 def test_unchanged_it_gives_the_same_bits(run, first):
-    code, told, folder = run("second", f"from={first}")
+    code, told, folder = run("second", f"from={first}", suspicious=True)
     assert code == 0, told
     assert "→" not in told
     assert (read(first).poses[1] == read(folder / "run.rrd").poses[1]).all()

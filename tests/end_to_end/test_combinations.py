@@ -85,11 +85,11 @@ def outcome(config: DictConfig) -> str:
 
 @pytest.mark.parametrize(("group", "option"), CASES)
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_it_works_or_says_why_not(experiment, group, option, tmp_path_factory, request):
+def test_it_works_or_says_why_not(experiment, group, option, cache, request):
     if experiment in WITH_DATA:
         usual = [f"paths.data={request.getfixturevalue('data')}"]
     else:
-        usual = ["paths.data=null", "learn.motions=builtin", f"paths.cache={tmp_path_factory.getbasetemp() / 'cache'}"]
+        usual = ["paths.data=null", "learn.motions=builtin", f"paths.cache={cache}"]
     config = compose("config", overrides=[f"experiment={experiment}", *usual, f"{group}={option}"])
     found = outcome(made_small(config, generated=experiment not in WITH_DATA))
     assert found == "works" or found.startswith("config: "), found

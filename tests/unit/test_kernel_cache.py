@@ -79,7 +79,7 @@ def test_an_edited_helper_in_another_file_is_compiled_again(package):
         ("body/lanes.py", True),
         ("body/skeleton.py", True),  # without a kernel of its own, but imported beside some
         ("cli/run.py", False),
-        ("experiment/execute.py", False),  # which sets numba's threads, but has no kernel
+        ("experiment/running.py", False),  # which sets numba's threads, but has no kernel
     ],
 )
 def test_the_key_is_of_all_that_gets_into_kernels(package, edited, matters):

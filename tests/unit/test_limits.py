@@ -213,6 +213,23 @@ def test_numbers_that_no_run_can_have(place, value):
         assert refusal(check_sizes, config).startswith(f"config: {place}: expected a number up to ")
 
 
+@pytest.mark.parametrize("place", ["dataset.n_frames", "inference.n_particles", "likelihood.terms.a.n_particles"])
+def test_a_run_has_a_frame_and_a_particle(place):
+    """What counts something else may be 0; a number that nobody has said is none."""
+    *groups, key = place.split(".")
+
+    def config(found):
+        whole = {key: found, f"{key}_shown": 0}
+        for group in reversed(groups):
+            whole = {group: whole}
+        return whole
+
+    for found, last in ((0, 0), (-3, -3), ([5, 0], 0)):
+        assert refusal(check_sizes, config(found)) == f"config: {place}: expected at least 1, found {last}"
+    for found in (1, None):
+        check_sizes(config(found))
+
+
 @pytest.mark.parametrize(
     "keys",
     ["dataset.n_frames=100_000 dataset.width=10_000 dataset.height=10_000", "dataset.clutter=1e9",

@@ -4,6 +4,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
+import scipy.stats  # noqa: F401 (which draws when it is imported, the same again and again)
 from hydra import compose, initialize_config_module
 
 from workbench.experiment.assembly import assemble

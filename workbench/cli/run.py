@@ -201,7 +201,6 @@ def _job(config: DictConfig) -> float | None:
         return run_job(config, sweep, experiment, settings)
     from workbench.experiment.execute import execute  # here, so that help and a sweep's own process do without
     from workbench.experiment.provenance import Command
-    from workbench.inference.particles.filter import DegenerateWeights
 
     try:
         choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
@@ -209,14 +208,23 @@ def _job(config: DictConfig) -> float | None:
         stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
         summary = execute(config, experiment, Path(settings.runtime.output_dir), command=command, stop=stop)
         metric = metric_of({**summary.metrics, **summary.cost}, sweep.metric)
-    except (*MENDABLE, DegenerateWeights) as error:
+    except MENDABLE as error:
         sys.exit(_tell(error))
     except OSError as error:
         if error.errno not in FULL:
             raise
         sys.exit(_tell(error))
+    except _degenerate_weights() as error:
+        sys.exit(_tell(error))
     _report(summary)
     return metric
+
+
+def _degenerate_weights() -> type[Exception]:
+    """Return what a filter ends with where it is asked to; a filter takes long to import, which this one has done."""
+    from workbench.inference.particles.filter import DegenerateWeights
+
+    return DegenerateWeights
 
 
 def _tell(error: BaseException) -> int:

@@ -9,6 +9,7 @@ command line.
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -135,6 +136,8 @@ class FileConfigSource(files_of_hydra.FileConfigSource):
 def admit_checked_only() -> None:
     """Have Hydra, wherever it is started from in this process, compose through `CheckedLoader`."""
     hydra_main.ConfigLoaderImpl = CheckedLoader  # type: ignore[attr-defined]
+    # every composition copies it whole, and again each of its nodes that it takes
+    ConfigStore.__deepcopy__ = lambda self, _: self  # type: ignore[attr-defined]
     SourcesRegistry.instance().types[FileConfigSource.scheme()] = FileConfigSource
 
 
@@ -144,8 +147,7 @@ def check_composed(config: DictConfig, overrides: Sequence[str]) -> None:
     overrides: the command line's. Raises InputError with the place and what was found there. Nothing is imported.
     """
     said = _said(overrides)
-    for group in GROUPS:
-        _check_group(config, group)
+    check_names({place: name for group in GROUPS for place, name in _names_in(config, group).items()})
     hydra = config.hydra
     if len(hydra.overrides.hydra) + len(hydra.overrides.task) != len(overrides):
         _refuse("hydra.overrides", [*hydra.overrides.hydra, *hydra.overrides.task])
@@ -196,19 +198,18 @@ def _leaves(node: Any, place: str) -> Iterator[tuple[str, Any]]:
         yield from _leaves(inner if container else inner._value(), f"{place}.{key}")
 
 
-def _check_group(config: DictConfig, group: str) -> None:
-    """A part is a mapping that names what an option names; nested ones too."""
+def _names_in(config: DictConfig, group: str) -> dict[str, Any]:
+    """Collect by place what a part names, and parts nested in it; raises InputError for what is no mapping."""
     node = config._get_node(group) if group in config else None
     if node is None or (isinstance(node, DictConfig) and (node._is_none() or node._is_missing())):
-        return
+        return {}
     if not isinstance(node, DictConfig):
         value = node._value()
         if value is not None:
             raise InputError(f"config: {group}: expected a part with a _target_, found {value!r}")
-        return
+        return {}
     found = targets_in(OmegaConf.to_container(node), group)
-    resolved = {place: OmegaConf.select(config, place) if "${" in str(each) else each for place, each in found.items()}
-    check_names(resolved)
+    return {place: OmegaConf.select(config, place) if "${" in str(each) else each for place, each in found.items()}
 
 
 def _check_names(leaves: Mapping[str, Any]) -> None:
@@ -230,15 +231,17 @@ def _check_names(leaves: Mapping[str, Any]) -> None:
 
 def _stored(kind: str) -> set[str]:
     """The classes of the launchers, sweepers or samplers that are installed; none where there is no such plugin."""
-    found, store = set(), ConfigStore.instance()
     try:
-        names = store.list(f"hydra/{kind}")
+        names = ConfigStore.instance().list(f"hydra/{kind}")
     except OSError:  # as Hydra says of a group without options
         names = []
-    for name in names:
-        if name.endswith(".yaml"):
-            found.add(str(store.load(f"hydra/{kind}/{name}").node.get("_target_")))
-    return found
+    return {_class_of(f"hydra/{kind}/{name}") for name in names if name.endswith(".yaml")}
+
+
+@cache
+def _class_of(option: str) -> str:
+    """What an option builds that a plugin of Hydra stored when it was loaded."""
+    return str(ConfigStore.instance().load(option).node.get("_target_"))
 
 
 def _check_words(leaves: Mapping[str, Any], said: Mapping[str, Any]) -> None:

@@ -18,11 +18,12 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing, Inference, Step, continues
 from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
-from workbench.experiment.tracking import Meter, Parts, rng_streams
+from workbench.experiment.tracking import Meter, Parts
 from workbench.recording.read.checkpoints import checkpoint_frames, past_before, told
 from workbench.recording.read.earlier import Earlier
 from workbench.recording.read.reader import Run
 from workbench.recording.write.recorder import Recorder
+from workbench.streams import rng_streams
 
 log = logging.getLogger(__name__)
 

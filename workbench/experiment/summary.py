@@ -9,15 +9,17 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from workbench import __version__
-from workbench.core.step import Step
 from workbench.evaluation.events import lost_and_found, lost_share
-from workbench.evaluation.verdict import Verdict
 from workbench.files import replace_text
+
+if TYPE_CHECKING:  # a run that is refused does without
+    from workbench.core.step import Step
+    from workbench.evaluation.verdict import Verdict
 
 RMS = ("knee_deg", "hip_deg")
 """Errors that a run sums up by their root mean square, not their mean."""
@@ -73,7 +75,7 @@ class Summary:
     over_run: Mapping[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     stopped: str | None = None
-    verdict: Verdict | None = None
+    verdict: "Verdict | None" = None
     constant: frozenset[str] = frozenset()
     compiling_s: float = 0.0
     study: Mapping[str, float] | None = None
@@ -91,7 +93,7 @@ class Summary:
         self.status = "interrupted" if error is None or isinstance(error, KeyboardInterrupt) else "failed"
         self.error = None if error is None else f"{type(error).__name__}: {error}"
 
-    def add(self, step: Step, errors: Mapping[str, float]) -> None:
+    def add(self, step: "Step", errors: Mapping[str, float]) -> None:
         """Take in one step and its errors."""
         for stage, seconds in step.timing_s.items():
             self.timing[stage] = self.timing.get(stage, 0.0) + seconds

@@ -10,16 +10,12 @@ from workbench.body.limbs import Body
 from workbench.core.clip import Clip
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
-from workbench.errors import InputError
 from workbench.evaluation.calibration import expected_calibration_error
 from workbench.evaluation.doubt import group_errors, stated_doubt
 from workbench.evaluation.errors import AccelerationError, step_errors
 from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.evaluation.step_calibration import pose_ranks
-from workbench.streams import stream
-
-STREAMS = ("start", "resampling", "prior", "study")
-"""Names of the run's random streams."""
+from workbench.streams import rng_streams
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +82,3 @@ def track(parts: Parts, seed: int, meter: Meter | None = None) -> Iterator[tuple
     meter = Meter(parts) if meter is None else meter
     for step in parts.inference.run(parts.clip, parts.start, rng_streams(seed)):
         yield step, meter.errors(step)
-
-
-def rng_streams(seed: int) -> dict[str, np.random.Generator]:
-    """The run's named random streams; raises InputError for a negative seed."""
-    if seed < 0:
-        raise InputError(f"seed must be zero or a positive whole number, found {seed}")
-    return {name: stream(seed, f"run: {name}") for name in STREAMS}

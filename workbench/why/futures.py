@@ -25,11 +25,12 @@ from workbench.experiment.branch import branched
 from workbench.experiment.continuing import Continued, carried, continuing
 from workbench.experiment.parts import name_parts, packages
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.tracking import Parts, rng_streams
+from workbench.experiment.tracking import Parts
 from workbench.inference.particles.filter import start_around
 from workbench.inference.particles.restarting import mirrored
 from workbench.inference.particles.weights import even_log_weights
 from workbench.recording.read.reader import Run, read
+from workbench.streams import rng_streams
 from workbench.why.changes import Change
 
 BEFORE, AFTER = 15, 10

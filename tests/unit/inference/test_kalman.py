@@ -12,7 +12,6 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Slope
 from workbench.core.memory import Past
 from workbench.errors import InputError
-from workbench.experiment.tracking import rng_streams
 from workbench.inference.kalman.belief import predict, smoothed
 from workbench.inference.kalman.climb import climb, tails
 from workbench.inference.kalman.filter import Kalman
@@ -20,6 +19,7 @@ from workbench.inference.kalman.peak import find_peak
 from workbench.learning.linear_motion import LinearMotion
 from workbench.priors.linear import Linear
 from workbench.priors.smooth import Smooth
+from workbench.streams import rng_streams
 
 N = len(POSE_NAMES)
 SIGMA = 0.02
