@@ -3,7 +3,7 @@
 from typing import Any
 
 import rerun as rr
-from rerun import bindings
+from rerun import bindings  # type: ignore[attr-defined]
 
 _abandoned: list[rr.RecordingStream] = []
 
