@@ -228,7 +228,7 @@ def test_recordings_are_laid_beside_each_other_only_if_another_process_read_all_
 @pytest.mark.parametrize(
     ("reading", "outcome"),
     [
-        ("bytearray(10**11)", (b"damaged", 0)),
+        ("bytearray(6 * 10**9)", (b"damaged", 0)),
         ("time.sleep(60)", (b"", -signal.SIGALRM)),
         ("sum(0 for _ in iter(int, 1))", (b"", -signal.SIGPROF)),
     ],
