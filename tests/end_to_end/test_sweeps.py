@@ -198,6 +198,10 @@ def test_a_job_of_a_sweep_is_the_same_run_as_alone(tmp_path, run, sweep):
         (["sweep.jobs=[2]"], "expected numbers below 2"),
         (["sweep.stop_when=often"], "sweep.stop_when"),
         (["sweep.halving=[5,2]"], "rising"),
+        (["sweep.halving=[1]"], "2 frames or more"),
+        (["sweep.halving=[2,1500]", "dataset.first_frame=500"], "no job can have 1500 frames: synthetic: motion"),
+        (["sweep.halving=[2,3]", "experiment=temperature"], "n_frames"),
+        (["sweep.halving=[2,3]", "hydra/sweeper=optuna", "hydra.sweeper.n_trials=2"], "not a tuner"),
         (["inference.n_particle=3"], "n_particle"),
     ],
 )

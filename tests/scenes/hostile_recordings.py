@@ -78,11 +78,12 @@ def together(told, folder, sound, kinds, n, rng):
         path.write_bytes(damaged(kinds[int(rng.integers(0, len(kinds)))], rng))
         paths.append(path)
     sound = folder / "sound.rrd"
-    fatal = probe.fatal([*paths, sound])
-    told["fatal"] += len(fatal)
-    if sound in fatal:
+    fatal = {whole: probe.fatal([*paths, sound], whole) for whole in (False, True)}
+    told["fatal"] += len(fatal[True])
+    if sound in fatal[True]:
         told["first"].add("the sound one is fatal")
-    known, probe.fatal = probe.fatal, lambda some, *_: fatal & set(some)  # told once, not by every command again
+    known = probe.fatal  # told once, not by every command again
+    probe.fatal = lambda some, whole=False: fatal[whole] & set(some)
     try:
         for words, main, arguments in (
             ("many report", report.main, [folder]), ("many view", view.main, [folder]),

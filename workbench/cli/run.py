@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def _main() -> int:
-    Watch.progress = None
+    Watch.progress, Watch.rounds = None, ()
     arguments: list[str] = []
     code = 0
     try:
@@ -150,7 +150,7 @@ def _rounds(arguments: list[str], frames: list[int]) -> int:
     given = [text.partition("=")[2] for text in arguments if text.startswith("hydra.sweep.dir=")]
     folder = given[-1] if given else f"recordings/sweeps/halving/{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
     jobs: list[int] | None = None
-    code = 0
+    code, Watch.rounds = 0, frames
     for k, n_frames in enumerate(frames):
         print(f"round {k + 1} of {len(frames)}: {n_frames} frames", flush=True)
         Watch.progress = None
@@ -159,9 +159,7 @@ def _rounds(arguments: list[str], frames: list[int]) -> int:
         if Watch.progress is None:
             return 1
         Watch.progress.stop()
-        if (progress := Watch.progress).plan.varied is None:
-            raise InputError("sweep.halving: expected a sweep whose jobs are known beforehand, not a tuner")
-        code, plan = max(code, close(progress, own)), progress.plan
+        code, plan = max(code, close(Watch.progress, own)), Watch.progress.plan
         if not (jobs := best_third(plan, metrics_of(plan))):
             break
         print(f"best: {plan.of(jobs[0])}", flush=True)

@@ -100,6 +100,14 @@ def plan_of(config: DictConfig) -> Plan:
     return Plan(folder, config.sweep.metric, tuple(swept), varied, jobs)
 
 
+def config_of(config: DictConfig, plan: Plan, job: int, *overrides: str) -> DictConfig:
+    """Compose a job of the sweep that Hydra is about to start with `config`, as a launcher does; overrides: more."""
+    chosen = _chosen(config.hydra.sweeper, list(config.hydra.overrides.task))
+    same = [str(each.input_line) for each in chosen.values() if not each.is_sweep_override()]
+    varied = () if plan.varied is None else plan.varied[job]
+    return GlobalHydra.instance().config_loader().load_sweep_config(config, [*same, *varied, *overrides])
+
+
 def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any) -> float | None:
     """Run one job, unless it is complete and to be kept; returns the metric of its run, for a tuner to minimise.
 
@@ -199,10 +207,14 @@ def _check_numbers(config: DictConfig) -> None:
 
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     """The keys that vary and, where they are a list and not an interval, their values, in the order of the sweep."""
+    return {key: _values(each) for key, each in _chosen(sweeper, task).items() if each.is_sweep_override()}
+
+
+def _chosen(sweeper: DictConfig, task: list[str]) -> dict[str, Override]:
+    """What the sweeper's own keys and the command line say, the latter in place of the former."""
     loader = GlobalHydra.instance().config_loader()
     given = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()] + task
-    chosen = {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
-    return {key: _values(each) for key, each in chosen.items() if each.is_sweep_override()}
+    return {each.get_key_element(): each for each in OverridesParser.create(loader).parse_overrides(given)}
 
 
 def _values(swept: Override) -> list[str]:

@@ -41,6 +41,7 @@ BEFORE = ".before"
 """Where in a job's folder lies what an earlier attempt at it recorded, from which it goes on, until it is complete."""
 
 _LONGEST = 1 << 16  # bytes of what is said of a job
+_MOST_JOBS = 100  # of one process: Rerun keeps threads and about 1 MB of each recording that it wrote
 _waiting: list["JobProcess"] = []
 
 
@@ -52,7 +53,7 @@ class JobProcess:
     """
 
     def __init__(self, out: BinaryIO) -> None:
-        self._surroundings = _surroundings()
+        self._surroundings, self._n_jobs = _surroundings(), 0
         self._line, other = socketpair()
         with other:
             self._process = Popen(
@@ -61,11 +62,14 @@ class JobProcess:
             )  # fmt: skip
 
     def fits(self) -> bool:
-        """Tell whether it is there and was started where a new one would be: folder, environment, packages named."""
-        return self._process.poll() is None and self._surroundings == _surroundings()
+        """Tell whether it is there, has not run _MOST_JOBS, and was started where a new one would be: folder,
+        environment, packages named."""
+        there = self._process.poll() is None and self._n_jobs < _MOST_JOBS
+        return there and self._surroundings == _surroundings()
 
     def begin(self, experiment: str, folder: Path, lock: int, out: BinaryIO) -> None:
         """Have it run the job of a folder. It keeps the lock until the job has ended, and prints to `out`."""
+        self._n_jobs += 1
         with suppress(BrokenPipeError):  # it has just ended, which `wait` tells
             send_fds(self._line, [json.dumps([experiment, str(folder)]).encode()], [lock, out.fileno()])
 

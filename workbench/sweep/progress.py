@@ -5,7 +5,7 @@ import platform
 import shlex
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from workbench.errors import InputError
 from workbench.experiment.folder import refuse_if_taken
 from workbench.sweep import starter
+from workbench.sweep.halving import check_rounds
 from workbench.sweep.job import CUT_OFF, ENDED, at_work, read_summary, say_if_gone
 from workbench.sweep.plan import ENDING, FAILED, Plan, metric_of, plan_of, worst
 from workbench.sweep.reuse import ASIDE, left_aside
@@ -159,6 +160,8 @@ class Watch(Callback):
 
     progress: ClassVar[Progress | None] = None
     """Of the sweep that this process runs."""
+    rounds: ClassVar[Sequence[int]] = ()
+    """Frames of the rounds that are about to begin, which are checked with the first."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse the folder of another run that is at work, before Hydra writes into it what this one is."""
@@ -172,6 +175,9 @@ class Watch(Callback):
         """Check the sweep and watch it; ends the command with code 2 when it is not to be started."""
         try:
             plan = plan_of(config)
+            if Watch.rounds:
+                check_rounds(config, plan, Watch.rounds)
+                Watch.rounds = ()
         except (InputError, HydraException, OmegaConfBaseException) as error:
             print(f"workbench: {error}", file=sys.stderr)
             sys.exit(2)  # Hydra makes a warning of any other exception

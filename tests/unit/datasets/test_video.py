@@ -263,6 +263,14 @@ def test_a_list_of_other_files_is_no_video(tmp_path, name):
         list(decode(tmp_path / name))
 
 
+def test_a_file_named_like_a_pattern_leads_to_no_images_beside_it(tmp_path):
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"a_{k}.png"), picture(40))
+    (tmp_path / "a_%d.png").write_text("nothing")
+    with pytest.raises(InputError, match="expected a video"):
+        list(decode(tmp_path / "a_%d.png"))
+
+
 def test_a_pipe_is_no_source(tmp_path):
     os.mkfifo(tmp_path / "a.avi")
     with pytest.raises(InputError, match="no such video"):

@@ -186,6 +186,14 @@ def test_only_targets_of_the_workbench_pass(target):
     check_targets(OmegaConf.create({"a": {"_target_": "workbench.priors.from_motions.walking"}}))
 
 
+def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
+    """Though an option names it."""
+    target = "workbench.experiment.build.import_module"
+    monkeypatch.setattr("workbench.experiment.build.targets", lambda: {target})
+    with pytest.raises(InputError, match="must name a part"):
+        resolved(target)
+
+
 def test_no_signature_hides_its_parameters():
     for group, choice in CHOICES:
         kinds = {each.kind for each in inspect.signature(resolved(options(group)[choice].target)).parameters.values()}

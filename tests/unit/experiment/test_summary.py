@@ -41,6 +41,7 @@ def test_a_mean_is_over_the_frames_that_have_the_error():
 def test_how_a_run_ended_is_written_on_a_full_disk(tmp_path, monkeypatch):
     summary, path = summary_of({"error_px": 1.0}), tmp_path / "summary.json"
     summary.write(path)
+    summary.over_run = {f"offset_{k}_mm": 1.0 for k in range(200)}  # of which nothing was known when it began
 
     def refuse(*paths):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

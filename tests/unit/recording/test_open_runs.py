@@ -11,13 +11,18 @@ import numpy as np
 import pytest
 import rerun as rr
 from recording_steps import BODY, SPACE, errors, steps
+from run_folders import leave
 
 from workbench.body.kinematics import joints
 from workbench.cli.check import main as check
 from workbench.cli.export import main as export
 from workbench.cli.report import main as report
+from workbench.cli.run import main as run_of
+from workbench.cli.runs import main as runs
 from workbench.cli.view import main as view
+from workbench.cli.why import main as why
 from workbench.errors import InputError
+from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import find_recordings, open_runs, read
 from workbench.recording.write.file import FORMAT, RecordingFile
@@ -175,23 +180,55 @@ def test_what_reading_does_not_survive_is_found_by_another_process(monkeypatch):
     assert fatal([Path(name) for name in "abcde"]) == {Path("b"), Path("d")}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("command", [check, report, view, export])
-def test_every_command_names_what_reading_does_not_survive(strange, command, tmp_path, capsys, monkeypatch):
+def started(arguments):
+    """The command that runs, which takes what it is told from the command line."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["workbench", *arguments])
+        return run_of()
+
+
+COMMANDS = {
+    "check": (check, ["{run}"]), "check of two": (check, ["{run}", "{other}"]), "report": (report, ["{run}"]),
+    "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
+    "runs": (runs, ["{run}", "--all"]), "runs, killed when published": (runs, ["{folder}", "--all"]),
+    "restore": (runs, ["--restore", "{folder}"]), "changes": (runs, ["--changes", "{folder}"]),
+    "slim": (runs, ["{root}", "--slim", "--yes"]), "from": (started, ["from={run}"]),
+    "from a folder": (started, ["from={folder}"]), "from a frame": (started, ["from={run}@1"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_no_command_reads_what_another_process_did_not_survive(recorded, words, tmp_path, capsys, monkeypatch):
+    """Here a sound one, of which that is said: so nothing else is wrong with it."""
+    command, arguments = COMMANDS[words]
+    killed = words == "runs, killed when published"
+    folder = leave(tmp_path / "folder", status="running" if killed else "complete")
+    for name in ("folder/run.rrd", "other.rrd"):
+        shutil.copy(recorded, tmp_path / name)
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
     monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, *_: {Path(path) for path in paths})
-    arguments = [strange, tmp_path / "out.csv"] if command is export else [strange]
-    code = command([str(argument) for argument in arguments])
-    told = " ".join("".join(capsys.readouterr()).split())
-    assert code == (0 if command is report else 2)
-    assert "strange.rrd" in told
+    places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder, "root": tmp_path}
+    code = command([argument.format(**places) for argument in arguments])
+    told = "".join(capsys.readouterr())
+    assert "run.rrd: expected a whole recording, found damage that crashes whoever reads it" in " ".join(told.split())
+    assert code == (0 if words.startswith(("report", "runs")) else 2)
     assert "Traceback" not in told
+
+
+def test_recordings_are_laid_beside_each_other_only_if_another_process_read_all_of_them(
+    recorded, tmp_path, monkeypatch
+):
+    run, asked = read(recorded), []
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole: asked.append(whole) or set(paths))
+    with pytest.raises(InputError, match="damage that crashes whoever reads it"):
+        write_side_by_side(tmp_path / "both.rrd", run, run)
+    assert asked == [True]
 
 
 @pytest.mark.parametrize(
     ("reading", "outcome"),
     [
-        ("bytearray(10**11)", (b"damaged", 0)),
+        ("bytearray(6 * 10**9)", (b"damaged", 0)),
         ("time.sleep(60)", (b"", -signal.SIGALRM)),
         ("sum(0 for _ in iter(int, 1))", (b"", -signal.SIGPROF)),
     ],

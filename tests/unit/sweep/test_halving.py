@@ -47,3 +47,8 @@ def test_frames_and_rounds_that_no_sweep_has_are_refused_before_the_first():
         frames_of(f"{list(range(1, 1002))}")
     with pytest.raises(InputError, match="rising"):
         frames_of(f"[{'9' * 5000}]")
+
+
+def test_a_round_of_one_frame_is_refused():
+    with pytest.raises(InputError, match=r"sweep\.halving: expected 2 frames or more, .* found \[1,5\]"):
+        frames_of("[1,5]")

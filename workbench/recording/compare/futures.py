@@ -16,6 +16,7 @@ from workbench.recording.read.reader import Run
 from workbench.recording.write import images, scene
 from workbench.recording.write.blueprint import page
 from workbench.recording.write.columns import Columns, curves
+from workbench.recording.write.stream import new_stream
 
 FUTURES = "futures"
 _HELD, _LOST = (90, 210, 120), (230, 90, 80)
@@ -37,8 +38,7 @@ class Shown:
 
 def write_futures(path: Path, run: Run, body: Body, futures: Sequence[Shown], text: str) -> None:
     """Write the run's images, truth and estimate with all futures over them, and what came of it, in Markdown."""
-    stream = rr.RecordingStream("workbench-why", recording_id=f"{run.properties['run']['id']}-why")
-    stream.set_log_time_enabled(False)
+    stream = new_stream("workbench-why", f"{run.properties['run']['id']}-why")
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(run))
     stream.send_chunks(read_chunks(run.path, ["/world/**", "/metrics/**"]))
     stream.log("why", rr.TextDocument(text, media_type="text/markdown"), static=True)

@@ -12,6 +12,7 @@ from workbench.recording.compare.side_by_side import CURVES
 from workbench.recording.read.reader import Run
 from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import page
+from workbench.recording.write.stream import new_stream
 
 NAME = "all runs: errors and how each came out"
 _RUNS, _TABLE = "runs", "outcomes"
@@ -26,8 +27,7 @@ _COLOURS = {
 def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups: Sequence[str]) -> None:
     """Write an .rrd with the errors and the coverage of every run by its frames, one colour for each of `groups`, which
     names what differs beside seeds, and a table of the verdicts and numbers; runs that are studies have no curves."""
-    stream = rr.RecordingStream("workbench-runs", recording_id=str(uuid4()))
-    stream.set_log_time_enabled(False)
+    stream = new_stream("workbench-runs", str(uuid4()))
     metrics = [name for name in CURVES if any(name in run.metrics for run in runs)]
     legend = rrb.PlotLegend(visible=False)
     curves = [rrb.TimeSeriesView(origin=f"/{name}", name=styles.title(name), plot_legend=legend) for name in metrics]

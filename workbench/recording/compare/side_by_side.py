@@ -15,6 +15,7 @@ from workbench.recording.study.recorder import entity
 from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import page
 from workbench.recording.write.scene import ESTIMATE
+from workbench.recording.write.stream import new_stream
 
 CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
 """Of all metrics those that are compared."""
@@ -30,8 +31,7 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
     """
     refuse_fatal([a.path, b.path], whole=True)
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
-    stream = rr.RecordingStream("workbench-check", recording_id=f"{a.properties['run']['id']}-beside")
-    stream.set_log_time_enabled(False)
+    stream = new_stream("workbench-check", f"{a.properties['run']['id']}-beside")
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
     for name, run in (("a", a), ("b", b)):
         chunks = read_chunks(run.path, EVERYTHING)
@@ -50,8 +50,7 @@ def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) 
     written = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
     for path, recording, name in zip(written, recordings, names, strict=True):
         application, recording_id = recording_of(recording)
-        stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
-        stream.set_log_time_enabled(False)
+        stream = new_stream(application, recording_id, send_properties=False)
         stream.set_sinks(rr.FileSink(path))
         stream.send_recording_name(name)
         stream.flush()

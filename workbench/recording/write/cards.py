@@ -15,6 +15,7 @@ from rerun.error_utils import RerunWarning
 from workbench.errors import InputError
 from workbench.recording.settings import numbers_and_texts
 from workbench.recording.write.file import CHOICES, SETTINGS, arrow
+from workbench.recording.write.stream import new_stream
 
 CARD = "card"
 """The property that a card adds to a recording."""
@@ -67,8 +68,7 @@ def write_card(
     these were recorded.
     """
     application, recording = ids
-    stream = rr.RecordingStream(application, recording_id=recording, send_properties=False)
-    stream.set_log_time_enabled(False)
+    stream = new_stream(application, recording, send_properties=False)
     stream.set_sinks(rr.FileSink(path))
     numbers, texts = numbers_and_texts(settings, choices)
     for name, values in ((CARD, card), (SETTINGS, numbers), (CHOICES, texts)):

@@ -26,6 +26,7 @@ from rerun.error_utils import RerunWarning
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
+from workbench.recording.write.stream import abandon, new_stream
 from workbench.recording.write.viewer import Viewer
 from workbench.signals import finishing
 
@@ -79,8 +80,7 @@ class RecordingFile:
         never = rr.ChunkBatcherConfig.NEVER()
         # Recordings of one application would share their layout in the viewer; in other letters Rerun warns
         self._application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
-        self.stream = rr.RecordingStream(self._application, recording_id=run_id, batcher_config=never)
-        self.stream.set_log_time_enabled(False)
+        self.stream = new_stream(self._application, run_id, batcher_config=never)
 
     def __enter__(self) -> Self:
         self.part.parent.mkdir(parents=True, exist_ok=True)
@@ -174,6 +174,7 @@ class RecordingFile:
     def _abandon(self) -> None:
         """Keep Rerun from ending the stream, now or as Python ends: it would wait for its writer for ever."""
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
+        abandon(self.stream)
         atexit.unregister(rr.rerun_shutdown)
 
     def _room(self) -> int:
