@@ -74,40 +74,68 @@ class Columns:
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits on the timelines `frame` and `time`."""
         indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most entities have rows in all frames
-
-        def index(frames: tuple[int, ...], times: tuple[np.timedelta64, ...]) -> list[rr.TimeColumn]:
-            if frames not in indexes:
-                time = rr.TimeColumn("time", duration=np.array(times))
-                indexes[frames] = [rr.TimeColumn("frame", sequence=frames), time]
-            return indexes[frames]
-
         for path, waiting in self._waiting.items():
             frames, times, rows = zip(*waiting, strict=True)
-            stream.send_columns(path, indexes=index(frames, times), columns=_columns(rows))
-        for paths, found in self._numbers.items():
-            frames, times, values = zip(*found, strict=True)
-            times_of, ends = index(frames, times), np.arange(len(frames) + 1, dtype=np.int32)
-            for path, column in zip(paths, np.stack(values, axis=1), strict=True):
-                batch = rr.components.ScalarBatch(pa.array(column))
-                scalars = rr.ComponentColumn(rr.Scalars.descriptor_scalars(), batch, offsets=ends)
-                stream.send_columns(path, indexes=times_of, columns=[scalars])
+            if frames not in indexes:
+                indexes[frames] = _index(frames, times)
+            stream.send_columns(path, indexes=indexes[frames], columns=_columns(rows))
         self._n_bytes.clear()
         self._waiting.clear()
+        self.write_numbers(stream)
+
+    def write_numbers(self, stream: rr.RecordingStream) -> None:
+        """Send what was taken in by `add_numbers` alone."""
+        for paths, found in self._numbers.items():
+            frames, times, values = zip(*found, strict=True)
+            index, n = _index(frames, times), len(frames)
+            ends, flat = pa.array(np.arange(n + 1, dtype=np.int32)), pa.array(np.stack(values, axis=1).ravel())
+            descriptor, _ = _component(rr.Scalars, "scalars")
+            for k, path in enumerate(paths):
+                scalars = _Column(descriptor, pa.ListArray.from_arrays(ends, flat.slice(k * n, n)))
+                stream.send_columns(path, indexes=index, columns=[scalars])
         self._numbers.clear()
 
 
-def _columns(rows: Sequence[Row]) -> Iterable[Any]:
+@dataclass(frozen=True)
+class _Column:
+    """A component's values, a list for each row, as Rerun takes them: making its own classes of them takes longer than
+    sending them."""
+
+    descriptor: Any
+    values: pa.Array
+
+    def component_descriptor(self) -> Any:
+        return self.descriptor
+
+    def as_arrow_array(self) -> pa.Array:
+        return self.values
+
+
+def _index(frames: Sequence[int], times: Sequence[np.timedelta64]) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=np.array(times))]
+
+
+def _columns(rows: Sequence[Row]) -> list[Any]:
     kind = rows[0].kind
     if kind is rr.BarChart:
         batch = rr.components.TensorDataBatch(_tensors(np.array([row.fields["values"] for row in rows])))
         return [rr.ComponentColumn(rr.BarChart.descriptor_values(), batch)]
-    fields: dict[str, AnyArray | list[Any]] = {}
+    ends = pa.array(np.cumsum([0, *map(len, rows)]).astype(np.int32))
+    found = []
     for name, first in rows[0].fields.items():
         parts = [row.fields[name] for row in rows]
-        fields[name] = np.concatenate(parts) if isinstance(first, np.ndarray) else list(chain.from_iterable(parts))
-        if name == "strips":
-            fields[name] = _strips(np.asarray(fields[name]))
-    return kind.columns(**fields).partition([len(row) for row in rows])
+        given = np.concatenate(parts) if isinstance(first, np.ndarray) else list(chain.from_iterable(parts))
+        descriptor, batch = _component(kind, name)
+        values = _strips(np.asarray(given)) if name == "strips" else batch(given).as_arrow_array()
+        found.append(_Column(descriptor, pa.ListArray.from_arrays(ends, values)))
+    return found
+
+
+@cache
+def _component(kind: Any, field: str) -> tuple[Any, Any]:
+    """The component that a field of an archetype is, and what makes arrays of it."""
+    descriptor = getattr(kind, f"descriptor_{field}")()
+    return descriptor, getattr(rr.components, f"{descriptor.component_type.rpartition('.')[2]}Batch")
 
 
 def _strips(places: AnyArray) -> pa.Array:

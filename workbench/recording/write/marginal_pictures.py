@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import FloatArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.marginals import LOWEST_LOG_MASS
@@ -16,7 +16,7 @@ _ABOVE = 13.0  # what the viewer writes a label below its point
 
 
 def entities(
-    name: str, unit: str, axis: tuple[float, float], log_mass: FloatArray, frames: list[int], truth: FloatArray
+    name: str, unit: str, axis: tuple[float, float], log_mass: Float32Array, frames: list[int], truth: FloatArray
 ) -> Entities:
     """Yield a marginal to be logged static: log_mass (B, F) of bins between the axis' ends, in `unit`, by brightness
     upwards; truth (F,), NaN where it is not known; values of the axis on the left, of the frames below."""

@@ -87,13 +87,13 @@ class Marginals:
         self._n, self._in_last = whole, self.every
         return whole * self.every
 
-    def picture(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def picture(self) -> tuple[FloatArray, FloatArray, Float32Array]:
         """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
 
         An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
         """
         n_parameters, n_frames = len(self._low), self._n
-        log_mass = np.empty((n_parameters, self._n_bins, n_frames))
+        log_mass = np.empty((n_parameters, self._n_bins, n_frames), dtype=np.float32)
         starts, merged = np.empty((2, n_parameters), dtype=np.int64)
         for k in range(n_parameters):  # one by one, which takes little memory
             fine = np.ascontiguousarray(self._kept[:n_frames, k].T)

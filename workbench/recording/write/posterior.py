@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import FloatArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.turns import nearest_turn
 from workbench.core.state_space import StateSpace
@@ -122,11 +122,14 @@ class Posterior:
 
         The bins reach to four standard deviations of the model, or without one to twice the first step's samples.
         """
+        lines = {
+            row: rr.SeriesLines(colors=[colour], widths=[width], names=[label]) for row, label, colour, width in _CURVES
+        }
         for name in self.favourites:
             known = name in self._skeleton.dof_names  # else there is no truth to compare with
-            for row, label, colour, width in _CURVES if known else _CURVES[:3]:
+            for row in [*lines] if known else [*lines][:3]:
                 for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
-                    yield _band(name, row, root), rr.SeriesLines(colors=[colour], widths=[width], names=[label])
+                    yield _band(name, row, root), lines[row]
         for k, column in enumerate(self.coefficients, start=1):
             samples = step.particles[:, column]
             reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
@@ -159,12 +162,12 @@ class Posterior:
             factor, shown = (np.degrees(1.0), "degrees") if unit == "rad" else (1.0, unit)
             lines.append(f"| {k} | {name} | {factor * a:.3g} | {factor * b:.3g} | {shown} |")
         dim_names, value_range = ("parameter", "bin", "frame"), (LOWEST_LOG_MASS, 0.0)
-        tensor = rr.Tensor(log_mass.astype(np.float32), dim_names=dim_names, value_range=value_range)
+        tensor = rr.Tensor(log_mass, dim_names=dim_names, value_range=value_range)
         legend = rr.TextDocument("\n".join(lines), media_type="text/markdown")
         drawn = [each for name in self.favourites for each in self._picture(name, low, high, log_mass)]
         return iter([("posterior/marginals", tensor), ("posterior/legend", legend), *drawn]), axes
 
-    def _picture(self, name: str, low: FloatArray, high: FloatArray, log_mass: FloatArray) -> Entities:
+    def _picture(self, name: str, low: FloatArray, high: FloatArray, log_mass: Float32Array) -> Entities:
         k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
         axis = (float(low[k]), float(high[k]))
         return marginal_pictures.entities(name, self.units[k], axis, log_mass[k], self.frames, truth)
@@ -175,6 +178,7 @@ class Ranks:
 
     def __init__(self) -> None:
         self._counts = np.zeros(_RANK_BINS, dtype=np.int64)
+        self._uncounted: list[FloatArray] = []
         self._began = False
 
     def add(self, step: Step) -> FloatArray:
@@ -185,11 +189,14 @@ class Ranks:
 
     def take_over(self, ranks: FloatArray) -> None:
         """Count the ranks (k,) of a frame."""
-        self._counts += rank_histogram(ranks, _RANK_BINS)
+        self._uncounted.append(ranks)
         self._began = True
 
     def pictures(self) -> Entities:
         """Yield each tenth's share of all ranks so far, to be logged static, before even ones; without truth none."""
+        if self._uncounted:  # all at once, as most of the time goes into calling NumPy
+            self._counts += rank_histogram(np.concatenate(self._uncounted), _RANK_BINS)
+            self._uncounted.clear()
         if (total := self._counts.sum()) == 0:
             return
         left = np.arange(_RANK_BINS) / _RANK_BINS
