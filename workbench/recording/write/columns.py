@@ -91,7 +91,7 @@ class Columns:
             ends, flat = pa.array(np.arange(n + 1, dtype=np.int32)), pa.array(np.stack(values, axis=1).ravel())
             descriptor, _ = _component(rr.Scalars, "scalars")
             for k, path in enumerate(paths):
-                scalars = _Column(descriptor, pa.ListArray.from_arrays(ends, flat.slice(k * n, n)))
+                scalars: Any = _Column(descriptor, pa.ListArray.from_arrays(ends, flat.slice(k * n, n)))
                 stream.send_columns(path, indexes=index, columns=[scalars])
         self._numbers.clear()
 
