@@ -136,7 +136,7 @@ def _readable(places: Sequence[Path]) -> list[Run]:
         except InputError as error:
             left_out.append(str(error))
             continue
-        if run is not (same := kept.setdefault(str(run.properties["run"].get("id")), run)):
+        if run is not (same := kept.setdefault(run.id or str(run.path), run)):
             left_out.append(f"{run.path}: the same run as {same.path}")
     for reason in left_out:
         print(f"workbench-view: left out: {reason}", file=sys.stderr)

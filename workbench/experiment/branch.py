@@ -98,7 +98,7 @@ def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tu
     recorded = _choices(run)
     parts = {group: _today(recorded, chosen, keys)[group] for group in chosen}
     config = runnable(run, keys, own, parts)
-    identity, at = str(run.properties["run"].get("id", "")), "" if frame is None else f"@{frame}"
+    identity, at = run.id, "" if frame is None else f"@{frame}"
     return config, Command([f"from={run.path}{at}", *overrides], {**recorded, **chosen}, identity, frame)
 
 

@@ -72,7 +72,7 @@ class Continued:
         """Tell apart what comes out from a whole run of the configuration of this identity, unless it is one."""
         if self.earlier is not None:
             return configuration
-        come_from = f"{configuration} from {self.run.properties['run']['id']}@{self.frame}"
+        come_from = f"{configuration} from {self.run.id}@{self.frame}"
         return hashlib.sha256(come_from.encode()).hexdigest()
 
     @property
@@ -80,7 +80,7 @@ class Continued:
         """Say which attempts what comes out goes on from, and where, where it is a whole run; of a branch: nothing."""
         if self.earlier is None:
             return {}
-        attempts = [self.run.provenance.get("continued"), f"{self.run.properties['run']['id']}@{self.frame}"]
+        attempts = [self.run.provenance.get("continued"), f"{self.run.id}@{self.frame}"]
         return {"continued": ", ".join(str(each) for each in attempts if each)}
 
     def track(

@@ -137,7 +137,7 @@ def _group(runs: Sequence[Run], settings: Settings, variation: Variation, told: 
     expected = {shown for run, shown in told.items() if half_of(run.settings) in halves}
     complete: dict[tuple[str, int], Run] = {}
     repeats: list[Run] = []
-    for run in sorted(runs, key=lambda run: str(run.properties["run"].get("id", "")), reverse=True):
+    for run in sorted(runs, key=lambda run: run.id, reverse=True):
         if run.status == "complete" and complete.setdefault(told[run], run) is not run:
             repeats.append(run)
     return Group(

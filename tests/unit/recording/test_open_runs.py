@@ -4,6 +4,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ from workbench.cli.runs import main as runs
 from workbench.cli.view import main as view
 from workbench.cli.why import main as why
 from workbench.errors import InputError
+from workbench.recording.compare.condense import condense
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.probe import fatal
 from workbench.recording.read.reader import find_recordings, open_runs, read
@@ -223,6 +225,17 @@ def test_recordings_are_laid_beside_each_other_only_if_another_process_read_all_
     with pytest.raises(InputError, match="damage that crashes whoever reads it"):
         write_side_by_side(tmp_path / "both.rrd", run, run)
     assert asked == [True]
+
+
+def test_a_run_whose_id_is_lost_is_laid_beside_another_and_condensed(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda *_, **__: set())
+    run = read(recorded)
+    properties = {**run.properties, "run": {key: run.properties["run"][key] for key in ("status", "format")}}
+    lost = replace(run, properties=properties)
+    assert (lost.id, run.id) == ("", run.properties["run"]["id"])
+    write_side_by_side(tmp_path / "both.rrd", lost, run)
+    condense(lost, tmp_path / "condensed.rrd")
+    assert read(tmp_path / "condensed.rrd").metrics.keys() == run.metrics.keys()
 
 
 @pytest.mark.parametrize(

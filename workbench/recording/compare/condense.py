@@ -27,7 +27,7 @@ def condense(run: Run, path: Path) -> None:
     kept = [chunk for chunk in read_chunks(run.path, EVERYTHING) if _is_kept(chunk)]
     store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
     try:
-        store.write_rrd(path, application_id="workbench", recording_id=str(run.properties["run"]["id"]))
+        store.write_rrd(path, application_id="workbench", recording_id=run.id)
     except (RuntimeError, OSError) as error:
         raise InputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
 

@@ -38,7 +38,7 @@ class Shown:
 
 def write_futures(path: Path, run: Run, body: Body, futures: Sequence[Shown], text: str) -> None:
     """Write the run's images, truth and estimate with all futures over them, and what came of it, in Markdown."""
-    stream = new_stream("workbench-why", f"{run.properties['run']['id']}-why")
+    stream = new_stream("workbench-why", f"{run.id}-why")
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(run))
     stream.send_chunks(read_chunks(run.path, ["/world/**", "/metrics/**"]))
     stream.log("why", rr.TextDocument(text, media_type="text/markdown"), static=True)

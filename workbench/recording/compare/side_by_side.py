@@ -31,7 +31,7 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
     """
     refuse_fatal([a.path, b.path], whole=True)
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
-    stream = new_stream("workbench-check", f"{a.properties['run']['id']}-beside")
+    stream = new_stream("workbench-check", f"{a.id}-beside")
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
     for name, run in (("a", a), ("b", b)):
         chunks = read_chunks(run.path, EVERYTHING)

@@ -69,6 +69,11 @@ class Run:
         return self.path.parent
 
     @property
+    def id(self) -> str:
+        """What tells it apart from other runs; "" where that is not told, as in a damaged recording."""
+        return str(self.properties["run"].get("id", ""))
+
+    @property
     def status(self) -> str:
         """How it ended: complete; stopped, early, as was asked for; failed: an exception ended the run; running: it is
         still at work, or was killed."""
