@@ -163,6 +163,7 @@ def scene_log_ratio(view: View, scene: StillScene, blur_px: float, epsilon: floa
 def _log_ratio(
     levels: Float32Array, median: Float32Array, sigma: Float32Array, log_peak: FloatArray, epsilon: float
 ) -> FloatArray:
+    """The log ratio (H, W) of levels (H, W, channels) to a scene's median, sigma and log_peak of this shape."""
     z = levels - median
     z /= sigma
     np.square(z, out=z)

@@ -32,7 +32,7 @@ def leap(
     LEAST_GAIN, by how far it is from where it was `before` (P,); returns the pose, None where there is no such place.
 
     Places are drawn about the last one, and twice again about the best of them, so that what is found need not be near
-    to where the limb is thought to be; but not where even the best is HOPELESS less likely
+    to where the limb is thought to be; but not again where even the best is less likely by HOPELESS.
     """
     moved, low, high = _moved(skeleton, limb), *skeleton.limits[limb].T
     places, scores, here = np.empty((0, len(limb))), np.empty(0), -np.inf

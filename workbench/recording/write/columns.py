@@ -81,9 +81,9 @@ class Columns:
             stream.send_columns(path, indexes=indexes[frames], columns=_columns(rows))
         self._n_bytes.clear()
         self._waiting.clear()
-        self.write_numbers(stream)
+        self._write_numbers(stream)
 
-    def write_numbers(self, stream: rr.RecordingStream) -> None:
+    def _write_numbers(self, stream: rr.RecordingStream) -> None:
         """Send what was taken in by `add_numbers` alone."""
         for paths, found in self._numbers.items():
             frames, times, values = zip(*found, strict=True)
