@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, length, likelihood, memory, runs, start, step
+from analysis.benchmarks import batch, cyclic, draws, filters, length, likelihood, memory, runs, start, step, sweep
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
 from workbench.errors import InputError
@@ -36,6 +36,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "memory_5000_frames_mb": length.figures,
     "start_compile_s": start.figures,
     "start_cached_s": start.figures,
+    "two_workers": sweep.figures,
     "runs_first_s": runs.figures,
     "runs_later_s": runs.figures,
 }
