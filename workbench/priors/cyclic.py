@@ -8,7 +8,6 @@ from typing import Any
 
 import numba
 import numpy as np
-import scipy
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
@@ -95,7 +94,7 @@ class Cyclic(AllFree):
         self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
-        self._table = np.ascontiguousarray(scipy.signal.resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
+        self._table = np.ascontiguousarray(sampled(curves, TABLE_PHASES).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
 
     @property
@@ -252,3 +251,14 @@ def _decode(table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
             a, b = (1.0 - part) * coefficients[n, k - 1], part * coefficients[n, k - 1]
             for c in range(n_channels):
                 channels[n, c] += a * low[k, c] + b * high[k, c]
+
+
+def sampled(curves: FloatArray, n: int) -> FloatArray:
+    """Return curves (K, m, C) of a period, at m even phases, at n (K, n, C), by their Fourier series: to the bit as
+    `scipy.signal.resample`, which takes longer to import than a short run."""
+    m = curves.shape[1]
+    known = min(m, n)
+    spectrum = np.fft.rfft(curves, axis=1)[:, : known // 2 + 1]
+    if known % 2 == 0 and m != n:  # the last one stands for two
+        spectrum[:, -1] *= 0.5 if m < n else 2.0
+    return np.asarray(np.fft.irfft(spectrum / (m / n), n, axis=1))
