@@ -8,6 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.traits import EVIDENCE, Traits
+from workbench.experiment.kept_keys import kept_traits
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
 
@@ -50,8 +51,8 @@ def _used_twice(traits: Mapping[str, Traits], called: Mapping[str, str]) -> str 
 
 def unread(config: DictConfig) -> tuple[str, ...]:
     """Name the groups chosen that the inference does not look at: the likelihood, for one that says it needs none."""
-    declared = hasattr(get_object(config.inference["_target_"]), "traits")
-    ignored = declared and "likelihood" not in traits_of(config.inference).needs
+    declared = _declared(config.inference)
+    ignored = declared is not None and "likelihood" not in declared.needs
     return ("likelihood",) if ignored and config.get("likelihood") is not None else ()
 
 
@@ -69,10 +70,19 @@ def no_evidence(config: DictConfig, names: Mapping[str, str] | None = None) -> s
 
 def traits_of(node: DictConfig) -> Traits:
     """Collect what the class that a node names declares, its nested parts first."""
-    keys: dict[str, Any] = {str(key): _value(node, str(key)) for key in node if key != "_target_"}
-    declared = getattr(get_object(node["_target_"]), "traits", Traits())
-    found: Traits = declared if isinstance(declared, Traits) else declared(keys)
-    return found
+    return _declared(node) or Traits()
+
+
+def _declared(node: DictConfig) -> Traits | None:
+    """As `traits_of`; None where the class declares nothing."""
+    target = str(node["_target_"])
+
+    def declare(keys: Mapping[str, Any]) -> Traits | None:
+        declared = getattr(get_object(target), "traits", None)
+        found: Traits | None = declared if declared is None or isinstance(declared, Traits) else declared(keys)
+        return found
+
+    return kept_traits(target, {str(key): _value(node, str(key)) for key in node if key != "_target_"}, declare)
 
 
 def _value(node: DictConfig, key: str) -> Any:

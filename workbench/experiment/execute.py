@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from workbench.errors import InputError
 from workbench.experiment.build import check_names, check_targets, targets_in
+from workbench.experiment.compatibility import incompatibility
 from workbench.experiment.folder import taken
 from workbench.experiment.identity import identity
+from workbench.experiment.lacking import what_lacks
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary
 from workbench.limits import check_products, check_sizes
@@ -73,6 +76,8 @@ def _execute(
     check_sizes(said)
     check_products(said)
     rng_streams(summary.seed)  # which a wrong seed has none of
+    if sentence := _refused(config, command.choices):
+        raise InputError(sentence)
     check_targets(config)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
@@ -81,3 +86,11 @@ def _execute(
     from workbench.experiment.running import run  # here, as what is refused does without: it takes longest to import
 
     run(config, summary, command.choices, quiet, continued, stop)
+
+
+def _refused(config: DictConfig, names: Mapping[str, str]) -> str | None:
+    """Say what keeps a person from being tracked with these parts, as `assemble` would, by what is known of them
+    without importing them."""
+    if config.study is not None or any(config[name] is None for name in ("dataset", "body", "inference")):
+        return None
+    return what_lacks(config, names) or incompatibility(config, names)

@@ -1,6 +1,5 @@
 """What a configuration leaves out: keys without a value, and recordings that nobody has said the place of."""
 
-import inspect
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -9,9 +8,8 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.experiment.build import resolved
 from workbench.experiment.parts import GROUPS, options
-from workbench.experiment.schema import keys_of
+from workbench.experiment.schema import keys_without_default
 
 SOURCES: Mapping[str, str] = MappingProxyType(
     {
@@ -63,8 +61,7 @@ def _absent(value: str, data: str) -> str:
 
 def _without_value(node: DictConfig) -> list[str]:
     """Name the keys of a part that it must be given, and is not."""
-    known = keys_of(resolved(str(node["_target_"])))
-    required = [key for key, (_, default) in known.items() if default is inspect.Parameter.empty]
+    required = keys_without_default(str(node["_target_"]))
     return [key for key in required if key not in node or OmegaConf.is_missing(node, key) or _empty(node, key)]
 
 

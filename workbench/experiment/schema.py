@@ -174,13 +174,23 @@ def schema_of(target: str, with_defaults: bool = False) -> type:
     with_defaults: and a field for Hydra's own list of that name, which it takes out again.
     Raises InputError as `resolved`, of which only the name is looked at where the keys are known from before.
     """
-    known = target in parts.targets()
-    told = kept_keys(target, lambda: _described(resolved(target))) if known else _described(resolved(target))
+    told = _told(target)
     columns: list[tuple[str, Any, Any]] = [("_target_", str, told["name"])]
     if with_defaults:
         columns.append(("defaults", list[Any], field(default_factory=list)))
     columns += [(key, _TYPES[hint], _field(*default)) for key, (hint, *default) in told["keys"].items()]
     return make_dataclass(f"{told['name'].rpartition('.')[2]}_keys", columns)
+
+
+def keys_without_default(target: str) -> list[str]:
+    """Name what a part, by its dotted name, must be given; raises InputError as `resolved`."""
+    return [key for key, (_, *default) in _told(target)["keys"].items() if not default]
+
+
+def _told(target: str) -> Mapping[str, Any]:
+    """What `_described` says of a part by its dotted name, now or to an earlier run."""
+    known = target in parts.targets()
+    return kept_keys(target, lambda: _described(resolved(target))) if known else _described(resolved(target))
 
 
 def _described(target: Callable[..., object]) -> dict[str, Any]:

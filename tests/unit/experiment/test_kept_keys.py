@@ -1,12 +1,13 @@
-"""The keys of parts as they are kept are those that their classes have, and are kept only as long as these last."""
+"""What is kept of parts is what their classes say, and is kept only as long as these last."""
 
 import json
 
 import pytest
 
+from workbench.core.traits import Traits, offering
 from workbench.experiment import kept_keys as module
 from workbench.experiment.build import resolved
-from workbench.experiment.kept_keys import kept_keys
+from workbench.experiment.kept_keys import kept_keys, kept_traits
 from workbench.experiment.parts import targets
 from workbench.experiment.schema import _described, schema_of
 
@@ -60,3 +61,55 @@ def test_keys_are_kept_for_the_code_as_it_is(monkeypatch):
     monkeypatch.setattr(module, "_code", lambda: "changed")
     with pytest.raises(AssertionError, match="asked again"):
         kept_keys("workbench.x.X", never)
+
+
+NESTED = Traits(frozenset({"images"}), {"prior": frozenset({"b", "a"}), "given": frozenset()}, "it lacks something")
+
+
+@pytest.mark.parametrize("traits", [None, Traits(), NESTED])
+def test_traits_are_kept_by_what_they_depend_on(traits):
+    def declare(keys):
+        return (keys["part"], keys.get("absent"), traits)[-1]
+
+    def asked(*_):
+        raise AssertionError("asked again")
+
+    keys = {"part": NESTED, "n": 3, "numbers": [1, 2.5], "named": {"a": "b"}}
+    assert kept_traits("workbench.x.X", keys, declare) == traits
+    assert kept_traits("workbench.x.X", {**keys, "n": 4}, asked) == traits  # at which nobody looked
+    for others in ({**keys, "part": Traits()}, {**keys, "absent": 1}, {"n": 3}):
+        with pytest.raises(AssertionError, match="asked again"):
+            kept_traits("workbench.x.X", others, asked)
+    assert kept_traits("workbench.x.X", {**keys, "part": Traits()}, declare) == traits
+    assert kept_traits("workbench.x.X", keys, asked) == traits
+
+
+def test_who_looks_at_all_keys_depends_on_all():
+    keys = {"terms": {"a": Traits(), "b": NESTED}}
+    for look in (dict, len, list):
+        kept_traits(f"workbench.x.{look.__name__}", keys, lambda found, look=look: look(found) and None)
+        with pytest.raises(ZeroDivisionError):
+            kept_traits(f"workbench.x.{look.__name__}", {"terms": {"a": Traits()}}, lambda _: 1 / 0)
+
+
+def test_traits_of_other_packages_and_of_what_has_no_words_are_not_kept(folder):
+    for target, value in (("my_parts.mine.Still", 1), ("workbench.x.X", object())):
+        for _ in range(2):
+            assert kept_traits(target, {"a": value}, lambda keys: NESTED if keys["a"] else None) == NESTED
+    assert not folder.exists()
+
+
+def test_only_the_latest_traits_are_kept(folder):
+    for n in range(module._MOST_KEPT + 5):
+        kept_traits("workbench.x.X", {"n": n}, lambda keys: offering(str(keys["n"])))
+    (path,) = folder.iterdir()
+    entries = json.loads(path.read_text())["told"]
+    assert [looked_at["n"] for looked_at, _ in entries] == list(range(5, module._MOST_KEPT + 5))
+
+
+@pytest.mark.parametrize("told", ['{"a": 1}', "[1]", "[[1, 2]]", '[[{}, {"offers": 1}]]', "null", '[[{"n": 1}, {}]]'])
+def test_traits_that_are_damaged_are_asked_anew(folder, told):
+    kept_traits("workbench.x.X", {"n": 1}, lambda keys: offering(str(keys["n"])))
+    (path,) = folder.iterdir()
+    path.write_text(json.dumps({**json.loads(path.read_text()), "told": json.loads(told)}))
+    assert kept_traits("workbench.x.X", {"n": 1}, lambda keys: NESTED) == NESTED
