@@ -48,17 +48,23 @@ NOISE_GB = 0.02
 T = TypeVar("T")
 PARTICLES = (100, 1_000, 10_000, 100_000, 1_000_000)
 STEP_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
+CUES_PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000)
 LENGTHS = (50, 150, 500, 1_500, 5_000)
 MEMORY_PARTICLES = (100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 
 
-def particles(sizes: Sequence[int] = PARTICLES, step_sizes: Sequence[int] = STEP_PARTICLES) -> list[Curve]:
-    """The likelihood alone, and the whole step of the default experiment, recorded."""
+def particles(
+    sizes: Sequence[int] = PARTICLES, step_sizes: Sequence[int] = STEP_PARTICLES,
+    cues_sizes: Sequence[int] = CUES_PARTICLES,
+) -> list[Curve]:  # fmt: skip
+    """The likelihood alone, and the whole step, recorded, of the default experiment and of several cues."""
     seen = scene(np.random.default_rng(0), N_SAMPLES)
     alone = _fastest_ms([_likelihood(*seen, n) for n in sizes], REPEATS_OF_LONG)
     whole = [step.fastest(n, max(1, min(4, 30_000 // n))).whole for n in _bar(step_sizes, "step")]
+    cues = [step.fastest(n, max(1, min(4, 9_000 // n)), *step.several_cues()).whole for n in _bar(cues_sizes, "cues")]
     return [
         _curve("whole step", "particles", "ms a frame", step_sizes, whole),
+        _curve("several cues", "particles", "ms a frame", cues_sizes, cues),
         _curve("likelihood alone", "particles", "ms a frame", sizes, alone),
     ]
 

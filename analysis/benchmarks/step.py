@@ -51,9 +51,14 @@ def recording_figures() -> list[Figure]:
 
 def cues_figures() -> list[Figure]:
     """Milliseconds a frame of several cues: appearance, edges and silhouette, recorded."""
-    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "learn.motions=builtin")
-    times = fastest(2_000, REPEATS, "experiment=walk_best", *motions)
+    times = fastest(2_000, REPEATS, *several_cues())
     return [Figure("several_cues_ms", times.whole, "ms a frame", 40.0, "lower", f"2000 particles: {_told(times)}")]
+
+
+def several_cues() -> tuple[str, ...]:
+    """What makes the step one of several cues, of a recorded walk or, without recordings, a generated one."""
+    motions = () if os.environ.get("WORKBENCH_DATA") else ("dataset.motion=builtin", "learn.motions=builtin")
+    return ("experiment=walk_best", *motions)
 
 
 def fastest(n_particles: int, repeats: int, *overrides: str) -> Times:

@@ -14,7 +14,7 @@ from workbench.errors import InputError
 
 SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
-    "time_against_particles": lambda: scaling.particles((5, 9), (5, 9)),
+    "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
     "time_against_limbs": lambda: scaling.limbs((1, 12), n_particles=9),
     "time_against_samples": lambda: scaling.samples((1, 3), n_particles=9),
     "time_against_pixels": lambda: scaling.pixels((0.1, 0.2), n_particles=9),
@@ -26,10 +26,11 @@ TINY = {
 
 @pytest.fixture(autouse=True)
 def brief(tmp_path_factory, monkeypatch):
-    """One timed run of each function, two frames of the step, and a cache that the tests share."""
+    """One timed run of each function, two frames of the step, of one cue, and a cache that the tests share."""
     monkeypatch.setattr(scaling, "REPEATS", 1)
     monkeypatch.setattr(scaling, "REPEATS_OF_LONG", 1)
     monkeypatch.setattr(step, "N_FRAMES", 2)
+    monkeypatch.setattr(step, "several_cues", lambda: ())  # which would learn edges first, for half a minute
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
 
 
