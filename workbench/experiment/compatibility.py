@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.traits import EVIDENCE, Traits
+from workbench.experiment.build import resolved
 from workbench.experiment.kept_keys import kept_traits
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
@@ -78,7 +78,7 @@ def _declared(node: DictConfig) -> Traits | None:
     target = str(node["_target_"])
 
     def declare(keys: Mapping[str, Any]) -> Traits | None:
-        declared = getattr(get_object(target), "traits", None)
+        declared = getattr(resolved(target), "traits", None)
         found: Traits | None = declared if declared is None or isinstance(declared, Traits) else declared(keys)
         return found
 

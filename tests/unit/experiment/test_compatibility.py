@@ -4,9 +4,9 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from workbench.errors import InputError
-from workbench.experiment import compatibility, lacking
 from workbench.experiment.compatibility import incompatibility, no_evidence
 from workbench.experiment.execute import execute
+from workbench.experiment.lacking import what_lacks
 from workbench.experiment.schema import prepare_hydra
 
 
@@ -64,7 +64,6 @@ def test_what_was_refused_before_is_refused_without_importing_it(tmp_path, monke
         raise AssertionError(f"imported {name}")
 
     before = refused("first")
-    monkeypatch.setattr(compatibility, "get_object", imported)
     monkeypatch.setattr("workbench.experiment.build.import_module", imported)
     assert refused("second") == before
-    assert lacking.what_lacks(config, {}) is None
+    assert what_lacks(config, {}) is None
