@@ -254,8 +254,8 @@ def _decode(table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
 
 
 def sampled(curves: FloatArray, n: int) -> FloatArray:
-    """Return curves (K, m, C) of a period, at m even phases, at n (K, n, C), by their Fourier series: to the bit as
-    `scipy.signal.resample`, which takes longer to import than a short run."""
+    """Return curves (K, n, C) at n evenly spaced phases of those (K, m, C) at m, by their Fourier series: to the bit as
+    `scipy.signal.resample`, whose import takes as long as tracking fifty frames."""
     m = curves.shape[1]
     known = min(m, n)
     spectrum = np.fft.rfft(curves, axis=1)[:, : known // 2 + 1]
