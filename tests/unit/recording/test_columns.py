@@ -1,11 +1,15 @@
 """Rows written as columns are what archetypes logged frame by frame would have been."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
 from workbench.recording.write.columns import Columns, Row, curves
+from workbench.signals import Asked, ending_as_interrupted
 
 RNG = np.random.default_rng(0)
 
@@ -92,3 +96,31 @@ def test_numbers_are_the_curves_that_they_would_have_been(tmp_path):
     expected, found = (logged(tmp_path / f"{write.__name__}.rrd", write) for write in (as_rows, as_numbers))
     assert len(expected) == 3
     assert repr(sorted(found.items())) == repr(sorted(expected.items()))  # where NaN is NaN
+
+
+class Interrupted:
+    """A stream that is told nothing but what paths are sent, in whose second a signal asks the process to end."""
+
+    def __init__(self):
+        self.sent = []
+
+    def send_columns(self, path, **_):
+        self.sent.append(path)
+        if len(self.sent) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize("kind", ["rows", "numbers", "large rows"])
+def test_what_was_being_written_when_asked_to_end_is_there_once(kind):
+    """Whoever closes a recording writes what waits: a run that goes on with it would count a frame twice."""
+    columns, stream, paths = Columns(), Interrupted(), ["a", "b", "c"]
+    for frame in range(2):
+        time = np.timedelta64(frame, "s")
+        if kind == "numbers":
+            columns.add_numbers(frame, time, dict.fromkeys(paths, 1.0))
+        else:
+            columns.add(frame, time, curves(dict.fromkeys(paths, 1.0)))
+    with pytest.raises(Asked), ending_as_interrupted():
+        columns.write_large(stream, 1) if kind == "large rows" else columns.write(stream)
+    columns.write(stream)
+    assert sorted(stream.sent) == paths

@@ -1,4 +1,8 @@
-"""Collect what the frames show and write it as columns: an archetype takes longer to make than the numbers in it."""
+"""Collect what the frames show and write it as columns: an archetype takes longer to make than the numbers in it.
+
+What asks the process to end waits while they are written: what had been sent of them would be sent again by whoever
+closes the recording.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +15,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
 from workbench.arrays import AnyArray, FloatArray
+from workbench.signals import finishing
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 """Pairs (entity path, archetype), to be logged one by one."""
@@ -66,13 +71,19 @@ class Columns:
     def write_large(self, stream: rr.RecordingStream, least_bytes: int) -> None:
         """Send the rows of paths, such as images, that take at least so many bytes."""
         for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= least_bytes]:
-            large = Columns()
-            large._waiting[path] = self._waiting.pop(path)
-            large.write(stream)
-            del self._n_bytes[path]
+            with finishing():
+                large = Columns()
+                large._waiting[path] = self._waiting.pop(path)
+                large.write(stream)
+                del self._n_bytes[path]
 
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits on the timelines `frame` and `time`."""
+        with finishing():
+            self._write_rows(stream)
+            self._write_numbers(stream)
+
+    def _write_rows(self, stream: rr.RecordingStream) -> None:
         indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most entities have rows in all frames
         for path, waiting in self._waiting.items():
             frames, times, rows = zip(*waiting, strict=True)
@@ -81,7 +92,6 @@ class Columns:
             stream.send_columns(path, indexes=indexes[frames], columns=_columns(rows))
         self._n_bytes.clear()
         self._waiting.clear()
-        self._write_numbers(stream)
 
     def _write_numbers(self, stream: rr.RecordingStream) -> None:
         """Send what was taken in by `add_numbers` alone."""
