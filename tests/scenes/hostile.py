@@ -28,6 +28,7 @@ from workbench import apart, hdf5
 from workbench.body.camera import load_cameras
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
+from workbench.core.postures import Postures
 from workbench.datasets.files.marks import read_marks
 from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.errors import LONGEST, InputError
@@ -161,7 +162,10 @@ def a_library(path):
 def a_model(path):
     """A model of the simplest kind."""
     n, few, full = len(POSE_NAMES), len(POSE_NAMES) - 4, 2 * len(POSE_NAMES) - 4
-    model = LinearMotion(30.0, np.zeros((n, full)), np.zeros(n), np.eye(n), np.zeros((n, few)), np.zeros(n), np.eye(n))
+    taken = Postures(np.ones(1), np.zeros((1, few)), np.eye(few)[None])
+    model = LinearMotion(
+        30.0, np.zeros((n, full)), np.zeros(n), np.eye(n), np.zeros((n, few)), np.zeros(n), np.eye(n), taken
+    )
     save(path, model, Provenance({"a": "b"}, {"c": 1}, ("d",)))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.core.discrepancy import Discrepancy
+from workbench.core.postures import Postures
 from workbench.core.state_space import StateSpace
 
 PACE_HZ = 14.0
@@ -105,7 +106,8 @@ class Powers:
     density: see `Density`. motion: a cyclic motion that a fit can turn into poses with derivatives. smoothness: by how
     much a fit lets its poses change from frame to frame, its penalty. examples: gives poses (n, P) of people that the
     prior knows, among which a start in marks is looked for. first_pose: gives the pose (P,) to start from, where the
-    prior itself knows it. discrepancy: what its motion misses of people it was not learned from.
+    prior itself knows it. discrepancy: what its motion misses of people it was not learned from. postures: which ones
+    people take, the last numbers of a pose, whatever went before.
     """
 
     density: Density | None = None
@@ -114,6 +116,7 @@ class Powers:
     examples: Callable[[], FloatArray] | None = None
     first_pose: Callable[[], FloatArray] | None = None
     discrepancy: Discrepancy | None = None
+    postures: Postures | None = None
 
 
 class Prior(Protocol):

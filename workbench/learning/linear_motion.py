@@ -12,13 +12,17 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.postures import Postures
 from workbench.errors import InputError
+from workbench.learning.postures import learn_postures
 from workbench.mocap.motion import Motion
 
 N_POSE = len(POSE_NAMES)
 POSTURE = slice(4, N_POSE)
 """The columns of a pose that do not depend on where a person is and faces: pitch, roll and the joint angles."""
 _RIDGE = 1e-3
+_POSTURES_HZ = 5.0
+"""Neighbouring frames say the same of which postures people take."""
 _LEAST_FRAMES = 3
 
 
@@ -26,7 +30,8 @@ _LEAST_FRAMES = 3
 class LinearMotion:
     """v' = gain [posture, v] + offset + N(0, covariance), and in a first frame v = start_gain posture + start_offset +
     N(0, start_covariance): velocities v (25,), m/s and rad/s, of the pose's numbers, the root's place as the person
-    headed in the frame before, ahead and to the left; posture (21,), rad; one frame at rate_hz later."""
+    headed in the frame before, ahead and to the left; posture (21,), rad; one frame at rate_hz later. postures: which
+    of these people take, if learned."""
 
     rate_hz: float
     gain: FloatArray
@@ -35,6 +40,7 @@ class LinearMotion:
     start_gain: FloatArray
     start_offset: FloatArray
     start_covariance: FloatArray
+    postures: Postures | None = None
 
     SHAPES: ClassVar[Mapping[str, str]] = {
         "gain": "vf", "offset": "v", "covariance": "vv", "start_gain": "va", "start_offset": "v",
@@ -85,7 +91,8 @@ def learn_linear_motion(motions: Sequence[Motion], rate_hz: float) -> LinearMoti
     inputs, targets, posture = (np.concatenate(each) for each in (known, following, postures))
     gain, offset, covariance = _regressed(inputs, targets)
     start_gain, start_offset, start_covariance = _regressed(posture, targets)
-    return LinearMotion(rate_hz, gain, offset, covariance, start_gain, start_offset, start_covariance)
+    taken = learn_postures(posture[:: max(1, round(rate_hz / _POSTURES_HZ))])
+    return LinearMotion(rate_hz, gain, offset, covariance, start_gain, start_offset, start_covariance, taken)
 
 
 def _regressed(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -58,8 +58,8 @@ class Linear:
 
     @property
     def powers(self) -> Powers:
-        """Its density."""
-        return Powers(density=self)
+        """Its density, and that of postures."""
+        return Powers(density=self, postures=self.model.postures)
 
     @property
     def free(self) -> IntArray:

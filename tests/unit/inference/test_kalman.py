@@ -1,5 +1,6 @@
 """The Kalman filter that climbs: exact where all is Gaussian, and what it refuses."""
 
+from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Slope
 from workbench.core.memory import Past
+from workbench.core.postures import Postures
 from workbench.errors import InputError
 from workbench.inference.kalman.belief import predict, smoothed
 from workbench.inference.kalman.climb import climb, tails
@@ -107,6 +109,24 @@ def test_both_passes_are_exact_where_all_is_linear_and_gaussian():
     forwards = run(Kalman(prior, Seen(marks), BODY, flatten=1.0, steps=4, second_pass=False), frames)
     assert np.abs(forwards[-1].expected_pose - means[-1]).max() < 2e-4
     assert np.abs(forwards[1].expected_pose - means[1]).max() > 1e-3  # which knows nothing of later frames
+
+
+def test_what_is_told_is_drawn_to_the_postures_that_people_take_and_tracking_is_as_before():
+    prior, marks, frames = setting()
+    taken = Postures(np.ones(1), np.full((1, N - 4), 0.5), 0.01 * np.eye(N - 4)[None])
+    drawn = Linear(replace(prior.model, postures=taken))
+    options = {"flatten": 1.0, "n_particles": 40_000}
+    before = run(Kalman(drawn, Seen(marks), BODY, **options), frames)
+    after = run(Kalman(drawn, Seen(marks), BODY, postures=0.3, **options), frames)
+    for plain, told in zip(before, after, strict=True):
+        covariance = np.cov(plain.poses.T)
+        pose, narrowed = taken.drawn(plain.expected_pose, covariance, 0.3)
+        missed = np.linalg.norm(told.expected_pose - pose)  # as a covariance of draws is off by a hundredth
+        assert missed < 0.1 * np.linalg.norm(plain.expected_pose - pose)
+        assert np.allclose(told.poses[:, 4:].std(axis=0), np.sqrt(np.diag(narrowed))[4:], rtol=0.1)
+        assert told.log_evidence == plain.log_evidence
+    unlearned = run(Kalman(prior, Seen(marks), BODY, postures=0.3, **options), frames)
+    assert all((a.poses == b.poses).all() for a, b in zip(unlearned, before, strict=True))
 
 
 class Twice(Seen):

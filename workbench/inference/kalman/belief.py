@@ -60,6 +60,17 @@ def predict(model: Gaussian, belief: Belief, dt_s: float) -> Belief:
     return Belief(led[0], covariance, led[0], covariance, transition, belief.doubt)
 
 
+def with_pose(
+    mean: FloatArray, covariance: FloatArray, pose: FloatArray, narrowed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean (D,) and covariance (D, D) of a state when more is known of its pose, which it begins with: the
+    pose's are `pose` (P,) and `narrowed` (P, P) then, and the other columns follow by how they go together."""
+    n = len(pose)
+    gain = np.linalg.solve(covariance[:n, :n] + 1e-12 * np.eye(n), covariance[:n]).T  # of all columns by the pose's
+    updated = covariance - gain @ (covariance[:n, :n] - narrowed) @ gain.T
+    return mean + gain @ (pose - mean[:n]), 0.5 * (updated + updated.T)
+
+
 def smoothed(beliefs: list[Belief]) -> list[Belief]:
     """Go back over filtered beliefs: m_t += G (m_t+1 − m⁻_t+1), P_t += G (P_t+1 − P⁻_t+1) Gᵀ, G = P_t Fᵀ P⁻_t+1⁻¹,
     the minus marking what was predicted (Rauch, Tung & Striebel 1965)."""

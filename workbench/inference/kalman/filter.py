@@ -20,7 +20,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed
+from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed, with_pose
 from workbench.inference.kalman.climb import FARTHER, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
@@ -62,8 +62,9 @@ class Kalman:
     likelihood that narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much
     wider the draws are than the Gaussian, which knows nothing of what model and cues have in common from frame to
     frame; where the likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not
-    know a loss. n_particles: draws, with even weights. Raises InputError for a prior without Gaussian noise and numbers
-    out of range.
+    know a loss. postures: power of the prior's density of postures, where it knows one, by which what is told of each
+    frame, but not the tracking, is drawn to what people do: of a limb that hides, images say little. n_particles:
+    draws, with even weights. Raises InputError for a prior without Gaussian noise and numbers out of range.
     """
 
     traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
@@ -78,13 +79,14 @@ class Kalman:
     sudden: float = 0.05
     flatten: float = 0.05
     widen: float = 1.0
+    postures: float = 0.0
     second_pass: bool = True
 
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check("inference", self, n_particles=at_least(2), steps=at_least(1), guesses=at_least(0), flatten=UNIT)
-        check("inference", self, sudden=INSIDE_UNIT, widen=POSITIVE)
+        check("inference", self, sudden=INSIDE_UNIT, widen=POSITIVE, postures=UNIT)
 
     @property
     def space(self) -> StateSpace:
@@ -183,11 +185,8 @@ class Kalman:
             doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
         else:
             peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
-        mean, covariance = belief.mean[:n], belief.covariance[:n, :n]
-        gain = np.linalg.solve(covariance + 1e-12 * np.eye(n), belief.covariance[:n]).T  # of all columns by the pose's
-        updated = belief.covariance - gain @ (covariance - peak.covariance) @ gain.T
-        told = replace(belief, covariance=0.5 * (updated + updated.T), doubt=doubt)
-        return replace(told, mean=belief.mean + gain @ (peak.pose - mean)), peak
+        mean, covariance = with_pose(belief.mean, belief.covariance, peak.pose, peak.covariance)
+        return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
     def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Peak:
         """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
@@ -277,12 +276,17 @@ class Kalman:
 
     def _step(self, frame: Frame, belief: Belief, rng: np.random.Generator, extra: Mapping[str, Any]) -> Step:
         widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
-        values, vectors = np.linalg.eigh(widths[:, None] * belief.covariance * widths)
+        mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
+        if self.postures > 0.0 and self.prior.powers.postures is not None:
+            n = len(belief.doubt)
+            drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
+            mean, covariance = with_pose(mean, covariance, *drawn)
+        values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's
         white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])
-        state = belief.mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        state = mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         nearest = int(np.argmin((white**2).sum(axis=1)))
-        poses, expected = self.prior.pose(state), self.prior.pose(belief.mean[None])[0]
+        poses, expected = self.prior.pose(state), self.prior.pose(mean[None])[0]
         return Step(
             frame=frame, space=self.space, particles=state, poses=poses,
             log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),

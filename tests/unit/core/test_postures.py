@@ -1,0 +1,72 @@
+"""The density of postures: heights as scipy's, products with Gaussians in closed form and by another climb."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal
+
+from workbench.core.postures import Postures
+
+
+def covariance(rng, d, scale=1.0):
+    mixed = rng.standard_normal((d, d))
+    return scale * (mixed @ mixed.T / d + 0.2 * np.eye(d))
+
+
+def made(rng, n_parts=3, a=4):
+    weights = rng.dirichlet(np.full(n_parts, 5.0))
+    return Postures(
+        weights, rng.standard_normal((n_parts, a)), np.array([covariance(rng, a, 0.3) for _ in range(n_parts)])
+    )
+
+
+def log_density(postures, x):
+    parts = zip(postures.weights, postures.means, postures.covariances, strict=True)
+    return np.log(sum(weight * multivariate_normal(mean, cov).pdf(x) for weight, mean, cov in parts))
+
+
+def test_heights_of_parts_sum_to_scipys_density():
+    rng = np.random.default_rng(0)
+    postures, x = made(rng), rng.standard_normal((7, 4))
+    assert np.allclose(np.logaddexp.reduce(postures.log_parts(x), axis=1), log_density(postures, x))
+    assert np.allclose(postures.shares(x).sum(axis=1), 1.0)
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 1.0))
+def test_one_parts_product_is_that_of_two_gaussians(seed, power):
+    rng = np.random.default_rng(seed)
+    postures, mean, cov = made(rng, n_parts=1), rng.standard_normal(6), covariance(rng, 6)
+    chosen = np.eye(6)[2:]  # the last four
+    precision = np.linalg.inv(cov) + power * chosen.T @ np.linalg.inv(postures.covariances[0]) @ chosen
+    pull = np.linalg.solve(cov, mean) + power * chosen.T @ np.linalg.solve(postures.covariances[0], postures.means[0])
+    pose, narrowed = postures.drawn(mean, cov, power)
+    assert np.allclose(pose, np.linalg.solve(precision, pull), atol=1e-6)
+    assert np.allclose(narrowed, np.linalg.inv(precision), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_several_parts_it_climbs_the_product_to_its_peak(seed):
+    rng = np.random.default_rng(seed)
+    postures, mean, cov = made(rng), rng.standard_normal(6), covariance(rng, 6, 0.05)
+
+    def depth(pose):
+        return -0.5 * log_density(postures, pose[2:]) - multivariate_normal(mean, cov).logpdf(pose)
+
+    pose, _ = postures.drawn(mean, cov, 0.5)
+    found = minimize(depth, pose, tol=1e-10)
+    assert np.abs(found.x - pose).max() < 2e-3  # of deviations of about 0.2
+    assert depth(pose) < depth(mean)
+
+
+def test_flaws_are_said():
+    postures = made(np.random.default_rng(1))
+    assert postures.flaw() == ""
+    assert "sum to 1" in replace(postures, weights=2.0 * postures.weights).flaw()
+    assert "sum to 1" in replace(postures, weights=np.array([0.0, 0.5, 0.5])).flaw()
+    assert "positive covariances" in replace(postures, covariances=-postures.covariances).flaw()
+    lopsided = postures.covariances + np.triu(np.ones((4, 4)), 1)
+    assert "positive covariances" in replace(postures, covariances=lopsided).flaw()

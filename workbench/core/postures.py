@@ -1,0 +1,75 @@
+"""Which postures people take, whatever they do: a density of single frames."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+
+ROUNDS = 8
+"""Of expectation and maximisation, when a Gaussian is drawn to postures; more change nothing that shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """A mixture Σ_k weights_k N(means_k, covariances_k) over A numbers of a pose, rad: weights (K,), means (K, A),
+    covariances (K, A, A)."""
+
+    weights: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+
+    SHAPES: ClassVar[Mapping[str, str]] = {"weights": "k", "means": "ka", "covariances": "kaa"}
+
+    def flaw(self) -> str:
+        """Say what is wrong with the weights or the covariances."""
+        if not ((self.weights > 0.0).all() and abs(self.weights.sum() - 1.0) < 1e-6):
+            return "positive weights of postures that sum to 1"
+        symmetric = np.allclose(self.covariances, np.swapaxes(self.covariances, 1, 2))
+        return "" if symmetric and np.linalg.eigvalsh(self.covariances).min() > 0.0 else "positive covariances"
+
+    def log_parts(self, postures: FloatArray) -> FloatArray:
+        """Return log(weights_k N(posture; means_k, covariances_k)), (n, K), of postures (n, A)."""
+        n, a = postures.shape
+        heights = np.empty((n, len(self.weights)))
+        for k, (mean, white) in enumerate(zip(self.means, self._white, strict=True)):
+            heights[:, k] = -0.5 * (((postures - mean) @ white.T) ** 2).sum(axis=1)
+        volumes = np.log(np.abs(np.diagonal(self._white, axis1=1, axis2=2))).sum(axis=1)
+        return np.asarray(heights + np.log(self.weights) + volumes - 0.5 * a * np.log(2.0 * np.pi))
+
+    def shares(self, postures: FloatArray) -> FloatArray:
+        """Tell how likely postures (n, A) are of each part, (n, K)."""
+        heights = self.log_parts(postures)
+        shares = np.exp(heights - heights.max(axis=1, keepdims=True))
+        return np.asarray(shares / shares.sum(axis=1, keepdims=True))
+
+    def drawn(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
+        """Multiply a Gaussian N(mean (P,), covariance (P, P)) of poses, whose last A numbers are the posture, by this
+        density to a power; return the Gaussian about the product's peak.
+
+        The peak is climbed to by expectation and maximisation (Dempster, Laird & Rubin 1977): the parts' shares at the
+        pose make one Gaussian of them, and its product with the other is the next pose.
+        """
+        unit = np.eye(len(mean))
+        precision = np.linalg.inv(covariance + 1e-12 * unit)
+        posture, pose, total = slice(len(mean) - self.means.shape[1], None), mean, precision
+        for _ in range(ROUNDS):
+            shares = power * self.shares(pose[None, posture])[0]
+            total, pull = precision.copy(), precision @ mean
+            total[posture, posture] += np.einsum("k,kab->ab", shares, self._precisions)
+            pull[posture] += np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
+            pose = np.linalg.solve(total, pull)
+        narrowed = np.linalg.inv(total)
+        return pose, 0.5 * (narrowed + narrowed.T)
+
+    @cached_property
+    def _white(self) -> FloatArray:
+        """What makes each part's differences white, (K, A, A), lower triangular."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariances)))
+
+    @cached_property
+    def _precisions(self) -> FloatArray:
+        return np.asarray(np.swapaxes(self._white, 1, 2) @ self._white)
