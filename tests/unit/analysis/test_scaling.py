@@ -26,12 +26,14 @@ TINY = {
 
 @pytest.fixture(autouse=True)
 def brief(tmp_path_factory, monkeypatch):
-    """One timed run of each function, two frames of the step, of one cue, and a cache that the tests share."""
+    """One timed run of each function, two frames of the step, of one cue, and a cache that the tests share; windows
+    of generated people, as learning those of the recorded ones takes far longer than what is measured."""
     monkeypatch.setattr(scaling, "REPEATS", 1)
     monkeypatch.setattr(scaling, "REPEATS_OF_LONG", 1)
     monkeypatch.setattr(step, "N_FRAMES", 2)
     monkeypatch.setattr(step, "several_cues", lambda: ())  # which would learn edges first, for half a minute
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
 
 
 def law(exponent, cost=0.0):
