@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from workbench import hdf5
 from workbench.cli.run import main
 
 
@@ -40,11 +41,12 @@ def no_handlers_left():
 def run(tmp_path, cache, monkeypatch, capfd):
     """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there.
 
-    suspicious: another process reads a recording first, as usual, which takes a second more."""
+    suspicious: another process reads a recording first, and a library at all, as usual, which takes a second more."""
 
     def command(folder, *overrides, within=None, suspicious=False):
         if not suspicious:
             monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole=False: set())
+            monkeypatch.setattr("workbench.hdf5._read_apart", hdf5._read_here)
         monkeypatch.chdir(within or tmp_path)
         monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
         monkeypatch.delenv("WORKBENCH_DATA", raising=False)
