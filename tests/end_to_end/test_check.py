@@ -5,6 +5,8 @@ import os
 import shutil
 import xml.etree.ElementTree as ET
 from contextlib import nullcontext
+from copy import deepcopy
+from functools import cache as once
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +22,7 @@ from workbench.errors import InputError
 from workbench.experiment import checking_code, other_code
 from workbench.experiment import stored as again_module
 from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable, tolerances
+from workbench.experiment.stored import runnable, tolerances
 from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
 
@@ -31,6 +33,16 @@ SMALL = (
 )  # fmt: skip
 
 
+@once
+def composed(*overrides):
+    return again_module.own_defaults(overrides)
+
+
+def own_defaults(overrides):
+    """Today's top level, which for all tests is the same, composed once for these overrides."""
+    return deepcopy(composed(*overrides))
+
+
 @pytest.fixture(autouse=True)
 def somewhere(tmp_path, cache, monkeypatch):
     """An empty current folder, a cache, and no recorded motion."""
@@ -38,6 +50,7 @@ def somewhere(tmp_path, cache, monkeypatch):
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    monkeypatch.setattr("workbench.cli.check.own_defaults", own_defaults)
 
 
 @pytest.fixture(scope="module")
