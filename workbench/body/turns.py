@@ -1,5 +1,8 @@
 """Whole turns: angles of poses that differ by them are the same pose, but not the same numbers."""
 
+from typing import Any
+
+import numba
 import numpy as np
 
 from workbench.arrays import FloatArray
@@ -10,13 +13,24 @@ N_POSITION = 3
 
 def nearest_turn(poses: FloatArray, reference: FloatArray) -> FloatArray:
     """Move every angle of poses (P,) or (N, P) by whole turns to within half a turn of that of `reference` (P,)."""
-    rows, middle = np.atleast_2d(poses)[:, N_POSITION:], reference[N_POSITION:]
-    if (rows.max(axis=0) - middle <= np.pi).all() and (middle - rows.min(axis=0) <= np.pi).all():
+    middle = reference[N_POSITION:]
+    if not _far(np.atleast_2d(poses), reference).any():
         return poses  # as nearly always, and told faster
     turns = np.rint((poses[..., N_POSITION:] - middle) / (2.0 * np.pi))
     moved = poses.copy()
     moved[..., N_POSITION:] -= 2.0 * np.pi * turns
     return moved
+
+
+@numba.njit(cache=True, nogil=True)
+def _far(poses: Any, reference: Any) -> Any:
+    """Count the poses (N, P) of which a number (P,) is an angle that is not within half a turn of the reference's.
+    NumPy's maximum over so many short rows takes ten times as long."""
+    far = np.zeros(reference.shape[0])
+    for i in range(poses.shape[0]):
+        for p in range(N_POSITION, reference.shape[0]):
+            far[p] += 0.0 if abs(poses[i, p] - reference[p]) <= np.pi else 1.0
+    return far
 
 
 def wrapped(angles: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.inference.particles.weights import _pick, logsumexp
+from workbench.inference.particles.weights import _pick, logsumexp, systematic
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
@@ -28,12 +28,17 @@ def test_logsumexp_of_nothing_is_minus_infinity_and_of_the_undefined_undefined()
     weights=arrays(np.float64, st.integers(1, 30), elements=st.sampled_from([0.0, 0.1, 0.5, 1.0])).filter(np.any),
     n=st.integers(1, 40),
     seed=st.integers(0, 10**6),
-    rising=st.booleans(),
 )
-def test_picking_finds_the_same_in_one_walk_as_by_bisection(weights, n, seed, rising):
+def test_systematic_ancestors_are_the_same_in_one_walk_as_by_bisection(weights, n, seed):
     weights = weights / weights.sum()
-    positions = np.random.default_rng(seed).random(n)
-    positions = np.sort(positions) if rising else positions
-    edges = np.cumsum(weights)
-    found = np.searchsorted(edges, positions * edges[-1], side="right")
-    assert (_pick(weights, positions) == np.minimum(found, np.flatnonzero(weights)[-1])).all()
+    positions = (np.arange(n) + np.random.default_rng(seed).random()) / n
+    assert (systematic(weights, np.random.default_rng(seed), n) == _pick(weights, positions)).all()
+
+
+def test_systematic_ancestors_of_many_particles_are_the_same_to_the_last_one():
+    weights = np.random.default_rng(0).gamma(0.05, size=10_000)
+    weights /= weights.sum()
+    positions = (np.arange(10_000) + np.random.default_rng(1).random()) / 10_000
+    found = systematic(weights, np.random.default_rng(1))
+    assert (found == _pick(weights, positions)).all()
+    assert 10 < len(np.unique(found)) < 5000

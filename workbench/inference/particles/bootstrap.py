@@ -10,7 +10,7 @@ from workbench.core.prior import Prior
 from workbench.core.traits import Traits, offering
 from workbench.inference.particles.move import First, Streams
 from workbench.inference.particles.target import Moved, Particles, Target
-from workbench.inference.particles.weights import RESAMPLING, effective_sample_size, even_log_weights
+from workbench.inference.particles.weights import RESAMPLING, even_log_weights
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Bootstrap:
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Resample, propagate, weigh."""
         log_weights, ancestors = target.parents.log_weights, np.arange(target.n)
-        if effective_sample_size(log_weights) <= self.ess_threshold * target.n:
-            ancestors = RESAMPLING[self.resampling](np.exp(log_weights), rng_streams["resampling"])
+        if target.parents.ess <= self.ess_threshold * target.n:
+            ancestors = RESAMPLING[self.resampling](target.parents.weights, rng_streams["resampling"])
             log_weights = even_log_weights(target.n)
         target.clock.lap("resampling")
         state, correction = target.propose(ancestors, rng_streams["prior"])

@@ -21,7 +21,7 @@ from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.move import Move, Streams
 from workbench.inference.particles.target import Moved, Particles, Stopwatch, Target
 from workbench.inference.particles.weights import DegenerateWeights as DegenerateWeights
-from workbench.inference.particles.weights import effective_sample_size, even_log_weights, systematic
+from workbench.inference.particles.weights import even_log_weights, systematic
 
 LOOKED_BACK = 10
 """Frames over which the diagnostic `ancestors_10` follows the particles back: their weights may be even and they all
@@ -93,7 +93,7 @@ class ParticleFilter:
                 stop = self.on_degenerate == "stop"
                 moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
             origins = traced(origins, moved.particles.ancestors)
-            counted = {"ancestors_10": float(len(np.unique(origins[-1])))}
+            counted = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
             diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
             moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
@@ -144,8 +144,11 @@ class ParticleFilter:
 def traced(origins: AnyArray, ancestors: IntArray) -> AnyArray:
     """Return which particle (K + 1, N), LOOKED_BACK rows at most, each one comes from, one frame before it, two, and so
     on, after origins (K, N) of particles whose children have ancestors (N,) among them."""
-    parents = ancestors.astype(np.int32)[None]
-    return np.concatenate([parents, origins[: LOOKED_BACK - 1, ancestors]])
+    kept = origins[: LOOKED_BACK - 1]
+    now = np.empty((len(kept) + 1, len(ancestors)), dtype=np.int32)
+    now[0] = ancestors
+    np.take(kept, ancestors, axis=1, out=now[1:], mode="clip")  # else by way of a copy
+    return now
 
 
 def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.random.Generator) -> FloatArray:
@@ -160,11 +163,11 @@ def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: f
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best
     poses = nearest_turn(particles.poses, particles.poses[best])  # else the mean of two headings may be neither
     # not a BLAS product, whose order of addition depends on the number of threads
-    expected = np.einsum("n,np->p", np.exp(particles.log_weights), poses)
+    expected = np.einsum("n,np->p", particles.weights, poses)
     clock.lap("summary")
     return Step(
         frame=frame, space=space, particles=particles.state, poses=poses, log_weights=particles.log_weights,
         ancestors=particles.ancestors, expected_pose=expected, map_pose=poses[best],
-        ess=effective_sample_size(particles.log_weights), log_evidence=log_evidence,
+        ess=particles.ess, log_evidence=log_evidence,
         diagnostics=moved.diagnostics, warnings=moved.warnings, evaluations=moved.evaluations, timing_s=clock.laps,
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.prior import Density, Prior, propose
 from workbench.errors import InputError
-from workbench.inference.particles.weights import DegenerateWeights, drop_undefined, logsumexp
+from workbench.inference.particles.weights import DegenerateWeights, drop_undefined, effective_sample_size, logsumexp
 from workbench.priors.density import apart, circular
 
 STILL = 1e-12
@@ -40,6 +41,17 @@ class Particles:
     poses: FloatArray
     log_weights: FloatArray
     ancestors: IntArray
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Return the weights (N,), for whoever sums the particles up and whoever resamples them next."""
+        weights: FloatArray = np.exp(self.log_weights)
+        return weights
+
+    @cached_property
+    def ess(self) -> float:
+        """Return the effective sample size, likewise."""
+        return effective_sample_size(self.log_weights)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,9 +61,8 @@ Resample = Callable[[FloatArray, np.random.Generator], IntArray]
 
 def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = None) -> IntArray:
     """Draw rising ancestors (n,), N by default, by normalised weights (N,): one uniform, n equidistant positions."""
-    n = len(weights) if n is None else n
-    positions = (np.arange(n) + rng.random()) / n
-    return _pick(weights, positions)
+    ancestors: IntArray = _walk(weights, rng.random(), len(weights) if n is None else n)
+    return ancestors
 
 
 def multinomial(weights: FloatArray, rng: np.random.Generator) -> IntArray:
@@ -86,18 +85,23 @@ def residual(weights: FloatArray, rng: np.random.Generator) -> IntArray:
 def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     edges = np.cumsum(weights)
     last = int(np.flatnonzero(weights)[-1])  # rounding may leave the last edge short of one
-    positions = positions * edges[-1]
-    rising = bool((positions[1:] >= positions[:-1]).all())  # as systematic ones are
-    edge = _walk(edges, positions) if rising else np.searchsorted(edges, positions, side="right")
-    return np.minimum(edge, last)
+    return np.minimum(np.searchsorted(edges, positions * edges[-1], side="right"), last)
 
 
 @numba.njit(cache=True, nogil=True)
-def _walk(edges: Any, positions: Any) -> Any:
-    """Do `searchsorted` from the right for rising positions, in one walk."""
-    found, j = np.empty(positions.shape[0], dtype=np.int64), 0
-    for i in range(positions.shape[0]):
-        while j < edges.shape[0] and edges[j] <= positions[i]:
+def _walk(weights: Any, first: float, n: int) -> Any:
+    """Do `_pick` at the n rising positions (i + first) / n, in one walk along the edges."""
+    edges, found = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
+    edge, last = 0.0, 0
+    for j in range(weights.shape[0]):
+        edge += weights[j]
+        edges[j] = edge
+        if weights[j] != 0.0:
+            last = j
+    j = 0
+    for i in range(n):
+        position = (i + first) / n * edge
+        while j < last and edges[j] <= position:
             j += 1
         found[i] = j
     return found
