@@ -31,7 +31,8 @@ class Look(Protocol):
     def diagnostics(self) -> Mapping[str, float]: ...
 
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
-        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P)."""
+        """Return log p(frame_t | pose_t, pose_t−1, frame_t−1) of poses (N, P) that came from previous poses (N, P),
+        which are lent: their memory is used again."""
 
     def remember(self, expected_pose: FloatArray) -> "Likelihood":
         """Return the likelihood of the next frame, which knows what was expected (P,) in this one."""

@@ -12,7 +12,7 @@ from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.core.likelihood import Evaluation, Likelihood
 from workbench.likelihoods.limb_points import LimbPoints, limb_points_of_all
-from workbench.likelihoods.looks import among_finite, finite_rows
+from workbench.likelihoods.looks import among_finite, finite_rows, those
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class LimbLook:
 def evaluate_together(looks: Sequence[LimbLook], pose: FloatArray) -> list[Evaluation]:
     """What each look at one body finds of poses (N, P) by itself."""
     finite = finite_rows(pose)
-    frames = forward(looks[0].body.skeleton, pose[finite])
+    frames = forward(looks[0].body.skeleton, those(pose, finite))
     judges = [judge for look in looks for judge in look.judges]
     placed = dict(zip(map(id, judges), _placed(looks[0].body, judges, frames), strict=True))
     n, evaluations = len(frames.positions), []

@@ -28,7 +28,7 @@ class PoseLook:
     def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
         """Log likelihoods (N,) of poses (N, P), −∞ and a note for those not finite; the previous ones do not matter."""
         finite = finite_rows(pose)
-        return among_finite(self.name, finite, self.judge(pose[finite]))
+        return among_finite(self.name, finite, self.judge(those(pose, finite)))
 
     def remember(self, expected_pose: FloatArray) -> Likelihood:
         """The likelihood of the next frame."""
@@ -50,7 +50,13 @@ class Remembering(Generic[Memory]):
 
 def finite_rows(poses: FloatArray) -> BoolArray:
     """Tell which (N,) of poses (N, P) are finite."""
-    return np.asarray(np.isfinite(poses).all(axis=1))
+    finite = np.isfinite(poses)
+    return np.ones(len(poses), dtype=np.bool_) if finite.all() else np.asarray(finite.all(axis=1))
+
+
+def those(poses: FloatArray, finite: BoolArray) -> FloatArray:
+    """Select the poses (M, P) of (N, P) that are `finite` (N,); where all are, no copy."""
+    return poses if finite.all() else poses[finite]
 
 
 def among_finite(name: str, finite: BoolArray, log_prob: FloatArray, notes: tuple[str, ...] = ()) -> Evaluation:

@@ -308,6 +308,17 @@ def test_a_frame_that_nothing_explains_leaves_normalised_weights_whatever_the_pr
         assert np.exp(step.log_weights).sum() == pytest.approx(1.0)
 
 
+def test_steps_keep_their_states_where_a_prior_hands_back_what_it_was_given():
+    class Stays(LinearPrior):
+        def step(self, state, dt_s, rng):
+            return state
+
+    steps = list(ParticleFilter(Stays(), Constant(0.0), n_particles=40).run(frames(4), MEAN0, streams(5)))
+    for before, now in pairwise(steps):
+        assert (now.particles == before.particles[now.ancestors]).all()
+        assert not np.shares_memory(now.particles, before.particles)
+
+
 def test_ancestors_are_counted_over_several_frames():
     first, second = np.array([0, 0, 1, 2]), np.array([1, 1, 0, 3])
     origins = traced(traced(np.empty((0, 4), dtype=np.int32), first), second)

@@ -19,7 +19,7 @@ from workbench.core.traits import START, Traits, needs_of_all, offering
 from workbench.errors import InputError
 from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.move import Move, Streams
-from workbench.inference.particles.target import Moved, Particles, Stopwatch, Target
+from workbench.inference.particles.target import Moved, Particles, Room, Stopwatch, Target
 from workbench.inference.particles.weights import DegenerateWeights as DegenerateWeights
 from workbench.inference.particles.weights import even_log_weights, systematic
 
@@ -76,7 +76,7 @@ class ParticleFilter:
         rng_streams: generators named "start", "resampling" and "prior". Raises InputError without a start, and
         DegenerateWeights as configured.
         """
-        likelihood, log_evidence, frames = self.likelihood, 0.0, iter(frames)
+        likelihood, log_evidence, frames, room = self.likelihood, 0.0, iter(frames), Room()
         origins: AnyArray = np.empty((0, self.n_particles), dtype=np.int32)
         previous: Frame | None = None
         if isinstance(start, Past):
@@ -91,7 +91,8 @@ class ParticleFilter:
                 clock.lap("prior")
             else:
                 stop = self.on_degenerate == "stop"
-                moved = self.move(Target(self.prior, look, moved.particles, previous, frame, clock, stop), rng_streams)
+                target = Target(self.prior, look, moved.particles, previous, frame, clock, stop, room)
+                moved = self.move(target, rng_streams)
             origins = traced(origins, moved.particles.ancestors)
             counted = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
             diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)

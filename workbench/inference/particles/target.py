@@ -33,6 +33,20 @@ class Stopwatch:
         self._last = now
 
 
+class Room:
+    """Memory for parents, N rows each, that every frame writes anew: fresh memory takes longer than what is written."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, FloatArray] = {}
+
+    def rows(self, name: str, values: FloatArray, which: IntArray) -> FloatArray:
+        """Gather rows `which` (N,) of values (M, K) into the memory of this name, (N, K)."""
+        kept, shape = self._kept.get(name), (len(which), values.shape[1])
+        if kept is None or kept.shape != shape:
+            kept = self._kept[name] = np.empty(shape)
+        return np.take(values, which, axis=0, out=kept, mode="clip")  # else by way of a copy
+
+
 @dataclass(frozen=True, eq=False)
 class Particles:
     """N weighted states (N, D), their poses (N, P), normalised log weights (N,), and each one's parent (N,)."""
@@ -99,8 +113,8 @@ class Moved:
 class Target:
     """The density p(s_t | s_t−1) p(frame_t | s_t, s_t−1), s_t−1 being one of the previous frame's particles.
 
-    stop: raise DegenerateWeights where no particle explains the frame. Counts the evaluations of the likelihood,
-    collects warnings and what the last evaluation came with, and keeps the time.
+    stop: raise DegenerateWeights where no particle explains the frame. room: memory of the run for parents. Counts the
+    evaluations of the likelihood, collects warnings and what the last evaluation came with, and keeps the time.
     """
 
     prior: Prior
@@ -110,6 +124,7 @@ class Target:
     frame: Frame
     clock: Stopwatch
     stop: bool = False
+    room: Room = field(default_factory=Room)
     evaluations: float = field(default=0.0, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
     diagnostics: Mapping[str, float] = field(default_factory=dict, init=False)
@@ -132,7 +147,9 @@ class Target:
     def propose(self, parents: IntArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw a child (N, D) of each of these parents (N,) by the prior's proposal; returns its log weights (N,)
         too."""
-        return propose(self.prior, self.parents.state.take(parents, axis=0), self.dt_s, rng)
+        before = self.room.rows("state", self.parents.state, parents)
+        state, log_weights = propose(self.prior, before, self.dt_s, rng)
+        return (state.copy() if np.may_share_memory(state, before) else state), log_weights  # as after no time
 
     def predict(self, parents: IntArray, rng: np.random.Generator) -> Candidates:
         """Draw a child of each of these parents (N,) by the prior."""
@@ -147,7 +164,7 @@ class Target:
     def log_prob(self, poses: FloatArray, parents: IntArray) -> FloatArray:
         """Return log likelihoods (N,) of poses (N, P) with these parents (N,), −∞ where the likelihood is undefined."""
         self.clock.lap("prior")
-        evaluation = self.look.evaluate(self.parents.poses.take(parents, axis=0), poses)
+        evaluation = self.look.evaluate(self.room.rows("poses", self.parents.poses, parents), poses)
         log_prob, undefined = drop_undefined(evaluation.log_prob)
         self.clock.lap("likelihood")
         self.evaluations += float(len(poses))

@@ -18,7 +18,7 @@ from workbench.core.traits import IMAGES, Traits, offering
 from workbench.errors import InputError
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import kernel
-from workbench.likelihoods.looks import Remembering, among_finite, finite_rows
+from workbench.likelihoods.looks import Remembering, among_finite, finite_rows, those
 from workbench.streams import stream
 
 Points = Literal["spread", "drawn"]
@@ -149,7 +149,7 @@ class MotionLook:
         """Log likelihoods (N,) of poses (N, P) that came from previous poses (N, P), −∞ where either is not finite;
         with a note from 5 % of points outside the images on."""
         finite = finite_rows(previous_pose) & finite_rows(pose)
-        previous_pose, pose = previous_pose[finite], pose[finite]
+        previous_pose, pose = those(previous_pose, finite), those(pose, finite)
         log_prob, notes, cue = np.zeros(len(pose)), [], self.cue
         for name, (before, now) in self.pairs.items():
             views = kernel.PackedView(*before, previous_pose), kernel.PackedView(*now, pose)
