@@ -91,8 +91,9 @@ class ParticleFilter:
                 clock.lap("prior")
             else:
                 stop = self.on_degenerate == "stop"
-                target = Target(self.prior, look, moved.particles, previous, frame, clock, stop, room)
-                moved = self.move(target, rng_streams)
+                moved = self.move(
+                    Target(self.prior, look, moved.particles, previous, frame, clock, stop, room), rng_streams
+                )
             origins = traced(origins, moved.particles.ancestors)
             counted = {"ancestors_10": float(np.count_nonzero(np.bincount(origins[-1])))}
             diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
