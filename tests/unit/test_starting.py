@@ -30,3 +30,28 @@ def test_a_command_that_is_asked_to_end_while_it_imports_says_so(number, at):
         "",
         f"workbench: interrupted by {number.name}\n",
     )
+
+
+COLLECTED = """
+import gc, sys
+usual = gc.get_threshold()
+sys.argv = {argv!r}
+sys.orig_argv = [sys.executable, *sys.argv]
+from workbench.starting import collect_as_usual
+rarely = gc.get_threshold() > usual and gc.get_freeze_count() == 0
+collect_as_usual()
+print(rarely, gc.get_threshold() == usual, gc.get_freeze_count() > 0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("argv", "rarely"),
+    [
+        (["/usr/bin/workbench", "seed=3"], True), (["-m", "workbench", "seed=3"], True),
+        (["/usr/bin/workbench-runs"], False), (["-m", "workbench.sweep.process"], False), (["mine.py"], False),
+    ],
+)  # fmt: skip
+def test_a_run_and_no_other_command_looks_for_garbage_rarely_until_its_first_frame(argv, rarely):
+    command = [sys.executable, "-c", COLLECTED.format(argv=argv)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(rarely), "True", str(rarely)]

@@ -32,6 +32,7 @@ from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, track
 from workbench.kernel_cache import go_on_without_room
 from workbench.recording.write.recorder import Recorder
+from workbench.starting import collect_as_usual
 from workbench.streams import rng_streams
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def _track(
     evidence = Evidence(parts.body, parts.clip.known.scale)
     with recorder_of(config, parts, summary) as recorder:
         recorder.set_departures(parts.clip.known.departures)
+        collect_as_usual()
         before_s = compiled_s()
         record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
         summary.compiling_s = compiled_s() - before_s
@@ -109,6 +111,7 @@ def _study(config: DictConfig, summary: Summary) -> None:
         with _timed(summary, "prior_learning"):
             prior = build(config.prior)
     study: Study = build(config.study, prior=prior)
+    collect_as_usual()
     with RecordingFile(summary.recording, **_labels(config, summary)) as file:
         before_s = compiled_s()
         with _timed(summary, "study"):
