@@ -51,7 +51,11 @@ class Postures:
         density to a power; return the Gaussian about the product's peak.
 
         The peak is climbed to by expectation and maximisation (Dempster, Laird & Rubin 1977): the parts' shares at the
-        pose make one Gaussian of them, and its product with the other is the next pose.
+        pose make one Gaussian of them, and its product with the other is the next pose. Raises LinAlgError for a
+        covariance that is not one.
+
+        Deviations: a power below 1, as the Gaussian may know something of postures already and neighbouring frames say
+        the same; and the Gaussian about one peak, where the product may have several.
         """
         unit = np.eye(len(mean))
         precision = np.linalg.inv(covariance + 1e-12 * unit)

@@ -19,7 +19,8 @@ SEED = 0
 
 
 def learn_postures(postures: FloatArray) -> Postures:
-    """Fit a mixture of Gaussians to postures (n, A), rad, by expectation and maximisation.
+    """Fit a mixture of Gaussians to postures (n, A), rad, by expectation and maximisation (Dempster,
+    Laird & Rubin 1977), ROUNDS times.
 
     Each part's covariance is drawn to the mean one of all parts as by FRAMES_A_PART more frames: a part that few people
     have been in says little about how others may differ there.
@@ -35,7 +36,7 @@ def learn_postures(postures: FloatArray) -> Postures:
 
 
 def fitted(postures: FloatArray, shares: FloatArray) -> Postures:
-    """The mixture whose parts have these shares (n, K) in postures (n, A)."""
+    """Return the mixture whose parts have these shares (n, K) in postures (n, A), rad: the maximisation."""
     n, a = postures.shape
     sizes = shares.sum(axis=0) + 1e-9
     means = (shares.T @ postures) / sizes[:, None]

@@ -11,7 +11,7 @@ from workbench.digest import code_digest
 from workbench.errors import InputError
 from workbench.files import kept_for_later
 from workbench.learning import activities as activity_models
-from workbench.learning import activity_cycles, cyclic, discrepancy, gaps, postures, walking, windows
+from workbench.learning import activity_cycles, cyclic, discrepancy, gaps, walking, windows
 from workbench.learning import linear_motion as linear_motions
 from workbench.learning.activities import ActivityModel, learn_activities
 from workbench.learning.activity_cycles import Followed, followed_person
@@ -125,7 +125,7 @@ def linear_motion(
     """
     rate_hz = (frames_hz or WINDOWS_HZ) if rate_hz is None else rate_hz
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
-    code, learn = code_digest(linear_motions, postures), lambda: learn_linear_motion(chosen, rate_hz)
+    code, learn = code_digest(linear_motions), lambda: learn_linear_motion(chosen, rate_hz)
     return _learned(LinearMotion, "linear", cache, chosen, code, learn, rate_hz=rate_hz)
 
 
