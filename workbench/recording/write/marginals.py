@@ -4,6 +4,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from scipy import sparse
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 
@@ -12,7 +13,8 @@ LOWEST_LOG_MASS = float(np.log(1e-4))
 MOST_PICTURED = 1024
 """Columns of a picture: of more frames each stands for two, four, eight …, so that memory stays as it is."""
 _FINE = 4
-_AT_FIRST = 64  # frames that there is room for
+_RECENT = 64
+"""The last columns, which are kept in full; of those before only the bins that hold something are, about a sixth."""
 
 
 def systematic(weights: FloatArray, n: int) -> IntArray:
@@ -38,15 +40,15 @@ class Marginals:
     def __init__(self, n_parameters: int, n_bins: int) -> None:
         self._n_bins, self._n_fine = n_bins, _FINE * n_bins
         self._low, self._width = np.zeros(n_parameters), np.zeros(n_parameters)
-        # (F, K, B), of which n are frames: half the memory of doubles, in one piece, since many small ones leave gaps
-        self._kept: Float32Array = np.empty((0, n_parameters, self._n_fine), dtype=np.float32)
-        self._n = 0
+        self._before: Any = sparse.csr_array((0, n_parameters * self._n_fine), dtype=np.float32)  # (F, K · B)
+        self._recent: Float32Array = np.empty((_RECENT, n_parameters, self._n_fine), dtype=np.float32)
+        self._n_recent = 0
         self.every, self._in_last = 1, 1
 
     def add(self, values: FloatArray, weights: FloatArray) -> None:
         """Take in one more frame: values (N, K), finite, with weights (N,) that sum to one."""
         lowest, highest = values.min(axis=0), values.max(axis=0)
-        if self._n == 0:
+        if self._n_columns == 0:
             spread = np.maximum(highest - lowest, 1e-6 * np.maximum(np.abs(highest), 1.0))
             self._low, self._width = lowest - 0.01 * spread, 1.02 * spread
         for k in np.flatnonzero((lowest < self._low) | (highest >= self._low + self._width)):
@@ -55,22 +57,27 @@ class Marginals:
         mass = masses(values, weights, self._low, self._n_fine / self._width, self._n_fine)
         self._append(mass.astype(np.float32))
 
+    @property
+    def _n_columns(self) -> int:
+        return int(self._before.shape[0]) + self._n_recent
+
     def _append(self, mass: Float32Array) -> None:
         if self._in_last < self.every:
             self._in_last += 1
-            last = self._kept[self._n - 1]
+            last = self._recent[self._n_recent - 1]
             last += (mass - last) / np.float32(self._in_last)
             return
-        if self._n == MOST_PICTURED:
-            self._n //= 2
-            for i in range(self._n):
-                self._kept[i] = 0.5 * (self._kept[2 * i] + self._kept[2 * i + 1])
+        full = self._n_columns == MOST_PICTURED
+        if full or self._n_recent == _RECENT:
+            recent = self._recent.reshape(_RECENT, -1)[: self._n_recent]
+            self._before = sparse.vstack([self._before, sparse.csr_array(recent)], format="csr")
+            self._n_recent = 0
+        if full:
+            self._before = self._before[0::2] + self._before[1::2]
+            self._before.data *= np.float32(0.5)
             self.every *= 2
-        if self._n == len(self._kept):
-            shorter, self._kept = self._kept, np.empty((max(2 * self._n, _AT_FIRST), *mass.shape), dtype=np.float32)
-            self._kept[: self._n] = shorter
-        self._kept[self._n] = mass
-        self._n, self._in_last = self._n + 1, 1
+        self._recent[self._n_recent] = mass
+        self._n_recent, self._in_last = self._n_recent + 1, 1
 
     def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray, n_frames: int) -> int:
         """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones.
@@ -83,8 +90,9 @@ class Marginals:
         whole = n_frames // self.every
         mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
         self._low, self._width = low.copy(), high - low
-        self._kept = np.ascontiguousarray(np.repeat(np.moveaxis(mass, 2, 0)[:whole], _FINE, axis=2))
-        self._n, self._in_last = whole, self.every
+        fine = np.repeat(np.moveaxis(mass, 2, 0)[:whole], _FINE, axis=2)
+        self._before, self._n_recent = sparse.csr_array(fine.reshape(whole, -1)), 0
+        self._in_last = self.every
         return whole * self.every
 
     def picture(self) -> tuple[FloatArray, FloatArray, Float32Array]:
@@ -92,11 +100,12 @@ class Marginals:
 
         An axis reaches over the bins that can be seen in some frame; fainter ones outside are cut off.
         """
-        n_parameters, n_frames = len(self._low), self._n
+        n_parameters, n_frames = len(self._low), self._n_columns
         log_mass = np.empty((n_parameters, self._n_bins, n_frames), dtype=np.float32)
         starts, merged = np.empty((2, n_parameters), dtype=np.int64)
         for k in range(n_parameters):  # one by one, which takes little memory
-            fine = np.ascontiguousarray(self._kept[:n_frames, k].T)
+            before = self._before[:, k * self._n_fine : (k + 1) * self._n_fine].toarray()
+            fine = np.ascontiguousarray(np.concatenate([before, self._recent[: self._n_recent, k]]).T)
             seen = np.flatnonzero((fine > np.exp(LOWEST_LOG_MASS)).any(axis=1))
             merged[k] = -(-(seen[-1] + 1 - seen[0]) // self._n_bins)
             window = self._n_bins * merged[k]
@@ -111,10 +120,15 @@ class Marginals:
     def _double(self, k: int, downwards: bool) -> None:
         half = self._n_fine // 2
         kept = slice(half, None) if downwards else slice(half)
-        mass = self._kept[: self._n, k]
-        merged = mass.reshape(self._n, half, 2).sum(axis=2)
+        mass = self._recent[: self._n_recent, k]
+        merged = mass.reshape(-1, half, 2).sum(axis=2)
         mass[:] = 0.0
         mass[:, kept] = merged
+        places, first = self._before.indices.copy(), k * self._n_fine
+        own = (first <= places) & (places < first + self._n_fine)
+        places[own] = first + (places[own] - first) // 2 + (half if downwards else 0)
+        self._before = sparse.csr_array((self._before.data, places, self._before.indptr), shape=self._before.shape)
+        self._before.sum_duplicates()
         self._low[k] -= self._width[k] if downwards else 0.0
         self._width[k] *= 2.0
 
