@@ -14,7 +14,7 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import PACE_HZ, Smoothness
-from workbench.evaluation.calibration import rank_histogram, ranks
+from workbench.evaluation.calibration import rank_histogram, ranks, share_below
 from workbench.inference.fit.decoding import MotionDecoder
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.motion_fit import MotionFit
@@ -106,7 +106,10 @@ def fitted(frames_per_style, n_frames, n_replicates, seed=0, correlation=0.0, **
 def ranked(steps, truth, moving):
     """Ranks (T, Q) of the numbers `moving` of true poses (T, P) in a run's steps."""
     return np.array(
-        [ranks(step.poses[:, moving], np.exp(step.log_weights), truth[t, moving]) for t, step in enumerate(steps)]
+        [
+            ranks(share_below(step.poses[:, moving], np.exp(step.log_weights), truth[t, moving]))
+            for t, step in enumerate(steps)
+        ]
     )
 
 

@@ -15,20 +15,23 @@ from workbench.threads import over_threads
 
 _ROUNDING = 1e-12
 """Of a sum of weights."""
+_DIGITS = 65535.0  # the largest number of 16 bits
 
 
-def covered(values: FloatArray, weights: FloatArray, truth: FloatArray, levels: tuple[float, ...]) -> BoolArray:
+def covered(shares: FloatArray, levels: tuple[float, ...]) -> BoolArray:
     """Tell (L, D) whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, which needs no sorting."""
-    below, equal = share_below(values, weights, truth)
+    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, `share_below`, which needs no
+    sorting."""
+    below, equal = shares
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
     return (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
 
 
-def ranks(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half; the probability
-    integral transform, which is evenly distributed for a calibrated posterior (Hamill 2001)."""
-    below, equal = share_below(values, weights, truth)
+def ranks(shares: FloatArray) -> FloatArray:
+    """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half, of both as
+    `share_below` tells them; the probability integral transform, which is evenly distributed for a calibrated posterior
+    (Hamill 2001)."""
+    below, equal = shares
     return (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
 
 
@@ -58,22 +61,46 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
     columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
 
     def some(first: int, last: int) -> None:
-        order = np.argsort(columns[first:last], axis=1)
-        _score(columns[first:last], order, weights, truth[first:last], score[first:last])
+        for d in range(first, last):
+            score[d] = _score(columns[d], _order(columns[d]), weights, truth[d])
 
     over_threads(some, len(truth), 1)
     return score
 
 
-def log_score(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return −log p(truth), (D,), nats, of the normal distribution with the particles' mean and variance (Dawid &
-    Sebastiani 1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals
-    them."""
+def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the particles' mean and variance, both (D,)."""
     mean = weights @ values
-    variance = weights @ (values - mean) ** 2
+    return mean, weights @ (values - mean) ** 2
+
+
+def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> FloatArray:
+    """Return −log p(truth), (D,), nats, of the normal distribution with the particles' `moments` (Dawid & Sebastiani
+    1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals them."""
     with np.errstate(divide="ignore", invalid="ignore"):
         score = 0.5 * (np.log(2.0 * np.pi * variance) + (truth - mean) ** 2 / variance)
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))
+
+
+def _order(column: FloatArray) -> IntArray:
+    """What sorts a column (N,), ties as they are: NumPy sorts 16-bit numbers by their digits, several times faster than
+    it sorts others, and little is left to be put right."""
+    low, reach = column.min(), max(np.ptp(column), np.finfo(np.float64).tiny)
+    with np.errstate(invalid="ignore"):  # the score of what is not finite is NaN, whatever its order
+        order = np.argsort(((column - low) / reach * _DIGITS).astype(np.uint16), kind="stable")
+    _put_right(column, order)
+    return order
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _put_right(column: Any, order: Any) -> None:
+    """Sort by insertion, which takes as many moves as there are neighbours in the wrong order."""
+    for i in range(1, order.shape[0]):
+        k, place = order[i], i
+        while place > 0 and column[order[place - 1]] > column[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -86,15 +113,14 @@ def _add_shares(values: Any, weights: Any, truth: Any, shares: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _score(columns: Any, order: Any, weights: Any, truth: Any, score: Any) -> None:
-    """Compute `crps` of columns (D, N) of which the order (D, N) is known."""
-    for d in range(columns.shape[0]):
-        apart, spread, reached, before = 0.0, 0.0, 0.0, columns[d, order[d, 0]]
-        for k in order[d]:
-            x = columns[d, k]
-            # half of E|x − x'| = Σ over gaps between neighbours of gap · F (1 − F)
-            spread += (x - before) * reached * (1.0 - reached)
-            apart += weights[k] * abs(x - truth[d])
-            reached += weights[k]
-            before = x
-        score[d] = apart - spread
+def _score(column: Any, order: Any, weights: Any, truth: float) -> float:
+    """Compute `crps` of a column (N,) of which the order (N,) is known."""
+    apart, spread, reached, before = 0.0, 0.0, 0.0, column[order[0]]
+    for k in order:
+        x = column[k]
+        # half of E|x − x'| = Σ over gaps between neighbours of gap · F (1 − F)
+        spread += (x - before) * reached * (1.0 - reached)
+        apart += weights[k] * abs(x - truth)
+        reached += weights[k]
+        before = x
+    return apart - spread

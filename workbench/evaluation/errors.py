@@ -70,7 +70,7 @@ def step_errors(
     if truth.joints is not None and "error_px" in errors:
         errors["forearm_px"] = forearm_px(cameras[0], body, truth.joints, measured) / image_scale
     if truth.pose is not None:
-        errors |= pose_calibration(step, skeleton, truth.pose)
+        errors |= pose_calibration(step, skeleton)
         errors["error_angle_deg"] = angle_error_deg(skeleton, step.expected_pose, truth.pose, moving)
         errors |= flexion_errors(skeleton, step.expected_pose, truth.pose)
     elif truth.joints is not None:

@@ -10,14 +10,14 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.body.turns import N_POSITION, nearest_turn
 from workbench.core.step import Step
-from workbench.evaluation.calibration import covered, crps, log_score, ranks
+from workbench.evaluation.calibration import covered, crps, log_score, moments, ranks, share_below
 
 LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
 _GIVEN = 1e-9
 """m or rad: a number that all particles share and that is as near as this to the truth was given."""
 _RANKS: WeakKeyDictionary[Step, FloatArray] = WeakKeyDictionary()
-"""Of the steps that there are."""
+"""Of the steps that there are, by their frames' truth."""
 GROUPS = {
     "root": ("root",),
     "head": ("neck", "head"),
@@ -27,15 +27,18 @@ GROUPS = {
 """Words of the names of angles and joints that belong together."""
 
 
-def pose_calibration(step: Step, skeleton: Skeleton, pose: FloatArray) -> dict[str, float]:
-    """Return coverage_50, coverage_90, crps_mm, crps_deg, z2 and log_score over the true pose's (P,) numbers.
+def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
+    """Return coverage_50, coverage_90, crps_mm, crps_deg, z2 and log_score over the numbers of the true pose, which the
+    step's frame must know.
 
     Those in which all particles equal the truth are not counted: they are given. Those in which all particles are equal
     and wrong are missed; they have no z2, the mean of (truth − mean)² / variance, and no log_score. crps_mm is of the
     root's position, crps_deg of all angles, which are compared on the turn of the expected pose. coverage_90 is also
     told by group of GROUPS. Only coverage_90 is there, NaN, where nothing is counted.
     """
-    values, weights, true, counted = _compared(step, pose)
+    values, weights, true, counted = _compared(step)
+    shares = share_below(values, weights, true)
+    _RANKS[step] = ranks(shares)
     if not counted.any():
         return {"coverage_90": float("nan")}
     scores, n_lengths = crps(values, weights, true), int(counted[:N_POSITION].sum())
@@ -43,13 +46,13 @@ def pose_calibration(step: Step, skeleton: Skeleton, pose: FloatArray) -> dict[s
     scored = {"crps_mm": 1e3 * scores[:n_lengths], "crps_deg": np.degrees(scores[n_lengths:])}
     spread = step.spread[counted]
     if spread.any():
-        free, mean = values[:, spread], weights @ values[:, spread]
+        mean, variance = moments(values if spread.all() else values[:, spread], weights)
         with np.errstate(divide="ignore", invalid="ignore"):
-            scored["z2"] = (true[spread] - mean) ** 2 / (weights @ (free - mean) ** 2)
-        scored["log_score"] = log_score(free, weights, true[spread])
+            scored["z2"] = (true[spread] - mean) ** 2 / variance
+        scored["log_score"] = log_score(mean, variance, true[spread])
     means = {name: float(each.mean()) for name, each in scored.items() if len(each)}
     finite = {name: mean for name, mean in means.items() if np.isfinite(mean)}  # one particle has all the weight
-    return _coverages(values, weights, true, names, "") | finite
+    return _coverages(shares, names, "") | finite
 
 
 def pose_ranks(step: Step) -> FloatArray:
@@ -61,8 +64,8 @@ def pose_ranks(step: Step) -> FloatArray:
         truth = step.frame.truth
         if truth is None or truth.pose is None:
             return np.zeros(0)
-        values, weights, true, _ = _compared(step, truth.pose)
-        _RANKS[step] = ranks(values, weights, true)
+        values, weights, true, _ = _compared(step)
+        _RANKS[step] = ranks(share_below(values, weights, true))
     return _RANKS[step]
 
 
@@ -76,24 +79,25 @@ def joint_calibration(step: Step, skeleton: Skeleton, truth: FloatArray, measure
     weights, true = np.exp(step.log_weights), truth[known].ravel()
     names = [skeleton.names[joint] for joint in known for _ in range(3)]
     score = 1e3 * float(crps(values, weights, true).mean())
-    return {**_coverages(values, weights, true, names, "_joints"), "crps_joints_mm": score}
+    return {**_coverages(share_below(values, weights, true), names, "_joints"), "crps_joints_mm": score}
 
 
-def _compared(step: Step, truth: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Select the numbers that are counted (P,): of the poses (N, D), their weights (N,) and of the true pose (D,)."""
-    poses, true = nearest_turn(step.poses, step.expected_pose), nearest_turn(truth, step.expected_pose)
+    if step.frame.truth is None or step.frame.truth.pose is None:
+        raise ValueError(f"frame {step.frame.index}: expected a true pose to compare with, found none")
+    poses, true = (nearest_turn(each, step.expected_pose) for each in (step.poses, step.frame.truth.pose))
     counted = step.spread | (np.abs(true - poses[0]) > _GIVEN)
     return poses[:, counted], np.exp(step.log_weights), true[counted], counted
 
 
-def _coverages(
-    values: FloatArray, weights: FloatArray, truth: FloatArray, names: Sequence[str], suffix: str
-) -> dict[str, float]:
-    """Shares of the numbers called `names` (D,) within the bands of LEVELS, and within the widest by group."""
-    inside = covered(values, weights, truth, LEVELS)
-    shares = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(LEVELS, inside, strict=True)}
+def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[str, float]:
+    """Of what lies below the truth and equals it, (2, D) of the numbers called `names`: shares of them within the bands
+    of LEVELS, and within the widest by group."""
+    inside = covered(shares, LEVELS)
+    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(LEVELS, inside, strict=True)}
     for group, words in GROUPS.items():
         belongs = np.array([any(word in name for word in words) for name in names])
         if belongs.any():
-            shares[f"coverage_90{suffix}_{group}"] = inside[-1, belongs].mean()
-    return {name: float(share) for name, share in shares.items()}
+            rates[f"coverage_90{suffix}_{group}"] = inside[-1, belongs].mean()
+    return {name: float(share) for name, share in rates.items()}

@@ -13,6 +13,7 @@ from workbench.evaluation.calibration import (
     covered,
     crps,
     log_score,
+    moments,
     rank_histogram,
     ranks,
     share_below,
@@ -37,6 +38,14 @@ def crps_reference(values, weights, truth):
     return weights @ np.abs(values - truth) - 0.5 * spread
 
 
+def ranks_of(values, weights, truth):
+    return ranks(share_below(values, weights, truth))
+
+
+def log_score_of(values, weights, truth):
+    return log_score(*moments(values, weights), truth)
+
+
 def test_crps_of_two_particles_by_hand():
     # E|x − ½| = ½, and two draws differ, by one, with probability 2 · ¼ · ¾
     assert crps(np.array([[1.0], [0.0]]), np.array([0.75, 0.25]), np.array([0.5])) == pytest.approx(0.5 - 0.25 * 0.75)
@@ -49,7 +58,7 @@ def test_crps_and_log_score_of_normal_particles(z):
     closed = z * (2.0 * norm.cdf(z) - 1.0) + 2.0 * norm.pdf(z) - 1.0 / np.sqrt(np.pi)  # Gneiting & Raftery, eq. 20
     np.testing.assert_allclose(crps(NORMAL, EVEN, truth), closed * np.array([1.0, 3.0]), rtol=1e-3)
     expected = -norm.logpdf(truth, loc=[0.0, 10.0], scale=[1.0, 3.0])
-    np.testing.assert_allclose(log_score(NORMAL, EVEN, truth), expected, atol=1e-3)
+    np.testing.assert_allclose(log_score(*moments(NORMAL, EVEN), truth), expected, atol=1e-3)
 
 
 def test_weights_count_as_repetitions():
@@ -57,25 +66,25 @@ def test_weights_count_as_repetitions():
     values, truth = rng.standard_normal((5, 3)), rng.standard_normal(3)
     times = np.array([1, 4, 2, 0, 3])
     repeated, even = np.repeat(values, times, axis=0), np.full(10, 0.1)
-    for score in (crps, ranks, log_score):
+    for score in (crps, ranks_of, log_score_of):
         np.testing.assert_allclose(score(values, times / 10.0, truth), score(repeated, even, truth))
 
 
 def test_a_posterior_without_spread_is_infinitely_sure():
     same = np.ones((4, 2))
-    assert log_score(same, np.full(4, 0.25), np.array([1.0, 2.0])).tolist() == [-np.inf, np.inf]
+    assert log_score(*moments(same, np.full(4, 0.25)), np.array([1.0, 2.0])).tolist() == [-np.inf, np.inf]
 
 
 def test_bands_cover_what_lies_between_their_quantiles():
-    inside = covered(NORMAL, EVEN, np.array([0.6, 10.0 - 3.0 * 0.7]), (0.5, 0.9))  # ±0.674 σ and ±1.645 σ
+    inside = covered(share_below(NORMAL, EVEN, np.array([0.6, 10.0 - 3.0 * 0.7])), (0.5, 0.9))  # ±0.674 σ and ±1.645 σ
     assert inside.tolist() == [[True, False], [True, True]]
 
 
 def test_ranks_count_the_weight_below():
     values = np.array([[0.0], [1.0], [2.0], [1.0]])
     weights = np.array([0.1, 0.2, 0.3, 0.4])
-    assert ranks(values, weights, np.array([1.0])) == pytest.approx(0.1 + 0.3)
-    assert ranks(values, weights, np.array([1.5])) == pytest.approx(0.7)
+    assert ranks_of(values, weights, np.array([1.0])) == pytest.approx(0.1 + 0.3)
+    assert ranks_of(values, weights, np.array([1.5])) == pytest.approx(0.7)
 
 
 def test_ranks_are_flat_for_the_true_posterior_and_shaped_for_others():
@@ -83,7 +92,9 @@ def test_ranks_are_flat_for_the_true_posterior_and_shaped_for_others():
     truths = rng.standard_normal((2000, 1))
     even = np.full(200, 1 / 200)
     shares = {
-        scale: rank_histogram(np.concatenate([ranks(scale * rng.standard_normal((200, 1)), even, y) for y in truths]))
+        scale: rank_histogram(
+            np.concatenate([ranks_of(scale * rng.standard_normal((200, 1)), even, y) for y in truths])
+        )
         for scale in (1.0, 0.5, 2.0)
     }
     assert all(counts.sum() == 2000 for counts in shares.values())
@@ -96,7 +107,7 @@ def test_ranks_are_flat_for_the_true_posterior_and_shaped_for_others():
 def test_the_true_posterior_has_the_best_scores():
     rng = np.random.default_rng(2)
     truths = rng.standard_normal(400)
-    for score in (crps, log_score):
+    for score in (crps, log_score_of):
         means = [
             np.mean([score(NORMAL[::40, :1] * scale, EVEN[::40] * N / len(EVEN[::40]), np.array([y])) for y in truths])
             for scale in (0.5, 1.0, 2.0)
@@ -140,9 +151,12 @@ def test_where_one_particle_has_all_the_weight_there_is_no_log_score():
 
 
 def weighted(n, seed):
-    """Values (n, 4) with ties, weights some of which are 0, and truths inside, on a particle, and beyond."""
+    """Values (n, 4) with ties, or all but one very near to each other, weights some of which are 0, and truths inside,
+    on a particle, and beyond."""
     rng = np.random.default_rng(seed)
     values = rng.standard_normal((n, 4)).round(1)
+    values[:, 0] = 0.01 * rng.standard_normal(n)
+    values[0, 0] = 30.0
     weights = rng.random(n) * (rng.random(n) < 0.8)
     return values, weights / weights.sum(), np.array([0.05, values[weights.argmax(), 1], 9.0, values[:, 3].min()])
 
@@ -161,6 +175,6 @@ def test_kernels_agree_with_their_references(n):
 def test_bands_are_those_of_the_weighted_quantiles(n):
     values, weights, truth = weighted(n, seed=n)
     low, high = weighted_quantiles(values, weights, (0.05, 0.95))
-    (found,) = covered(values, weights, truth, (0.9,))
+    (found,) = covered(share_below(values, weights, truth), (0.9,))
     assert found.tolist() == ((low <= truth) & (truth <= high)).tolist()
     assert 0 < found.sum() < 4

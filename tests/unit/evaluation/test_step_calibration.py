@@ -18,10 +18,10 @@ def drawn(n=4000):
 @pytest.mark.parametrize("turns", [-51, -1, 1, 51])
 def test_whole_turns_are_no_error(turns):
     poses, true = drawn(), standing()
-    expected = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON, true)
+    expected = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
     turned = true.copy()
     turned[[HEADING, TWIST]] += 2.0 * np.pi * turns
-    found = pose_calibration(step_of(poses, Truth(pose=turned)), SKELETON, turned)
+    found = pose_calibration(step_of(poses, Truth(pose=turned)), SKELETON)
     assert found == pytest.approx(expected, abs=1e-9)
     ranks = [pose_ranks(step_of(poses, Truth(pose=each))) for each in (true, turned)]
     assert ranks[0] == pytest.approx(ranks[1], abs=1e-9)
@@ -30,11 +30,11 @@ def test_whole_turns_are_no_error(turns):
 def test_a_number_in_which_all_agree_counts_where_it_is_wrong():
     poses, true = drawn(), standing()
     poses[:, HEADING] = true[HEADING]  # given
-    right = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON, true)
+    right = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
     assert right["coverage_90"] == 1.0
     assert len(pose_ranks(step_of(poses, Truth(pose=true)))) == 24
     true[HEADING] += 0.2
-    wrong = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON, true)
+    wrong = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
     assert wrong["coverage_90"] == pytest.approx(24 / 25)
     assert wrong["crps_deg"] > right["crps_deg"]
     assert wrong["z2"] == pytest.approx(right["z2"])
@@ -42,7 +42,7 @@ def test_a_number_in_which_all_agree_counts_where_it_is_wrong():
 
 def test_z2_is_the_mean_square_of_the_miss_in_deviations():
     poses, true = drawn(), standing() + 0.3
-    found = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON, true)
+    found = pose_calibration(step_of(poses, Truth(pose=true)), SKELETON)
     assert found["z2"] == pytest.approx(9.0, rel=0.02)
 
 
@@ -50,7 +50,7 @@ def test_groups_have_coverages_of_their_own():
     true = standing()
     legs = [i for i, name in enumerate(SKELETON.dof_names) if "hip" in name or "knee" in name]
     true[legs] += 5.0 - 2.0 * np.pi
-    found = pose_calibration(step_of(drawn(), Truth(pose=true)), SKELETON, true)
+    found = pose_calibration(step_of(drawn(), Truth(pose=true)), SKELETON)
     assert found["coverage_90_legs"] == 0.0
     assert found["coverage_90_arms"] == found["coverage_90_root"] == found["coverage_90_head"] == 1.0
     places = np.full((len(SKELETON.names), 3), np.nan)

@@ -19,7 +19,7 @@ from linear_gaussian import (
 )
 
 from workbench.errors import InputError
-from workbench.evaluation.calibration import covered
+from workbench.evaluation.calibration import covered, share_below
 from workbench.inference.particles.bootstrap import Bootstrap
 from workbench.inference.particles.filter import ParticleFilter
 from workbench.inference.particles.smoothing import BackwardSimulation, FixedLag
@@ -152,18 +152,18 @@ def test_ancestors_lead_along_the_paths_where_the_lag_grows_too():
 @pytest.mark.parametrize("name", MAKE)
 def test_bands_of_enough_ancestors_hold_the_truth_as_often_as_they_say(name):
     """Truths from the model itself: a band of n ≥ 20 draws holds it in 0.86 to 0.90 of all cases."""
-    n_runs, n_frames, shares = 25, 15, {}
+    n_runs, n_frames, rates = 25, 15, {}
     for least in (1, 20):
         inside = []
         for seed in range(n_runs):
             measured, states = simulate_states(n_frames, seed, sigma=0.05)
             for step in MAKE[name](Position(measured, sigma=0.05), least).run(frames(n_frames), MEAN0, streams(seed)):
-                weights = np.exp(step.log_weights)
-                inside.append(covered(step.particles, weights, states[step.frame.index], (0.9,)).mean())
-        shares[least] = np.array(inside).reshape(n_runs, n_frames).mean(axis=1)
-    error = shares[20].std() / np.sqrt(n_runs)
-    assert 0.86 - 4.0 * error < shares[20].mean() < 0.90 + 4.0 * error
-    gained = shares[20] - shares[1]  # ancestry alone does not reach it
+                shares = share_below(step.particles, np.exp(step.log_weights), states[step.frame.index])
+                inside.append(covered(shares, (0.9,)).mean())
+        rates[least] = np.array(inside).reshape(n_runs, n_frames).mean(axis=1)
+    error = rates[20].std() / np.sqrt(n_runs)
+    assert 0.86 - 4.0 * error < rates[20].mean() < 0.90 + 4.0 * error
+    gained = rates[20] - rates[1]  # ancestry alone does not reach it
     assert gained.mean() > 4.0 * gained.std() / np.sqrt(n_runs)
 
 

@@ -8,7 +8,7 @@ from layouts import SHOWN, laid_out
 from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
-from workbench.evaluation.calibration import ranks
+from workbench.evaluation.calibration import ranks, share_below
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write.posterior import RANKS as PATH
 from workbench.recording.write.recorder import Recorder
@@ -34,7 +34,10 @@ def test_the_shares_of_all_ranks_after_the_first_frame_are_recorded(tmp_path):
     run = list(steps(6))
     found = bars(record(tmp_path / "run.rrd", run), f"/{PATH}")
     every = np.concatenate(
-        [ranks(s.poses, np.exp(s.log_weights), s.frame.truth.pose)[np.ptp(s.poses, axis=0) > 0.0] for s in run[1:]]
+        [
+            ranks(share_below(s.poses, np.exp(s.log_weights), s.frame.truth.pose))[np.ptp(s.poses, axis=0) > 0.0]
+            for s in run[1:]
+        ]
     )
     assert len(every) >= 5
     expected = np.histogram(every, bins=10, range=(0.0, 1.0))[0] / len(every)
