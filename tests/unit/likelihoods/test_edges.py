@@ -15,6 +15,7 @@ from workbench.likelihoods.edges.filters import (
     POINTS,
     RIDGE_SCALES_PX,
     Smoothed,
+    SmoothedView,
     filtered,
     filtered_reference,
     responses,
@@ -94,6 +95,22 @@ def test_kernel_agrees_with_plain_numpy():
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=2 * np.ptp(table) / len(POINTS))
 
 
+@pytest.mark.parametrize("corner", [(0, 0), (150, 90), (270, 190)])
+def test_a_part_is_smoothed_as_the_whole(corner):
+    """Also where its view was looked at elsewhere before, and at the image's border."""
+    view = View(scenes.FRONT, scenes.texture(np.random.default_rng(2)))
+    whole, part, twice = smoothed(view), SmoothedView(view), SmoothedView(view)
+    box = (*corner, corner[0] + 45, corner[1] + 45)
+    twice.about((120, 100, 160, 110))
+    assert part.about(box).levels.shape[1] < scenes.HEIGHT
+    expected = filtered(whole, box)
+    for each in (part, twice):
+        found = filtered(each.about(box), box)
+        np.testing.assert_array_equal(found.gradient, expected.gradient)
+        np.testing.assert_array_equal(found.ridges, expected.ridges)
+    assert part.about(box) is part.about((*corner, corner[0] + 20, corner[1] + 30))
+
+
 def test_learned_ratios_prefer_limbs_and_the_file_gives_them_back(tmp_path):
     """Bars of random contrast are learned; then the true place of a bar beats all places aside."""
     rng = np.random.default_rng(1)
@@ -156,7 +173,7 @@ def test_derivatives_are_those_of_opencv_to_the_bit_in_any_box(size):
     rng = np.random.default_rng(2)
     height, width = size
     levels = rng.uniform(0.0, 255.0, (1 + len(RIDGE_SCALES_PX), height, width)).astype(np.float32)
-    images = Smoothed(levels, rng.uniform(4.0, 50.0, size).astype(np.float32))
+    images = Smoothed(levels, rng.uniform(4.0, 50.0, size).astype(np.float32), (0, 0, width, height))
     expected, found = filtered_reference(images), filtered(images)
     np.testing.assert_array_equal(found.gradient, expected.gradient)
     np.testing.assert_array_equal(found.ridges, expected.ridges)

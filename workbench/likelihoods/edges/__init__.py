@@ -19,10 +19,9 @@ from workbench.likelihoods.edges.filters import (
     LOG_WIDTHS,
     POINTS,
     Filtered,
-    Smoothed,
+    SmoothedView,
     filtered,
     responses,
-    smoothed,
 )
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
 from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
@@ -61,12 +60,13 @@ class Edges:
         return edge_model(self.cache).log_ratio(self.body.limbs.names)
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
-        """Smooth every view; only where the limbs turn out to be is it filtered."""
-        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, smoothed(view))) for view in frame.views]
+        """Look at every view; only where the limbs turn out to be is it smoothed and filtered."""
+        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, SmoothedView(view))) for view in frame.views]
         return LimbLook("edges", self.body, judges, lambda expected_pose: self)
 
-    def _log_prob(self, images: Smoothed, points: LimbPoints) -> FloatArray:
-        seen = filtered(images, looked_up(points))
+    def _log_prob(self, view: SmoothedView, points: LimbPoints) -> FloatArray:
+        box = looked_up(points)
+        seen = filtered(view.about(box), box)
         return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
 

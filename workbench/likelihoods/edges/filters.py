@@ -32,15 +32,19 @@ LEAST_PX = 2.0  # a limb that is shorter than this in the image has no direction
 
 
 _ROWS = 32  # of the image at least that one thread takes
+_NEXT_PX = 2  # how far differences of differences reach
+_REACH_PX = 32  # how far the widest Gaussian reaches, as OpenCV cuts it off; the contrast's window reaches less far
+_COLUMNS = 32  # parts of an image begin at multiples of it, so that processors sum a pixel alike in each
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """An image at 1 + S scales, those of the edges and of the ridges, (1 + S, height, width), and its local contrast
-    (height, width)."""
+    """A part of an image at 1 + S scales, those of the edges and of the ridges, (1 + S, height, width), and its local
+    contrast (height, width). box: of the image, that it is."""
 
     levels: Float32Array
     contrast: Float32Array
+    box: Box
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +58,58 @@ class Filtered:
     corner: tuple[int, int] = (0, 0)
 
 
+class SmoothedView:
+    """A view, smoothed where it is looked at; what was smoothed is kept."""
+
+    def __init__(self, view: View) -> None:
+        """Raises InputError when the image has not the size that its camera states."""
+        self._grey = image_levels.grey_levels(view, 0.0)
+        self._kept: Smoothed | None = None
+
+    def about(self, box: Box) -> Smoothed:
+        """Smooth all that the filters need within a box."""
+        part = _grown(box, self._grey, _NEXT_PX)
+        if self._kept is not None:
+            part = _around(part, self._kept.box)
+        if self._kept is None or part != self._kept.box:
+            self._kept = _smoothed(self._grey, part)
+        return self._kept
+
+
 def smoothed(view: View) -> Smoothed:
-    """All of the filters that is done with the whole view, wherever the limbs may be."""
-    grey, scales = image_levels.grey_levels(view, 0.0), (EDGE_SCALE_PX, *RIDGE_SCALES_PX)
-    levels, contrast = np.empty((len(scales), *grey.shape), dtype=np.float32), np.empty_like(grey)
+    """All of a view, smoothed; raises as `SmoothedView`."""
+    return SmoothedView(view).about((0, 0, view.image.shape[1], view.image.shape[0]))
+
+
+def _smoothed(grey: Float32Array, part: Box) -> Smoothed:
+    """A part of an image, smoothed as in the whole."""
+    left, top, right, bottom = source = _grown(part, grey, _REACH_PX)
+    pixels, scales = np.ascontiguousarray(grey[top:bottom, left:right]), (EDGE_SCALE_PX, *RIDGE_SCALES_PX)
+    within = (slice(part[1] - source[1], part[3] - source[1]), slice(part[0] - source[0], part[2] - source[0]))
+    levels = np.empty((len(scales), part[3] - part[1], part[2] - part[0]), dtype=np.float32)
+    contrast = np.empty_like(levels[0])
 
     def smooth(first: int, last: int) -> None:
         for k in range(first, last):
             if k == len(scales):
-                contrast[:] = _contrast(grey)
+                contrast[:] = _contrast(pixels)[within]
             else:
-                cv2.GaussianBlur(grey, (0, 0), scales[-1 - k], dst=levels[-1 - k])  # the widest first
+                levels[-1 - k] = cv2.GaussianBlur(pixels, (0, 0), scales[-1 - k])[within]  # the widest first
 
     over_threads(smooth, len(scales) + 1, 1)
-    return Smoothed(levels, contrast)
+    return Smoothed(levels, contrast, part)
+
+
+def _grown(box: Box, image: Float32Array, by: int) -> Box:
+    """The box with at least so many pixels more on all sides, as far as the image has them, in whole `_COLUMNS`."""
+    (height, width), (left, top, right, bottom) = image.shape, box
+    first, last = (left - by) // _COLUMNS * _COLUMNS, -(-(right + by) // _COLUMNS) * _COLUMNS
+    return max(first, 0), max(top - by, 0), min(last, width), min(bottom + by, height)
+
+
+def _around(one: Box, other: Box) -> Box:
+    """The least box around two."""
+    return min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])
 
 
 def _contrast(grey: Float32Array) -> Float32Array:
@@ -77,12 +119,13 @@ def _contrast(grey: Float32Array) -> Float32Array:
 
 
 def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
-    """The derivatives within a box of the image; None: of all of it. The numba kernel; see `filtered_reference`."""
-    left, top, right, bottom = box or (0, 0, *images.contrast.shape[::-1])
+    """The derivatives within a box of the image, about which it was smoothed; None: of all that was. The numba kernel;
+    see `filtered_reference`."""
+    left, top, right, bottom = box or images.box
     shape = (bottom - top, right - left)
     gradient, ridges = np.empty((*shape, 2), np.float32), np.empty((len(RIDGE_SCALES_PX), *shape, 3), np.float32)
     squares = np.square(np.array(RIDGE_SCALES_PX, dtype=np.float32))
-    arguments = (images.levels, images.contrast, squares, left, top, gradient, ridges)
+    arguments = (images.levels, images.contrast, squares, left - images.box[0], top - images.box[1], gradient, ridges)
     over_threads(lambda first, last: _differentiate(first, last, *arguments), shape[0], _ROWS)
     return Filtered(gradient, ridges, (left, top))
 
