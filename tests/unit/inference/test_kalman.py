@@ -14,7 +14,7 @@ from workbench.core.likelihood import Evaluation, Slope
 from workbench.core.memory import Past
 from workbench.core.postures import Postures
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import predict, smoothed
+from workbench.inference.kalman.belief import of_both, predict, smoothed
 from workbench.inference.kalman.climb import climb, tails
 from workbench.inference.kalman.filter import Kalman
 from workbench.inference.kalman.peak import find_peak
@@ -148,6 +148,35 @@ def test_every_frame_tells_what_both_looks_at_it_took(monkeypatch):
         assert two.timing_s.get("prior") == (None if k == 0 else 2.0 * one.timing_s["prior"])
         assert two.evaluations == 2.0 * one.evaluations
     assert once[1].evaluations > 0
+
+
+class Otherwise(Seen):
+    """A likelihood that sees its marks elsewhere when it looks again."""
+
+    def relearned(self, frame, poses):
+        return Seen(self.marks + 0.02)
+
+
+def test_two_looks_are_two_samples_of_what_a_look_may_find():
+    prior, marks, frames = setting()
+    options = {"flatten": 1.0, "steps": 4, "n_particles": 40_000}
+    first, second = (run(Kalman(prior, Seen(at), BODY, **options), frames) for at in (marks, marks + 0.02))
+    both = run(Kalman(prior, Otherwise(marks), BODY, **options), frames)
+    for one, two, told in zip(first, second, both, strict=True):
+        apart = one.expected_pose - two.expected_pose
+        assert np.allclose(told.expected_pose, 0.5 * (one.expected_pose + two.expected_pose), atol=2e-4)
+        expected = np.cov(two.poses.T) + 0.5 * np.outer(apart, apart)
+        assert np.allclose(np.cov(told.poses.T), expected, atol=0.05 * expected.diagonal().max())
+    assert np.abs(apart[:5]).max() > 1e-3
+
+
+def test_looks_that_differ_by_a_whole_turn_agree():
+    state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
+    turned = state.copy()
+    turned[5] += 2.0 * np.pi
+    mean, covariance = of_both(turned, state, unit)
+    assert np.allclose(mean, state)
+    assert np.allclose(covariance, unit)
 
 
 def test_steps_come_as_frames_do_without_a_second_pass():

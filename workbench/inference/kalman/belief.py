@@ -6,6 +6,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.body.turns import nearest_turn
 from workbench.core.prior import Gaussian, Prior
 from workbench.errors import InputError
 
@@ -69,6 +70,18 @@ def with_pose(
     gain = np.linalg.solve(covariance[:n, :n] + 1e-12 * np.eye(n), covariance[:n]).T  # of all columns by the pose's
     updated = covariance - gain @ (covariance[:n, :n] - narrowed) @ gain.T
     return mean + gain @ (pose - mean[:n]), 0.5 * (updated + updated.T)
+
+
+def of_both(first: FloatArray, second: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean (D,) and covariance (D, D) of a state of which two looks found estimates (D,), the second with a
+    covariance (D, D) that knows nothing of the first.
+
+    They are two samples of what a look may find: told is their mean and, beside the covariance, the unbiased estimate
+    Σ (x − x̄)² / (2 − 1) of theirs, d dᵀ / 2 with d = first − second. Angles are compared on the nearest turn.
+    """
+    n = len(POSE_NAMES)
+    apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
+    return second + 0.5 * apart, covariance + 0.5 * np.outer(apart, apart)
 
 
 def smoothed(beliefs: list[Belief]) -> list[Belief]:

@@ -1,7 +1,7 @@
 """The iterated extended Kalman filter (Bell & Cathey 1993) and the smoother of Rauch, Tung & Striebel (1965), for
 likelihoods that are only known by their values."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeAlias
@@ -20,7 +20,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed, with_pose
+from workbench.inference.kalman.belief import Belief, gaussian_of, of_both, predict, smoothed, with_pose
 from workbench.inference.kalman.climb import FARTHER, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
@@ -57,8 +57,9 @@ class Kalman:
     by all its pixels (`settle`).
 
     second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
-    likelihood that learns from tracked clips (`Relearning`) looks at all of them again. Else every frame is told as
-    soon as it is seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the
+    likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then is halfway
+    between both looks, and as much less sure as they differ (`belief.of_both`). Else every frame is told as soon as it
+    is seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the
     likelihood that narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much
     wider the draws are than the Gaussian, which knows nothing of what model and cues have in common from frame to
     frame; where the likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not
@@ -106,7 +107,7 @@ class Kalman:
             raise InputError("inference: a Kalman filter needs a pose to start from, found none")
         if not self.second_pass:
             for frame, belief, extra in self._filtered(self.likelihood, frames, start, rng_streams):
-                step = self._step(frame, belief, rng_streams["prior"], extra)
+                step = self._step(frame, [belief], rng_streams["prior"], extra)
                 log_evidence = np.array([step.log_evidence])
                 arrays = {"mean": belief.mean, "covariance": belief.covariance, "log_evidence": log_evidence}
                 yield replace(step, memory=Memory(arrays, step.expected_pose, streams_now(rng_streams)))
@@ -114,18 +115,24 @@ class Kalman:
         if isinstance(start, Past):
             raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
         seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
+        looks = [smoothed([belief for _, belief, _ in seen])]
         if isinstance(self.likelihood, Relearning):
-            seen = self._again(self.likelihood, seen, start, rng_streams)
-        beliefs = smoothed([belief for _, belief, _ in seen])
-        for (frame, _, extra), belief in zip(seen, beliefs, strict=True):
-            yield self._step(frame, belief, rng_streams["prior"], extra)
+            seen = self._again(self.likelihood, seen, looks[0], start, rng_streams)
+            looks.append(smoothed([belief for _, belief, _ in seen]))
+        for (frame, _, extra), *beliefs in zip(seen, *looks, strict=True):
+            yield self._step(frame, beliefs, rng_streams["prior"], extra)
 
     def _again(
-        self, likelihood: Relearning, seen: list[Filtered], start: FloatArray, rng_streams: Streams
-    ) -> list[Filtered]:
-        """Look at all frames again, knowing more; each tells what both looks took, the first frame the learning."""
+        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[Belief], start: FloatArray,
+        rng_streams: Streams,
+    ) -> list[Filtered]:  # fmt: skip
+        """Look at all frames again, knowing more, and where the person was believed to be; each tells what both looks
+        took, the first frame the learning."""
         clock, frames = Stopwatch(), [frame for frame, _, _ in seen]
-        relearned = likelihood.relearned(frames[0], self._poses(seen))
+        poses = self.prior.pose(np.stack([belief.mean for belief in beliefs]))
+        relearned = likelihood.relearned(
+            frames[0], {frame.index: pose for frame, pose in zip(frames, poses, strict=True)}
+        )
         clock.lap("likelihood")
         again = list(self._filtered(relearned, frames, start, rng_streams))
         for (_, _, before), (_, _, now) in zip(seen, again, strict=True):
@@ -134,12 +141,6 @@ class Kalman:
             now["evaluations"] += before["evaluations"]
             clock.laps.clear()
         return again
-
-    def _poses(self, seen: list[Filtered]) -> dict[int, FloatArray]:
-        """The expected poses (P,) of all frames, by their indices."""
-        means = np.stack([belief.mean for belief in smoothed([belief for _, belief, _ in seen])])
-        poses = self.prior.pose(means)
-        return {frame.index: pose for (frame, _, _), pose in zip(seen, poses, strict=True)}
 
     def _filtered(
         self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams
@@ -274,9 +275,15 @@ class Kalman:
         changes[::2] *= FARTHER
         return changes
 
-    def _step(self, frame: Frame, belief: Belief, rng: np.random.Generator, extra: Mapping[str, Any]) -> Step:
+    def _step(
+        self, frame: Frame, beliefs: Sequence[Belief], rng: np.random.Generator, extra: Mapping[str, Any]
+    ) -> Step:
+        """Tell what one look at the clip, or two, made of a frame."""
+        belief = beliefs[-1]
         widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
+        if len(beliefs) > 1:
+            mean, covariance = of_both(beliefs[0].mean, mean, covariance)
         if self.postures > 0.0 and self.prior.powers.postures is not None:
             n = len(belief.doubt)
             drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
