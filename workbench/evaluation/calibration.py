@@ -20,17 +20,17 @@ _DIGITS = 65535.0  # the largest number of 16 bits
 
 def covered(shares: FloatArray, levels: tuple[float, ...]) -> BoolArray:
     """Tell (L, D) whether the truth lies in the central bands of these levels, 0.9 being from the 5 % to the 95 %
-    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, `share_below`, which needs no
-    sorting."""
+    quantile, see `intervals.weighted_quantiles`; told by the weight on either side, `share_below` (2, D), which needs
+    no sorting."""
     below, equal = shares
     tails = 0.5 - 0.5 * np.array(levels)[:, None]
     return (below + equal >= tails - _ROUNDING) & (below < 1.0 - tails - _ROUNDING)
 
 
 def ranks(shares: FloatArray) -> FloatArray:
-    """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half, of both as
-    `share_below` tells them; the probability integral transform, which is evenly distributed for a calibrated posterior
-    (Hamill 2001)."""
+    """Return (D,) in 0..1: the weight of the particles below the truth, those equal to it counted half, of both (2, D)
+    as `share_below` tells them; the probability integral transform, which is evenly distributed for a calibrated
+    posterior (Hamill 2001)."""
     below, equal = shares
     return (below + 0.5 * equal).clip(max=1.0)  # the sum's rounding
 
@@ -69,14 +69,15 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
 
 
 def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the particles' mean and variance, both (D,)."""
+    """Return mean and variance, both (D,), of particles (N, D) with weights (N,) that sum to one."""
     mean = weights @ values
     return mean, weights @ (values - mean) ** 2
 
 
 def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return −log p(truth), (D,), nats, of the normal distribution with the particles' `moments` (Dawid & Sebastiani
-    1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals them."""
+    """Return −log p(truth), all (D,), nats, of the normal distribution with the particles' `moments` (Dawid &
+    Sebastiani 1999): particles have no density of their own. Infinite where all are equal, but for a truth that equals
+    them."""
     with np.errstate(divide="ignore", invalid="ignore"):
         score = 0.5 * (np.log(2.0 * np.pi * variance) + (truth - mean) ** 2 / variance)
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))

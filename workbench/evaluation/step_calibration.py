@@ -28,8 +28,8 @@ GROUPS = {
 
 
 def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
-    """Return coverage_50, coverage_90, crps_mm, crps_deg, z2 and log_score over the numbers of the true pose, which the
-    step's frame must know.
+    """Return coverage_50, coverage_90, crps_mm, crps_deg, z2 and log_score over the numbers of the true pose; raises
+    ValueError where the step's frame knows none.
 
     Those in which all particles equal the truth are not counted: they are given. Those in which all particles are equal
     and wrong are missed; they have no z2, the mean of (truth − mean)² / variance, and no log_score. crps_mm is of the
