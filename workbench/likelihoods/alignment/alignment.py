@@ -23,7 +23,6 @@ from workbench.likelihoods.alignment.cells import (
     Cells,
     motion_of,
     moved_by,
-    pixel_forces,
     placed,
     surface_cells,
     visible,
@@ -41,8 +40,8 @@ _DESCENDING = Range(
 )
 OUTLINE_SHARE = 0.25
 """Of the outline's loss in a misfit: it bends late, so that it says less of what is wrong than of what is unknown."""
-PIXEL_SHARE = 1.0 / 40.0
-"""As how many independent pixels one counts where the image is compared as layers."""
+PIXEL_SHARE = 1.0 / 10.0
+"""As how many independent pixels one counts where the image is compared as layers, by every THIN-th row and column."""
 FEW = 20.0
 """As many points of a limb say as much of its misfit as the whole person does."""
 
@@ -141,7 +140,7 @@ class Alignment:
         ratio = seen.scene.log_ratio(image, self.epsilon)
         seen = seen.followed(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
-        levels, shown = pictures(image, self.blurs_px), pictures(foreground, self.blurs_px)
+        levels, shown = pictures([image, foreground], self.blurs_px)
         return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden, ratio), seen
 
     def residuals(self, sight: Sight, seen: Seen, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
@@ -156,8 +155,8 @@ class Alignment:
         outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], self.outline)
         return texture, outline
 
-    def learned(self, seen: Seen | None, view: View, pose: FloatArray) -> Seen:
-        """Learn from a view and its expected pose (P,)."""
+    def learned(self, seen: Seen | None, view: View, pose: FloatArray, sight: Sight | None = None) -> Seen:
+        """Learn from a view, at which one has looked or not, and its expected pose (P,)."""
         image, person = grey_levels(view, 0.0), self._person(view, pose)
         if seen is None:
             scene = first_scene([*self._images_of(view.camera).values()], person)
@@ -165,7 +164,7 @@ class Alignment:
         cells = placed(self.cells, forward(self.body.skeleton, pose[None]), view.camera)
         shown = visible(cells, (image.shape[0], image.shape[1]), self.facing)
         shown = shown[at(~seen.hidden, cells.pixels[shown]) > 0.0]
-        levels = pictures(image, self.blurs_px)
+        levels = pictures([image], self.blurs_px)[0] if sight is None else sight.levels
         seen = seen.with_texture(levels, shown, cells.pixels[shown], self.sigma, self.rate)
         return seen.with_person(image, person)
 
@@ -224,8 +223,7 @@ class AlignmentLook:
             for part in own.residuals(sight, seen, level, frames):
                 loss += own.count * part.loss
                 if derive:
-                    forces = pixel_forces(sight.camera, part.points, part.gradients)
-                    uphill, bent = part.normal(motion, forces)
+                    uphill, bent = part.normal(motion, sight.camera)
                     gradient -= own.count * uphill
                     curvature += own.count * bent
         return Slope(-loss, gradient, curvature)
@@ -235,10 +233,10 @@ class AlignmentLook:
         joints `moved` (J,) alone, than without that; a pixel counts PIXEL_SHARE."""
         own, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
         for sight, seen in self.sights:
-            image = sight.levels[-1].values
-            shown = Shown(image, sight.ratio, sight.free, seen.texture[-1], seen.n, own.sigma)
-            behind = drawn(own.facets.on(~moved), frames, sight.camera, sight.shape)
-            total += PIXEL_SHARE * log_ratios(behind, own.facets.on(moved), frames, sight.camera, shown)
+            camera, image, ratio, free = sight.thinned
+            shown = Shown(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
+            behind = drawn(own.facets.on(~moved), frames, camera, image.shape)
+            total += PIXEL_SHARE * log_ratios(behind, own.facets.on(moved), frames, camera, shown)
         return total
 
     def misfit(self, pose: FloatArray) -> FloatArray:
@@ -260,6 +258,8 @@ class AlignmentLook:
         """The likelihood of the next frame; a pose that is not finite teaches nothing."""
         own, known = self.likelihood, {**self.known, **{sight.camera.name: seen for sight, seen in self.sights}}
         if np.isfinite(expected_pose).all():
+            looked = {sight.camera.name: sight for sight, _ in self.sights}
             for view in self.frame.views:
-                known[view.camera.name] = own.learned(known.get(view.camera.name), view, expected_pose)
+                name = view.camera.name
+                known[name] = own.learned(known.get(name), view, expected_pose, looked.get(name))
         return Remembering(known, own._look)

@@ -8,6 +8,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
+from workbench.likelihoods.alignment.kernels import place_beside
 
 ALONG = 12
 """Places along a limb, at either side; around a sphere twice as many."""
@@ -25,6 +26,20 @@ class Beside:
 def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
     """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
     limb's section counts as a circle of its mean radius."""
+    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts = np.einsum("lij,lj->li", turned, limbs.starts) + origins
+    ends = np.einsum("lij,lj->li", turned, limbs.ends) + origins
+    points = np.empty((len(starts), 2 * ALONG * len(distances_px), 3))
+    place_beside(
+        starts, ends, limbs.radii.mean(axis=2), limbs.spheres, camera.position, float(camera.matrix[0, 0]),
+        np.array(distances_px), ALONG, points,
+    )  # fmt: skip
+    flat = points.reshape(-1, 3)
+    return Beside(flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat))
+
+
+def beside_reference(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
+    """`beside` in plain NumPy."""
     turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
     starts = np.einsum("lij,lj->li", turned, limbs.starts) + origins
     ends = np.einsum("lij,lj->li", turned, limbs.ends) + origins

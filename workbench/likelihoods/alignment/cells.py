@@ -7,18 +7,15 @@ import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames, descendants, world_axes
+from workbench.body.kinematics import JointFrames, descendants
 from workbench.body.limbs import Limbs
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.residual import projection_jacobian
+from workbench.likelihoods.alignment.kernels import COARSE_PX, MARGIN_PX, THICK_M, place, see, turn_axes
+from workbench.likelihoods.image_motion.kernel import camera_row
 
 ALONG, AROUND = 12, 24
 """Cells of a limb, along it and once around it; a sphere has half as many in all."""
-COARSE_PX = 4
-"""Width of the squares in which the nearest cell is looked for; neighbouring cells are never farther apart."""
-THICK_M = 0.12
-"""A cell is hidden by what lies so much nearer to the camera: less is the limb itself."""
-MARGIN_PX = 3
 _N_POSITION = N_ROOT // 2
 
 
@@ -74,7 +71,18 @@ def _sphere(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
 
 
 def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
-    """Place cells in the first of some poses, given by its joints' frames."""
+    """Place cells in the first of some poses, given by its joints' frames; see `placed_reference`."""
+    size = len(cells.joints)
+    found = Placed(np.empty((size, 3)), np.empty(size), np.empty(size), np.empty((size, 2)))
+    place(
+        cells.points, cells.normals, cells.joints, frames.rotations[0], frames.positions[0], camera.position,
+        camera_row(camera), found.points, found.facing, found.depth, found.pixels,
+    )  # fmt: skip
+    return found
+
+
+def placed_reference(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
+    """`placed` in plain NumPy."""
     turned = frames.rotations[0][cells.joints]
     points = np.einsum("sij,sj->si", turned, cells.points) + frames.positions[0][cells.joints]
     towards = camera.position - points
@@ -97,11 +105,16 @@ def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntAr
     Deviation from ray casting: the nearest depth is looked for in squares of COARSE_PX and their neighbours, and what
     is less than THICK_M behind it counts as seen.
     """
+    return np.asarray(see(cells.pixels, cells.depth, cells.facing, shape[0], shape[1], least_facing))
+
+
+def visible_reference(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntArray:
+    """`visible` in plain NumPy and OpenCV."""
     within = inside(cells.pixels, shape)
     front = np.flatnonzero(within & (cells.facing > 0.0))
-    nearest = np.full((shape[0] // COARSE_PX + 1, shape[1] // COARSE_PX + 1), np.inf, dtype=np.float32)
+    nearest = np.full((shape[0] // COARSE_PX + 1, shape[1] // COARSE_PX + 1), np.inf)
     x, y = (cells.pixels[front] / COARSE_PX).astype(np.int64).T
-    np.minimum.at(nearest, (y, x), np.minimum(cells.depth[front], 1e30).astype(np.float32))
+    np.minimum.at(nearest, (y, x), cells.depth[front])
     nearest = np.asarray(cv2.erode(nearest, np.ones((3, 3), np.uint8)))
     hidden = cells.depth[front] > nearest[y, x] + THICK_M
     return front[~hidden & (cells.facing[front] > least_facing)]
@@ -138,8 +151,9 @@ def moved_by(skeleton: Skeleton) -> FloatArray:
 
 def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: JointFrames) -> Motion:
     """Return how points move with a pose (P,), whose joints' frames are given."""
-    axes = world_axes(skeleton, pose[None], frames)[0]
-    return Motion(axes, np.cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
+    axes = np.empty((len(pose), 3))
+    turn_axes(pose, skeleton.parents, skeleton.dof_joints, skeleton.dof_axes, frames.rotations[0], axes)
+    return Motion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
 
 
 def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> FloatArray:

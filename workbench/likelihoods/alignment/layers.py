@@ -21,6 +21,7 @@ ODD = 0.2
 """Share of a cell's pixels that show something else than the cell did before."""
 _WIDER = 1.2  # so that the squares about a sphere's cells leave no gaps
 _NEAREST_M, _LARGEST_PX = 0.05, 200.0  # of facets that are drawn
+_LOGGED = 64  # likelihoods that are multiplied before a logarithm is taken: no product leaves what a number can be
 _STEP, _ROWS = 8, 32  # poses, and rows of an image, that a thread takes at once
 
 Layer: TypeAlias = tuple[IntArray, FloatArray]
@@ -154,14 +155,19 @@ def _values(shown: Shown) -> tuple[Any, ...]:
 @inlined_exactly
 def _place(points: Any, joints: Any, rotations: Any, positions: Any, camera: Any, places: Any) -> None:
     """Write the pixels and depths (V, 3) of corners (V, 3) in a pose."""
+    turns = np.empty((rotations.shape[0], 3, 4))  # from every joint straight to the camera
+    for j in range(rotations.shape[0]):
+        for a in range(3):
+            r0, r1, r2 = camera[3 * a], camera[3 * a + 1], camera[3 * a + 2]
+            for b in range(3):
+                turns[j, a, b] = r0 * rotations[j, 0, b] + r1 * rotations[j, 1, b] + r2 * rotations[j, 2, b]
+            place = r0 * positions[j, 0] + r1 * positions[j, 1] + r2 * positions[j, 2]
+            turns[j, a, 3] = place + camera[9 + a]
     for k in range(points.shape[0]):
-        x, y, z, turn, origin = points[k, 0], points[k, 1], points[k, 2], rotations[joints[k]], positions[joints[k]]
-        wx = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + origin[0]
-        wy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + origin[1]
-        wz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + origin[2]
-        cz = camera[6] * wx + camera[7] * wy + camera[8] * wz + camera[11]
-        u = (camera[0] * wx + camera[1] * wy + camera[2] * wz + camera[9]) / cz
-        v = (camera[3] * wx + camera[4] * wy + camera[5] * wz + camera[10]) / cz
+        x, y, z, turn = points[k, 0], points[k, 1], points[k, 2], turns[joints[k]]
+        cz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + turn[2, 3]
+        u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + turn[0, 3]) / cz
+        v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + turn[1, 3]) / cz
         r2 = u * u + v * v
         radial = 1.0 + r2 * (camera[16] + r2 * (camera[17] + r2 * camera[20]))
         bent_u = u * radial + 2.0 * camera[18] * u * v + camera[19] * (r2 + 2.0 * u * u)
@@ -216,12 +222,12 @@ def _draw(
 
 
 @inlined_exactly
-def _ratio(cell: int, y: int, x: int, image: Any, ratio: Any, texture: Any, sigma: Any, peak: Any) -> float:
-    """Log ratio of what a pixel shows with a cell there to without."""
+def _likelihood(cell: int, level: float, texture: Any, sigma: Any, peak: Any) -> float:
+    """How much likelier a grey level is of a cell than of a person of any grey level; 1 of a cell that is not known."""
     if not peak[cell] > 0.0:
-        return float(ratio[y, x])
-    miss = (image[y, x] - texture[cell]) / sigma[cell]
-    return float(ratio[y, x]) + np.log(ODD + (1.0 - ODD) * (peak[cell] * np.exp(-0.5 * miss * miss)))
+        return 1.0
+    miss = (level - texture[cell]) / sigma[cell]
+    return ODD + (1.0 - ODD) * (peak[cell] * np.exp(-0.5 * miss * miss))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -262,13 +268,17 @@ def _log_ratios(
         for k in range(len(of)):
             if depths[k] > 0.0:
                 _draw(corners[k], places, boxes[k], depths[k], of[k], top, left, nearest, near)
-        total = 0.0
+        total, product, n = 0.0, 1.0, 0
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
-                if nearest[y - top, x - left] >= 0 and free[y, x]:
-                    total += _ratio(nearest[y - top, x - left], y, x, image, ratio, texture, sigma, peak)
-                    total -= before[y, x]
-        found[i] = total
+                cell = nearest[y - top, x - left]
+                if cell >= 0 and free[y, x]:
+                    total += ratio[y, x] - before[y, x]
+                    product *= _likelihood(cell, image[y, x], texture, sigma, peak)
+                    n += 1
+                    if n % _LOGGED == 0:
+                        total, product = total + np.log(product), 1.0
+        found[i] = total + np.log(product)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -280,4 +290,4 @@ def _judge(
     for y in range(first, last):
         for x in range(cells.shape[1]):
             if cells[y, x] >= 0 and free[y, x]:
-                found[y, x] = _ratio(cells[y, x], y, x, image, ratio, texture, sigma, peak)
+                found[y, x] = ratio[y, x] + np.log(_likelihood(cells[y, x], image[y, x], texture, sigma, peak))

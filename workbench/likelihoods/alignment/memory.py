@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.likelihoods.alignment.passing import Passing, nothing_passing
-from workbench.likelihoods.alignment.pictures import Picture, sampled
+from workbench.likelihoods.alignment.pictures import Picture
 from workbench.likelihoods.alignment.scene import Scene, grown
 from workbench.likelihoods.alignment.sight import TEXTURE_BEND
 
@@ -43,7 +43,7 @@ class Seen:
         self, levels: Sequence[Picture], cells: IntArray, pixels: FloatArray, sigma: float, rate: float
     ) -> "Seen":
         """Learn how cells (K,) look at pixels (K, 2) of an image at all smoothings: T += g (I − T), see `Alignment`."""
-        found = np.stack([sampled(level.values, pixels) for level in levels])
+        found = np.stack([level.at(pixels)[0] for level in levels])
         texture, n = self.texture.copy(), self.n.copy()
         misses = (found[-1] - texture[-1, cells]) / (TEXTURE_BEND * sigma)
         trust = np.where(n[cells] > 0.0, 1.0 / (1.0 + misses**2) ** 2, 1.0)

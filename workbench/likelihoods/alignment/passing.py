@@ -18,7 +18,7 @@ RISES_PX = 3
 WORST = 25.0
 """Mean difference, grey levels, at which it is no longer found."""
 _CLIPPED = 40.0
-_LEAST_LEFT = 50
+_LEAST_LEFT, _COMPARED = 50, 3000  # pixels, at least that must be left and at most that are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,12 @@ class Passing:
         _, pieces = cv2.connectedComponents((whole & off).astype(np.uint8))
         _, joined = cv2.connectedComponents((whole | unknown).astype(np.uint8))
         persons = np.unique(joined[grown(person, 9) | unknown])
-        for k in range(1, int(pieces.max()) + 1):
-            piece = pieces == k
-            apart = piece.sum() > LEAST_PX and joined[piece][0] not in persons
-            if apart or (mask & piece).any():
-                mask = mask | piece
+        sizes = np.bincount(pieces.ravel())
+        taken = np.bincount(pieces[mask], minlength=len(sizes)) > 0  # by a piece's number, of which 0 is none
+        for k in np.flatnonzero(sizes > LEAST_PX):
+            taken[k] |= joined.ravel()[np.argmax(pieces.ravel() == k)] not in persons  # the same all over a piece
+        taken[0] = False
+        mask = mask | taken[pieces]
         return Passing(mask, smooth)
 
 
@@ -66,6 +67,7 @@ def _shift(before: Float32Array, mask: BoolArray, image: Float32Array) -> tuple[
     rows, columns = np.nonzero(mask)
     if len(rows) < _LEAST_LEFT:
         return None
+    rows, columns = (each[:: -(-len(rows) // _COMPARED)] for each in (rows, columns))
     levels = before[rows, columns]
 
     def difference(way: tuple[int, int]) -> float:

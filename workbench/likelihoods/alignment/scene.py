@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.likelihoods.alignment.kernels import learn_scene, ratio_to_scene
 from workbench.likelihoods.image_levels import AGREE, DIFFERENT, LEFT, MAD_TO_SIGMA
+from workbench.threads import over_threads
 
 START_BESIDE_PX, BESIDE_PX = 17, 9
 """By half of this the outline of a start and that of a tracked pose may be off."""
@@ -16,6 +18,7 @@ KEPT, OWN = 20, 10
 UNCOVERED = 5
 """As how many frames a level counts that later images agree on."""
 LEAST_NOISE = 3.0
+_ROWS = 32  # of an image, that a thread takes at once
 _DIFFERS = DIFFERENT * np.sqrt(2.0)
 
 
@@ -34,13 +37,29 @@ class Scene:
         return np.asarray(self.n > 0.0)
 
     def log_ratio(self, image: Float32Array, epsilon: float) -> Float32Array:
-        """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown."""
+        """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown;
+        see `log_ratio_reference`."""
+        found = np.empty(image.shape, dtype=np.float32)
+        arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), epsilon, found
+        over_threads(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
+        return found
+
+    def log_ratio_reference(self, image: Float32Array, epsilon: float) -> Float32Array:
+        """`log_ratio` in plain NumPy."""
         sigma = max(self.noise, LEAST_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(self.n, 1.0))
         normal = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - self.level) / sigma) ** 2)
         return np.where(self.known, -np.log(epsilon + (1.0 - epsilon) * normal), 0.0).astype(np.float32)
 
     def seen(self, image: Float32Array, covered: BoolArray) -> "Scene":
-        """Learn from an image, but near what is `covered` (height, width), and where it shows something else."""
+        """Learn from an image, but near what is `covered` (height, width), and where it shows something else; see
+        `seen_reference`."""
+        near, level, n = grown(covered, BESIDE_PX), self.level.copy(), self.n.copy()
+        arguments = image, near, float(KEPT), 4.0 * max(self.noise, LEAST_NOISE), level, n
+        over_threads(lambda first, last: learn_scene(first, last, *arguments), len(image), _ROWS)
+        return replace(self, level=level, n=n)
+
+    def seen_reference(self, image: Float32Array, covered: BoolArray) -> "Scene":
+        """`seen` in plain NumPy."""
         near = grown(covered, BESIDE_PX)
         alike = np.abs(image - self.level) < 4.0 * max(self.noise, LEAST_NOISE)
         shown = ~near & (~self.known | (alike & (self.n < KEPT)))
@@ -55,35 +74,38 @@ def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> Scene:
     something else passed there. Behind them it is what later images agree on that differ from the first; else nothing
     is known of it until they leave.
     """
-    stack = np.stack(images).astype(np.float64)
+    stack = np.stack(images)
     noise = _noise(stack)
     apart = _apart(noise)
-    near = grown(covered, START_BESIDE_PX)
-    level, n = np.zeros(covered.shape), np.zeros(covered.shape)
-    level[~near], n[~near] = _lasting(stack[:, ~near], apart), 1.0
+    level, n = _lasting(stack, ~grown(covered, START_BESIDE_PX), apart), np.zeros(covered.shape)
+    n[~grown(covered, START_BESIDE_PX)] = 1.0
     behind = cv2.erode(covered.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    level[behind], n[behind] = _uncovered(stack[:, behind], apart)
+    level[behind], n[behind] = _uncovered(stack[:, behind].astype(np.float64), apart)
     return Scene(level, n, noise)
 
 
 def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) -> Scene:
-    """Find the scene about a person who is known to cover some pixels (height, width) of each of F images: the median
-    of what they leave free; nothing is known of what they always cover. Away from where they are in the first image it
-    is as `first_scene` has it: who was lost later left an arm or a leg free, which is no scene.
+    """Find the scene about a person who is known to cover some pixels (height, width) of each of F images.
+
+    About where they are in the first image it is the median of what they leave free, and nothing is known of what they
+    always cover. Away from there it is as `first_scene` has it: who was lost later left an arm or a leg free, which is
+    no scene. It counts as many frames as it is seen in.
     """
-    stack = np.stack(images).astype(np.float64)
+    stack = np.stack(images)
+    noise = _noise(stack)
     free = ~np.stack([grown(mask, BESIDE_PX) for mask in covered])
-    level, n, noise = np.zeros(stack.shape[1:]), np.zeros(stack.shape[1:]), _noise(stack)
-    for rows in np.array_split(np.arange(stack.shape[1]), 16):  # in strips, which take less memory
-        some = free[:, rows].any(axis=0)
-        shown = np.where(free[:, rows], stack[:, rows], np.nan)[:, some]
-        median = _median(shown)
-        agree = (np.abs(shown - median) < _apart(noise)).sum(axis=0)
-        level_rows, n_rows = level[rows], n[rows]
-        level_rows[some], n_rows[some] = median, np.minimum(agree, KEPT)
-        level[rows], n[rows] = level_rows, n_rows
-    apart = ~grown(covered[0], START_BESIDE_PX)
-    level[apart], n[apart] = _lasting(stack[:, apart], _apart(noise)), np.maximum(n[apart], UNCOVERED)
+    near, apart = grown(covered[0], START_BESIDE_PX), _apart(noise)
+    level, n = _lasting(stack, ~near, apart), np.zeros(near.shape)
+    about = near & free.any(axis=0)
+    level[about] = _median(np.where(free[:, about], stack[:, about], np.nan))
+
+    def count(first: int, last: int) -> None:
+        alike = np.abs(stack[:, first:last] - level[first:last]) < apart
+        n[first:last] = np.minimum((alike & free[:, first:last]).sum(axis=0), KEPT)
+
+    over_threads(count, len(n), _ROWS)
+    n[~near] = np.maximum(n[~near], UNCOVERED)
+    n[near & ~about] = 0.0
     return Scene(level, n, noise)
 
 
@@ -92,7 +114,7 @@ def grown(mask: BoolArray, size_px: int) -> BoolArray:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0)
 
 
-def _noise(stack: FloatArray) -> float:
+def _noise(stack: Float32Array) -> float:
     """The sensor's noise, by the first two of F images."""
     return float(MAD_TO_SIGMA * np.median(np.abs(stack[min(1, len(stack) - 1)] - stack[0])) / np.sqrt(2.0))
 
@@ -110,13 +132,30 @@ def _median(levels: FloatArray) -> FloatArray:
     return 0.5 * (ordered[every, last // 2].astype(np.float64) + ordered[every, (last + 1) // 2])
 
 
-def _lasting(levels: FloatArray, apart: float) -> FloatArray:
-    """The level (K,) of pixels that show (F, K): the first, or the median if that is seen more often."""
-    median = _median(levels)
-    as_first, as_median = (np.abs(levels - level) < apart for level in (levels[0], median))
-    own = as_first.sum(axis=0) >= np.minimum(as_median.sum(axis=0), OWN)
-    alike = np.where(own, as_first, as_median)
-    return np.asarray((levels * alike).sum(axis=0) / np.maximum(alike.sum(axis=0), 1.0))
+def _lasting(stack: Float32Array, wanted: BoolArray, apart: float) -> FloatArray:
+    """The level (height, width) of those pixels `wanted` (height, width) of F images, 0 of the others: the first
+    image's, or the median if that is seen more often."""
+    found = np.zeros(wanted.shape)
+
+    def look(first: int, last: int) -> None:
+        for rows in (slice(k, k + _ROWS) for k in range(first, last, _ROWS)):
+            found[rows][wanted[rows]] = _lasting_of(stack[:, rows][:, wanted[rows]].astype(np.float64), apart)
+
+    over_threads(look, len(found), _ROWS)
+    return found
+
+
+def _lasting_of(levels: FloatArray, apart: float) -> FloatArray:
+    """The level (K,) of pixels that show (F, K), see `_lasting`."""
+    as_first = np.abs(levels - levels[0]) < apart
+    total, n = (levels * as_first).sum(axis=0), as_first.sum(axis=0)
+    rare = n < OWN  # of the others the median cannot be seen more often, as far as it counts
+    median = _median(levels[:, rare])
+    as_median = np.abs(levels[:, rare] - median) < apart
+    passed = n[rare] < np.minimum(as_median.sum(axis=0), OWN)
+    alike = np.where(passed, as_median, as_first[:, rare])
+    total[rare], n[rare] = (levels[:, rare] * alike).sum(axis=0), alike.sum(axis=0)
+    return np.asarray(total / np.maximum(n, 1.0))
 
 
 def _uncovered(levels: FloatArray, apart: float) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,7 @@
 """One camera's image of one frame, and how well a pose agrees with it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -9,13 +10,17 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
 from workbench.likelihoods.alignment.beside import beside
-from workbench.likelihoods.alignment.cells import Motion, Placed, inside
+from workbench.likelihoods.alignment.cells import Motion, Placed, inside, pixel_forces
+from workbench.likelihoods.alignment.kernels import add_normal
 from workbench.likelihoods.alignment.pictures import Picture, picture
+from workbench.likelihoods.image_motion.kernel import camera_row
 from workbench.likelihoods.limb_points import limb_points
 from workbench.likelihoods.outlines import CORNERS, covered
 
 TEXTURE_BEND, OUTLINE_BEND = 2.0, 10.0
 """Where the losses bend, in deviations: anything may lie on a person, but hardly anything is as dark as a scene."""
+THIN = 2
+"""Of every so many rows and columns one is looked at where poses far apart are compared."""
 BESIDE = (0.7, 1.6)
 """Distances beside the limbs at which outlines are compared, in parts of the smoothing."""
 
@@ -44,8 +49,18 @@ class Residuals:
         """Their sum."""
         return float(self.losses.sum())
 
-    def normal(self, motion: Motion, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss; forces (K, 3): the misses' by the points."""
+    def normal(self, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
+        """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss; see `normal_reference`."""
+        gradient, curvature = np.zeros(len(motion.axes)), np.zeros((len(motion.axes), len(motion.axes)))
+        add_normal(
+            self.misses, self.gradients, self.points, self.joints, self.counts, self.bend, camera_row(camera),
+            motion.axes, motion.moments, motion.moves, gradient, curvature,
+        )  # fmt: skip
+        return gradient, curvature
+
+    def normal_reference(self, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
+        """`normal` in plain NumPy."""
+        forces = pixel_forces(camera, self.points, self.gradients)
         weights = self.counts / (1.0 + (self.misses / self.bend) ** 2) ** 2
         slopes = motion.slopes(self.points, forces, self.joints)
         weighted = slopes * weights[:, None]
@@ -70,6 +85,16 @@ class Sight:
         """Height and width, px."""
         height, width = self.free.shape
         return height, width
+
+    @cached_property
+    def thinned(self) -> tuple[Camera, Float32Array, Float32Array, BoolArray]:
+        """Every THIN-th row and column of the image, least smoothed, of the ratio and of what is free, and the camera
+        that sees these."""
+        matrix = np.diag([1.0 / THIN, 1.0 / THIN, 1.0]) @ self.camera.matrix
+        image, ratio = (np.ascontiguousarray(each[::THIN, ::THIN]) for each in (self.levels[-1].values, self.ratio))
+        height, width = image.shape
+        camera = replace(self.camera, width=width, height=height, matrix=matrix)
+        return camera, image, ratio, np.ascontiguousarray(self.free[::THIN, ::THIN])
 
     def texture(
         self, level: int, cells: Placed, shown: IntArray, joints: IntArray, means: FloatArray, sigma: FloatArray
