@@ -28,7 +28,7 @@ from workbench.likelihoods.alignment.cells import (
 )
 from workbench.likelihoods.alignment.passing import LEAST_PX, nothing_passing
 from workbench.likelihoods.alignment.pictures import picture
-from workbench.likelihoods.alignment.scene import _median, first_scene, tracked_scene
+from workbench.likelihoods.alignment.scene import OWN, _lasting, _median, first_scene, tracked_scene
 from workbench.likelihoods.alignment.sight import Residuals, person_mask
 
 BODY = person(from_height(1.75))
@@ -53,6 +53,23 @@ def test_medians_are_numpys_to_the_last_bit(n_frames):
     levels = (255.0 * rng.random((n_frames, 400))).astype(np.float32).astype(np.float64)
     levels[1:][rng.random((n_frames - 1, 400)) < 0.4] = np.nan
     np.testing.assert_array_equal(_median(levels), np.nanmedian(levels, axis=0))
+
+
+def test_what_lasts_is_the_first_level_or_the_median_where_that_is_seen_more_often():
+    """Plainly: the mean of what agrees with the first image, or with the median where that agrees with more, and the
+    first with fewer than OWN."""
+    rng, apart = np.random.default_rng(0), 8.0
+    stack = np.full((30, 70, 6), 100.0) + rng.uniform(-3.0, 3.0, (30, 70, 6))
+    passed = rng.integers(0, 30, (70, 6))
+    stack[np.arange(30)[:, None, None] < passed] += 60.0  # in so many first images something stands there
+    stack, wanted = stack.astype(np.float32), rng.random((70, 6)) < 0.9
+    found = _lasting(stack, wanted, apart)
+    for row, column in np.argwhere(wanted):
+        levels = stack[:, row, column].astype(np.float64)
+        as_first, as_median = (np.abs(levels - each) < apart for each in (levels[0], np.median(levels)))
+        own = as_first.sum() >= min(as_median.sum(), OWN)
+        np.testing.assert_allclose(found[row, column], levels[as_first if own else as_median].mean(), rtol=1e-12)
+    assert (found[~wanted] == 0.0).all()
 
 
 def test_cells_lie_on_their_limbs_and_face_outwards():

@@ -60,7 +60,8 @@ class Alignment:
     Derivatives are Gauss's and Newton's; that of the outline is the mean of F's and M's (Malis 2004), so that what is
     seen beside a limb pulls it. After a frame, cells learn from the expected pose: T += g (I − T), g = w max(1/(n + 1),
     rate), w being the loss's weight. The scene is learned where the person is not (`scene`); what passes in front of
-    the person is followed and left out (`passing`). Poses far apart are compared by all pixels (`layers`).
+    the person is followed and left out (`passing`). Poses far apart are compared by all pixels of every THIN-th row and
+    column (`layers`).
 
     blurs_px: b, descending. sigma: σ, grey levels. outline: s. count: λ. rate: as above. facing: cosine of the angle to
     the line of sight below which a cell is not looked at. epsilon: share of outliers in the scene. n_frames: of the

@@ -25,10 +25,8 @@ class Beside:
 
 def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
     """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
-    limb's section counts as a circle of its mean radius."""
-    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
-    starts = np.einsum("lij,lj->li", turned, limbs.starts) + origins
-    ends = np.einsum("lij,lj->li", turned, limbs.ends) + origins
+    limb's section counts as a circle of its mean radius. See `beside_reference`."""
+    starts, ends = _axes(limbs, frames)
     points = np.empty((len(starts), 2 * ALONG * len(distances_px), 3))
     place_beside(
         starts, ends, limbs.radii.mean(axis=2), limbs.spheres, camera.position, float(camera.matrix[0, 0]),
@@ -40,15 +38,20 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
 
 def beside_reference(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
     """`beside` in plain NumPy."""
-    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
-    starts = np.einsum("lij,lj->li", turned, limbs.starts) + origins
-    ends = np.einsum("lij,lj->li", turned, limbs.ends) + origins
+    starts, ends = _axes(limbs, frames)
     edges, outwards = _edges(limbs, starts, ends, camera.position)
     metres_per_px = np.linalg.norm(edges - camera.position, axis=-1, keepdims=True) / camera.matrix[0, 0]
     points = np.concatenate([edges + distance * metres_per_px * outwards for distance in distances_px], axis=1)
     joints = np.repeat(limbs.joints, points.shape[1])
     flat = points.reshape(-1, 3)
     return Beside(flat, joints, camera.project(flat))
+
+
+def _axes(limbs: Limbs, frames: JointFrames) -> tuple[FloatArray, FloatArray]:
+    """Where the limbs begin and end, (L, 3) m each."""
+    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
+    return starts, ends
 
 
 def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
