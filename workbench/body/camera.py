@@ -1,6 +1,7 @@
 """The pinhole camera with distortion, in OpenCV's convention: x right, y down, z forward."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -29,6 +30,13 @@ class Camera:
     def position(self) -> FloatArray:
         """The camera's centre in the world, (3,) m."""
         return -self.rotation.T @ self.translation
+
+    @cached_property
+    def row(self) -> FloatArray:
+        """What kernels take, (23,): rotation, translation, focal lengths and centre, px, distortion, width, height."""
+        size = [float(self.width), float(self.height)]
+        focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
+        return np.concatenate([self.rotation.ravel(), self.translation, focal, centre, self.distortion, size])
 
     def to_camera(self, points: FloatArray) -> FloatArray:
         """World points (..., 3) in the camera's frame, m; the last coordinate is the depth."""

@@ -36,6 +36,11 @@ class Limbs:
         return np.linalg.norm(self.ends - self.starts, axis=1)
 
     @cached_property
+    def mean_radii(self) -> FloatArray:
+        """(L, 2), m, where they start and end: the means of the sections' semi-axes."""
+        return np.asarray(self.radii.mean(axis=2))
+
+    @cached_property
     def axes(self) -> FloatArray:
         """The limbs' own axes (L, 3, 3), as columns: z along the limb, x as near to ahead as can be, or to up where the
         limb points ahead. A sphere's are its joint's."""

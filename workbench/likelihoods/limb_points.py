@@ -13,7 +13,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, LANES, inlined
 from workbench.body.limbs import Body
-from workbench.likelihoods.image_motion.kernel import camera_row, limb_table, place_points, sample_rows
+from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows
 from workbench.threads import over_threads
 
 Box: TypeAlias = tuple[int, int, int, int]  # of an image: its first column and row, and those after its last, px
@@ -48,7 +48,7 @@ def limb_points_of_all(
     rows = ends * shape[0] * shape[1]
     pixels, counts, turns = np.empty((rows[-1], 2), np.float32), np.empty(rows[-1], np.bool_), np.empty(shape)
     arguments = (
-        *(limb_table(body.limbs), body.limbs.joints, sample_rows(np.concatenate(samples)), ends, camera_row(camera)),
+        *(limb_table(body.limbs), body.limbs.joints, sample_rows(np.concatenate(samples)), ends, camera.row),
         *(frames.rotations, frames.positions, beside, pixels, counts, turns),
     )
     over_threads(lambda first, last: place_points(first, last, *arguments), len(turns), LANES)

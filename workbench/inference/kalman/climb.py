@@ -10,8 +10,8 @@ from workbench.inference.kalman.peak import Peak
 
 STEPS = 5
 """At most, at every smoothing."""
-ENOUGH = 0.05
-"""A step that gains less ends the climb at this smoothing, nats."""
+ENOUGH, ENOUGH_YET = 0.05, 0.5
+"""A step that gains less ends the climb at the last smoothing, and at one before it, nats."""
 _LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
 
 
@@ -94,6 +94,7 @@ def _climb_at(
 ) -> tuple[FloatArray, Slope, int]:
     """Climb at one smoothing; return the pose, the slope there, and how often the likelihood was asked."""
     slope, damping = look.slope(pose, level), 0.0
+    least = ENOUGH if level == look.levels - 1 else ENOUGH_YET
     height = slope.log_prob + prior.height(pose)
     for taken in range(1, STEPS + 1):
         precision = prior.precision(pose)
@@ -104,7 +105,7 @@ def _climb_at(
         at_tried = look.slope(tried, level)
         reached = at_tried.log_prob + prior.height(tried)
         if reached > height:
-            enough = reached - height < ENOUGH
+            enough = reached - height < least
             pose, slope, height, damping = tried, at_tried, reached, damping / 4.0
             if enough:
                 return pose, slope, taken + 1

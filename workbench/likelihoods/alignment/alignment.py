@@ -96,6 +96,17 @@ class Alignment:
         """What is drawn for them."""
         return surface_facets(self.body.limbs, self.cells)
 
+    def facets_on(self, joints: BoolArray) -> Facets:
+        """Those that hang on some of the joints (J,), found once."""
+        key = joints.tobytes()
+        if key not in self._facets_on:
+            self._facets_on[key] = self.facets.on(joints)
+        return self._facets_on[key]
+
+    @cached_property
+    def _facets_on(self) -> dict[bytes, Facets]:
+        return {}
+
     @cached_property
     def moves(self) -> FloatArray:
         """Which numbers of the pose move what hangs on each joint, (J, P)."""
@@ -236,8 +247,8 @@ class AlignmentLook:
         for sight, seen in self.sights:
             camera, image, ratio, free = sight.thinned
             shown = Shown(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
-            behind = drawn(own.facets.on(~moved), frames, camera, image.shape)
-            total += PIXEL_SHARE * log_ratios(behind, own.facets.on(moved), frames, camera, shown)
+            behind = drawn(own.facets_on(~moved), frames, camera, image.shape)
+            total += PIXEL_SHARE * log_ratios(behind, own.facets_on(moved), frames, camera, shown)
         return total
 
     def misfit(self, pose: FloatArray) -> FloatArray:

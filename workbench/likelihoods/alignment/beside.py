@@ -29,7 +29,7 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
     starts, ends = _axes(limbs, frames)
     points = np.empty((len(starts), 2 * ALONG * len(distances_px), 3))
     place_beside(
-        starts, ends, limbs.radii.mean(axis=2), limbs.spheres, camera.position, float(camera.matrix[0, 0]),
+        starts, ends, limbs.mean_radii, limbs.spheres, camera.position, float(camera.matrix[0, 0]),
         np.array(distances_px), ALONG, points,
     )  # fmt: skip
     flat = points.reshape(-1, 3)
@@ -59,7 +59,7 @@ def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) 
     u = ((np.arange(ALONG) + 0.5) / ALONG)[:, None]
     axis = starts[:, None] + (ends - starts)[:, None] * u
     side = _unit(np.cross((ends - starts)[:, None], eye - axis))
-    low, high = limbs.radii.mean(axis=2).T[:, :, None, None]
+    low, high = limbs.mean_radii.T[:, :, None, None]
     radii = low + (high - low) * u
     edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
     outwards[:, :ALONG], outwards[:, ALONG:] = side, -side

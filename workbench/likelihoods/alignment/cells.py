@@ -12,7 +12,6 @@ from workbench.body.limbs import Limbs
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.residual import projection_jacobian
 from workbench.likelihoods.alignment.kernels import COARSE_PX, MARGIN_PX, THICK_M, place, see, turn_axes
-from workbench.likelihoods.image_motion.kernel import camera_row
 
 ALONG, AROUND = 12, 24
 """Cells of a limb, along it and once around it; a sphere has half as many in all."""
@@ -76,7 +75,7 @@ def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
     found = Placed(np.empty((size, 3)), np.empty(size), np.empty(size), np.empty((size, 2)))
     place(
         cells.points, cells.normals, cells.joints, frames.rotations[0], frames.positions[0], camera.position,
-        camera_row(camera), found.points, found.facing, found.depth, found.pixels,
+        camera.row, found.points, found.facing, found.depth, found.pixels,
     )  # fmt: skip
     return found
 

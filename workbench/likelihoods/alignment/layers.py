@@ -14,7 +14,6 @@ from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import inlined_exactly
 from workbench.body.limbs import Limbs
 from workbench.likelihoods.alignment.cells import ALONG, AROUND, Cells
-from workbench.likelihoods.image_motion.kernel import camera_row
 from workbench.threads import over_threads
 
 ODD = 0.2
@@ -95,7 +94,7 @@ def _squares(limbs: Limbs, k: int, cells: Cells) -> tuple[FloatArray, IntArray]:
 def drawn(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int, int]) -> Layer:
     """Draw facets in the first of some poses, given by its joints' frames, nearer ones before farther ones."""
     cells, depths = np.full(shape, -1, dtype=np.int64), np.full(shape, np.inf)
-    _draw_all(*_table(facets), frames.rotations[0], frames.positions[0], camera_row(camera), cells, depths)
+    _draw_all(*_table(facets), frames.rotations[0], frames.positions[0], camera.row, cells, depths)
     return cells, depths
 
 
@@ -103,7 +102,7 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     """By how much (N,) likelier an image is with facets in N poses, given by their joints' frames, among what is drawn
     already, `behind`, than without: the sum over the pixels on which they are the nearest."""
     found = np.zeros(len(frames.positions))
-    placed = frames.rotations, frames.positions, camera_row(camera)
+    placed = frames.rotations, frames.positions, camera.row
     before, values = np.zeros(behind[0].shape), _values(shown)
     judged: tuple[Any, ...] = (behind[0], *values, before)
     over_threads(lambda first, last: _judge(first, last, *judged), len(before), _ROWS)

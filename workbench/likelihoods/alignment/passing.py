@@ -18,7 +18,7 @@ RISES_PX = 3
 WORST = 25.0
 """Mean difference, grey levels, at which it is no longer found."""
 _CLIPPED = 40.0
-_LEAST_LEFT, _COMPARED = 50, 3000  # pixels, at least that must be left and at most that are compared
+_LEAST_LEFT, _COMPARED = 50, 1000  # pixels, at least that must be left and at most that are compared
 
 
 @dataclass(frozen=True, eq=False)

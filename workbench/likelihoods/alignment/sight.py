@@ -13,7 +13,6 @@ from workbench.likelihoods.alignment.beside import beside
 from workbench.likelihoods.alignment.cells import Motion, Placed, inside, pixel_forces
 from workbench.likelihoods.alignment.kernels import add_normal
 from workbench.likelihoods.alignment.pictures import Picture, picture
-from workbench.likelihoods.image_motion.kernel import camera_row
 from workbench.likelihoods.limb_points import limb_points
 from workbench.likelihoods.outlines import CORNERS, covered
 
@@ -53,7 +52,7 @@ class Residuals:
         """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss; see `normal_reference`."""
         gradient, curvature = np.zeros(len(motion.axes)), np.zeros((len(motion.axes), len(motion.axes)))
         add_normal(
-            self.misses, self.gradients, self.points, self.joints, self.counts, self.bend, camera_row(camera),
+            self.misses, self.gradients, self.points, self.joints, self.counts, self.bend, camera.row,
             motion.axes, motion.moments, motion.moves, gradient, curvature,
         )  # fmt: skip
         return gradient, curvature

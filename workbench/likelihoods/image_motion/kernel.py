@@ -131,7 +131,7 @@ def view_log_prob(
         (skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes),
         *(limb_table(body.limbs), body.limbs.joints, sample_rows(samples), sample_rows(samples).astype(np.float32)),
         _Model(sigma, epsilon, p_occluded, model.exponent == "mean", k, occlusion, model.background == "still"),
-        np.stack([camera_row(before.camera), camera_row(now.camera)]),
+        np.stack([before.camera.row, now.camera.row]),
         *(before.image.ravel(), np.ascontiguousarray(before.poses)),
         *(now.image.ravel(), np.ascontiguousarray(now.poses)),
         *(log_prob, outside),
@@ -157,13 +157,6 @@ def limb_table(limbs: Limbs) -> FloatArray:
     """Return the limbs as the kernel takes them, (L, 12): see the columns of `patches`."""
     radii, thickness = limbs.radii.reshape(-1, 4), limbs.radii.mean(axis=(1, 2))
     return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
-
-
-def camera_row(camera: Camera) -> FloatArray:
-    """Return a camera as the kernel takes it, (23,): see the columns of `patches` and WIDTH."""
-    size = [float(camera.width), float(camera.height)]
-    focal, centre = camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]
-    return np.concatenate([camera.rotation.ravel(), camera.translation, focal, centre, camera.distortion, size])
 
 
 @numba.njit(cache=True, nogil=True)
