@@ -39,15 +39,16 @@ class Passing:
         mask = _shifted(self.mask, _shift(self.image, self.mask, smooth))
         whole = cleaned(foreground)
         off = ~grown(person, 2 * OFF_PX + 1)
-        _, pieces = cv2.connectedComponents((whole & off).astype(np.uint8))
+        _, pieces, boxes, _ = cv2.connectedComponentsWithStats((whole & off).astype(np.uint8))
         _, joined = cv2.connectedComponents((whole | unknown).astype(np.uint8))
         persons = np.unique(joined[grown(person, 9) | unknown])
-        sizes = np.bincount(pieces.ravel())
+        sizes = boxes[:, cv2.CC_STAT_AREA]
         taken = np.bincount(pieces[mask], minlength=len(sizes)) > 0  # by a piece's number, of which 0 is none
-        for k in np.flatnonzero(sizes > LEAST_PX):
+        for k in np.flatnonzero(sizes[1:] > LEAST_PX) + 1:
             taken[k] |= joined.ravel()[np.argmax(pieces.ravel() == k)] not in persons  # the same all over a piece
         taken[0] = False
-        mask = mask | taken[pieces]
+        if taken.any():
+            mask = mask | taken[pieces]
         return Passing(mask, smooth)
 
 
