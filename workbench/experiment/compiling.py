@@ -1,8 +1,10 @@
 """What is shown while kernels compile, which takes the first run with a part some seconds and later ones none."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import get_ident
 from typing import Any
 
 from numba.core import event as events
@@ -14,21 +16,25 @@ log = logging.getLogger(__name__)
 
 
 class _Count(events.Listener):
-    """n: kernels compiled so far, with the helpers that are compiled on their behalf as one."""
+    """n: kernels compiled so far, with the helpers that are compiled on their behalf as one, on whatever thread."""
 
     def __init__(self, bar: "tqdm[Any]") -> None:
-        self.n, self._bar, self._depth = 0, bar, 0
+        self.n, self._bar, self._depths = 0, bar, Counter[int]()
 
     def on_start(self, event: Any) -> None:
         """Called by numba when it begins to compile a function."""
-        if self._depth == 0:
+        thread = get_ident()
+        if self._depths[thread] == 0:
             self._bar.set_postfix_str(event.data["dispatcher"].py_func.__qualname__)
-        self._depth += 1
+        self._depths[thread] += 1
 
     def on_end(self, event: Any) -> None:
-        """Called by numba when it has compiled it."""
-        self._depth -= 1
-        if self._depth == 0:
+        """Called by numba when it has compiled it; what was begun before anyone listened does not count."""
+        thread = get_ident()
+        if self._depths[thread] == 0:
+            return
+        self._depths[thread] -= 1
+        if self._depths[thread] == 0:
             self.n += 1
             self._bar.update()
 
