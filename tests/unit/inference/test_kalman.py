@@ -14,7 +14,7 @@ from workbench.core.likelihood import Evaluation, Slope
 from workbench.core.memory import Past
 from workbench.core.postures import Postures
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import of_both, predict, smoothed
+from workbench.inference.kalman.belief import predict, smoothed
 from workbench.inference.kalman.climb import climb, tails
 from workbench.inference.kalman.filter import Kalman
 from workbench.inference.kalman.peak import find_peak
@@ -168,15 +168,6 @@ def test_two_looks_are_two_samples_of_what_a_look_may_find():
         expected = np.cov(two.poses.T) + 0.5 * np.outer(apart, apart)
         assert np.allclose(np.cov(told.poses.T), expected, atol=0.05 * expected.diagonal().max())
     assert np.abs(apart[:5]).max() > 1e-3
-
-
-def test_looks_that_differ_by_a_whole_turn_agree():
-    state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
-    turned = state.copy()
-    turned[5] += 2.0 * np.pi
-    mean, covariance = of_both(turned, state, unit)
-    assert np.allclose(mean, state)
-    assert np.allclose(covariance, unit)
 
 
 def test_steps_come_as_frames_do_without_a_second_pass():

@@ -1,12 +1,11 @@
 """What is believed of the state in a frame: a Gaussian, led on by the prior and, when all frames are seen, led back."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
-from workbench.body.turns import nearest_turn
 from workbench.core.prior import Gaussian, Prior
 from workbench.errors import InputError
 
@@ -17,7 +16,8 @@ _CHANGE = 1e-5
 @dataclass(frozen=True, eq=False)
 class Belief:
     """N(mean (D,), covariance (D, D)) of the state in one frame, and what was believed before the frame was seen, with
-    the derivatives (D, D) of that by the state before. doubt: (P,), by how much wider the pose's numbers are told."""
+    the derivatives (D, D) of that by the state before. doubt: (P,), by how much wider the pose's numbers are told.
+    shares: (P,), 0 to 1, how much these count by an earlier look at the clip where both are told."""
 
     mean: FloatArray
     covariance: FloatArray
@@ -25,6 +25,7 @@ class Belief:
     predicted_covariance: FloatArray
     transition: FloatArray
     doubt: FloatArray
+    shares: FloatArray = field(default_factory=lambda: np.full(len(POSE_NAMES), 0.5))
 
     def released(self, known: IntArray, values: FloatArray, deviations: FloatArray) -> "Belief":
         """As if the past said nothing of some columns `known` (K,), which are expected at values (K,), deviations (K,)
@@ -70,18 +71,6 @@ def with_pose(
     gain = np.linalg.solve(covariance[:n, :n] + 1e-12 * np.eye(n), covariance[:n]).T  # of all columns by the pose's
     updated = covariance - gain @ (covariance[:n, :n] - narrowed) @ gain.T
     return mean + gain @ (pose - mean[:n]), 0.5 * (updated + updated.T)
-
-
-def of_both(first: FloatArray, second: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean (D,) and covariance (D, D) of a state of which two looks found estimates (D,), the second with a
-    covariance (D, D) that knows nothing of the first.
-
-    They are two samples of what a look may find: told is their mean and, beside the covariance, the unbiased estimate
-    Σ (x − x̄)² / (2 − 1) of theirs, d dᵀ / 2 with d = first − second. Angles are compared on the nearest turn.
-    """
-    n = len(POSE_NAMES)
-    apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
-    return second + 0.5 * apart, covariance + 0.5 * np.outer(apart, apart)
 
 
 def smoothed(beliefs: list[Belief]) -> list[Belief]:

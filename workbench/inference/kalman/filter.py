@@ -4,11 +4,12 @@ likelihoods that are only known by their values."""
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
@@ -20,7 +21,8 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import Belief, gaussian_of, of_both, predict, smoothed, with_pose
+from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed, with_pose
+from workbench.inference.kalman.both import of_both, shares
 from workbench.inference.kalman.climb import FARTHER, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
@@ -57,15 +59,16 @@ class Kalman:
     by all its pixels (`settle`).
 
     second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
-    likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then is halfway
-    between both looks, and as much less sure as they differ (`belief.of_both`). Else every frame is told as soon as it
-    is seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the
-    likelihood that narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much
-    wider the draws are than the Gaussian, which knows nothing of what model and cues have in common from frame to
-    frame; where the likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not
-    know a loss. postures: power of the prior's density of postures, where it knows one, by which what is told of each
-    frame, but not the tracking, is drawn to what people do: of a limb that hides, images say little. n_particles:
-    draws, with even weights. Raises InputError for a prior without Gaussian noise and numbers out of range.
+    likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then lies between
+    both looks, of each limb nearer to the one that the pixels speak for (`both.shares`), and is as much less sure as
+    they differ (`both.of_both`). Else every frame is told as soon as it is seen. steps: of Newton. sudden: how likely a
+    limb moves as m does not say. flatten: power of the likelihood that narrows P: below 1, bands are wider, and the
+    next frame's search goes farther. widen: by how much wider the draws are than the Gaussian, which knows nothing of
+    what model and cues have in common from frame to frame; where the likelihood tells its misfit, times BASE_DOUBT and
+    this, joint by joint: curvature alone does not know a loss. postures: power of the prior's density of postures,
+    where it knows one, by which what is told of each frame, but not the tracking, is drawn to what people do: of a limb
+    that hides, images say little. n_particles: draws, with even weights. Raises InputError for a prior without Gaussian
+    noise and numbers out of range.
     """
 
     traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
@@ -130,11 +133,10 @@ class Kalman:
         took, the first frame the learning."""
         clock, frames = Stopwatch(), [frame for frame, _, _ in seen]
         poses = self.prior.pose(np.stack([belief.mean for belief in beliefs]))
-        relearned = likelihood.relearned(
-            frames[0], {frame.index: pose for frame, pose in zip(frames, poses, strict=True)}
-        )
+        found = {frame.index: pose for frame, pose in zip(frames, poses, strict=True)}
+        relearned = likelihood.relearned(frames[0], found)
         clock.lap("likelihood")
-        again = list(self._filtered(relearned, frames, start, rng_streams))
+        again = list(self._filtered(relearned, frames, start, rng_streams, found))
         for (_, _, before), (_, _, now) in zip(seen, again, strict=True):
             spent = before["timing_s"], now["timing_s"], clock.laps
             now["timing_s"] = {stage: sum(laps.get(stage, 0.0) for laps in spent) for stage in {**spent[0], **spent[1]}}
@@ -143,8 +145,10 @@ class Kalman:
         return again
 
     def _filtered(
-        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams
-    ) -> Iterator[Filtered]:
+        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams,
+        found: Mapping[int, FloatArray] = MappingProxyType({}),
+    ) -> Iterator[Filtered]:  # fmt: skip
+        """Filter frame by frame; found: poses (P,) of an earlier look, by the frame's index."""
         model, previous, log_evidence, frames = gaussian_of(self.prior), None, 0.0, iter(frames)
         if isinstance(start, Past):
             likelihood, previous = recalled(likelihood, frames, start.expected)
@@ -163,6 +167,9 @@ class Kalman:
                 clock.lap("prior")
                 leaps = previous is not None  # nobody leaps from where a start is given
                 belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
+                if frame.index in found and isinstance(look, LayeredLook):
+                    weighed = shares(look, self._leaping, peak.pose, found[frame.index], self._everything)
+                    belief = replace(belief, shares=weighed)
                 log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
             likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
             clock.lap("likelihood")
@@ -216,8 +223,7 @@ class Kalman:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
         prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
-        everything = np.ones(len(skeleton.names), dtype=np.bool_)
-        pose, slope, count = settle(look, prior, peak.pose, skeleton.limits, everything)
+        pose, slope, count = settle(look, prior, peak.pose, skeleton.limits, self._everything)
         return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
 
     def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -242,6 +248,11 @@ class Kalman:
         return find_peak(
             log_likelihood, mean, covariance, limits, guesses=guesses, steps=self.steps, flatten=self.flatten
         )
+
+    @cached_property
+    def _everything(self) -> BoolArray:
+        """All joints (J,)."""
+        return np.ones(len(self.body.skeleton.names), dtype=np.bool_)
 
     @cached_property
     def _limbs(self) -> IntArray:
@@ -283,7 +294,7 @@ class Kalman:
         widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
         if len(beliefs) > 1:
-            mean, covariance = of_both(beliefs[0].mean, mean, covariance)
+            mean, covariance = of_both(beliefs[0].mean, mean, covariance, belief.shares)
         if self.postures > 0.0 and self.prior.powers.postures is not None:
             n = len(belief.doubt)
             drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)

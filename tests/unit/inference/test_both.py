@@ -1,0 +1,143 @@
+"""What two looks at a clip tell together: two samples, weighed limb by limb by what the pixels say."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.core.frame import Frame
+from workbench.core.likelihood import LayeredLook, Slope
+from workbench.inference.kalman.both import PIXELS_SAY, of_both, shares
+from workbench.inference.kalman.filter import Kalman
+from workbench.priors.smooth import Smooth
+from workbench.streams import stream
+
+N = len(POSE_NAMES)
+SKELETON = person_skeleton(from_height(1.75))
+ARM, LEG = (
+    np.array([k for k, name in enumerate(POSE_NAMES) if name.startswith(words)])
+    for words in (("left_shoulder", "left_elbow"), ("right_hip", "right_knee"))
+)
+EVERYTHING = np.ones(3, dtype=np.bool_)
+PIXELS = 50.0
+
+
+class Image:
+    """Pixels that are likelier by the sum of a pose's arm, twice that of its leg, and what these do to each other."""
+
+    levels, judges, notes, diagnostics = 2, True, (), {}
+
+    def __init__(self, together=0.0):
+        self.together = together
+
+    def compare(self, poses, moved):
+        assert moved.all()
+        arm, leg = poses[:, ARM].sum(axis=1), poses[:, LEG].sum(axis=1)
+        return 100.0 * poses[:, 0] + arm + 2.0 * leg + self.together * arm * leg
+
+    def misfit(self, pose):
+        raise AssertionError
+
+    evaluate = remember = slope = misfit
+
+
+def two_poses(seed):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (2, N))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_limbs_are_weighed_by_how_likely_the_pixels_are_with_them(seed):
+    pose, other = two_poses(seed)
+    assert isinstance(Image(), LayeredLook)
+    told = shares(Image(), [ARM, LEG], pose, other, EVERYTHING)
+    for limb, likelier in ((ARM, 1.0), (LEG, 2.0)):
+        odds = np.exp(PIXELS_SAY * likelier * (other[limb] - pose[limb]).sum())
+        np.testing.assert_allclose(told[limb], odds / (1.0 + odds))
+    rest = np.setdiff1d(np.arange(N), [*ARM, *LEG])
+    np.testing.assert_array_equal(told[rest], 0.5)  # wherever the pixels would have the body
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_neither_body_is_preferred(seed):
+    pose, other = two_poses(seed)
+    look = Image(together=3.0)
+    one, two = (shares(look, [ARM, LEG], *poses, EVERYTHING) for poses in ((pose, other), (other, pose)))
+    np.testing.assert_allclose(one + two, 1.0)
+    middle = 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
+    odds = np.exp(PIXELS_SAY * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
+    np.testing.assert_allclose(one[ARM], odds / (1.0 + odds))
+
+
+def test_whole_turns_are_no_difference():
+    pose, other = two_poses(0)
+    turned = other.copy()
+    turned[[5, ARM[1]]] += 2.0 * np.pi
+    told = [shares(Image(), [ARM, LEG], pose, each, EVERYTHING) for each in (other, turned)]
+    np.testing.assert_allclose(*told)
+    state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
+    around = state.copy()
+    around[5] += 2.0 * np.pi
+    mean, covariance = of_both(around, state, unit, told[0])
+    np.testing.assert_allclose(mean, state)
+    np.testing.assert_allclose(covariance, unit)
+
+
+@given(share=st.floats(0.01, 0.99), seed=st.integers(0, 1000))
+def test_both_are_weighed_samples(share, seed):
+    first, second = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 2 * N))
+    mean, covariance = of_both(first, second, np.zeros((2 * N, 2 * N)), np.full(N, share))
+    np.testing.assert_allclose(mean[:N], share * first[:N] + (1.0 - share) * second[:N])
+    np.testing.assert_allclose(mean[N:], 0.5 * (first[N:] + second[N:]))
+    expected = np.cov(np.stack([first[:N], second[:N]]).T, aweights=[share, 1.0 - share])  # NumPy's, unbiased
+    np.testing.assert_allclose(covariance[:N, :N], expected, atol=1e-12)
+
+
+class Twice(Image):
+    """A likelihood whose points pull an arm to one place, and to another when it looks again; all pixels would have it
+    where it was found first, and say nothing at first."""
+
+    def __init__(self, place, pixels=0.0):
+        super().__init__()
+        self.place, self.pixels, self.at = place, pixels, 0
+
+    def look(self, previous, frame):
+        return self
+
+    def relearned(self, frame, poses):
+        return Twice(-self.place, PIXELS)
+
+    def compare(self, poses, moved):
+        return -self.pixels * ((poses[:, ARM] - 0.1) ** 2).sum(axis=1)
+
+    def slope(self, pose, level, derive=True):
+        off, precision = np.zeros(N), np.zeros((N, N))
+        off[ARM] = pose[ARM] - self.place
+        precision[ARM, ARM] = 1e4
+        return Slope(-0.5 * 1e4 * float(off @ off), -1e4 * off, precision)
+
+    def misfit(self, pose):
+        return np.zeros(len(SKELETON.names))
+
+    def remember(self, expected_pose):
+        return self
+
+
+def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_for():
+    frames, body = [Frame(k, k / 30.0, (), None) for k in range(4)], SimpleNamespace(skeleton=SKELETON)
+    start = np.clip(np.zeros(N), *SKELETON.limits.T)
+    start[ARM] = 0.2
+
+    def told(likelihood):
+        streams = {name: stream(0, name) for name in ("resampling", "prior")}
+        filtered = Kalman(Smooth(), likelihood, body, n_particles=2, flatten=1.0)
+        return np.array([step.expected_pose[ARM] for step in filtered.run(frames, start, streams)])
+
+    silent = Twice(np.full(len(ARM), 0.1))
+    silent.relearned = lambda frame, poses: Twice(-silent.place)
+    odds = np.exp(PIXELS_SAY * PIXELS * len(ARM) * 0.2**2)
+    np.testing.assert_allclose(told(silent)[1:], 0.0, atol=0.003)
+    np.testing.assert_allclose(told(Twice(silent.place))[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)

@@ -1,0 +1,55 @@
+"""What two looks at a clip tell together: limb by limb more of what the frame's pixels say."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.skeleton import POSE_NAMES
+from workbench.body.turns import nearest_turn
+from workbench.core.likelihood import LayeredLook
+
+PIXELS_SAY = 0.1
+"""Power of a frame's likelihood by which looks are weighed: neighbouring frames err together, and so do cells that
+learned from poses that were off."""
+
+
+def shares(
+    look: LayeredLook, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray, joints: BoolArray
+) -> FloatArray:
+    """Tell how much each number (P,) of the pose that another look found, `other` (P,), counts beside this look's
+    `pose` (P,), 0 to 1: as much where they agree, and of each limb, columns (k,) of the pose, by how likely the frame's
+    pixels are with it. joints: (J,), all true.
+
+    A limb of each look is tried on the body of either, and the mean counts: a body that is a little off suits the
+    limbs that were found with it. Deviation: what limbs hang on counts as much by either look, as pixels do not say how
+    far away the whole body is: weighing that too, it was told worse.
+    """
+    n = len(limbs)
+    theirs = nearest_turn(other, pose)
+    tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
+    for k, limb in enumerate(limbs):
+        tried[k + 1, limb], tried[n + k + 2, limb] = theirs[limb], pose[limb]
+    ratios = look.compare(tried, joints).reshape(2, n + 1)
+    found = np.full(len(pose), 0.5)
+    for k, limb in enumerate(limbs):
+        likelier = 0.5 * (ratios[0, k + 1] - ratios[0, 0] + ratios[1, 0] - ratios[1, k + 1])
+        found[limb] = 1.0 / (1.0 + np.exp(-PIXELS_SAY * likelier))
+    return found
+
+
+def of_both(
+    first: FloatArray, second: FloatArray, covariance: FloatArray, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean (D,) and covariance (D, D) of a state of which two looks found estimates (D,), the second with a
+    covariance (D, D) that knows nothing of the first. shares: (P,), of the first, of the pose's numbers, with which the
+    state begins; of the others both count as much.
+
+    They are two samples of what a look may find: told is their mean, x̄ = w x₁ + (1 − w) x₂, and beside the covariance
+    the unbiased estimate Σ w (x − x̄)² / (1 − Σ w²) of theirs, which is d dᵀ / 2 with d = x₁ − x₂ whatever the weights.
+    Angles are compared on the nearest turn.
+    """
+    n = len(POSE_NAMES)
+    apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
+    weights = np.concatenate([shares, np.full(len(second) - len(shares), 0.5)])
+    return second + weights * apart, covariance + 0.5 * np.outer(apart, apart)
