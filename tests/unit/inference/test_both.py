@@ -72,6 +72,14 @@ def test_neither_body_is_preferred(seed):
     np.testing.assert_allclose(one[ARM], odds / (1.0 + odds))
 
 
+def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
+    (pose, other), look = two_poses(0), Image()
+    pose[ARM], other[ARM] = 0.0, 1.0
+    look.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
+    for poses, share in (((pose, other), 1.0), ((other, pose), 0.0)):
+        np.testing.assert_array_equal(shares(look, [ARM], *poses, EVERYTHING)[ARM], share)
+
+
 def test_whole_turns_are_no_difference():
     pose, other = two_poses(0)
     turned = other.copy()
@@ -102,7 +110,7 @@ class Twice(Image):
 
     def __init__(self, place, pixels=0.0):
         super().__init__()
-        self.place, self.pixels, self.at = place, pixels, 0
+        self.place, self.pixels = place, pixels
 
     def look(self, previous, frame):
         return self

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
@@ -18,8 +19,8 @@ def shares(
     look: LayeredLook, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray, joints: BoolArray
 ) -> FloatArray:
     """Tell how much each number (P,) of the pose that another look found, `other` (P,), counts beside this look's
-    `pose` (P,), 0 to 1: as much where they agree, and of each limb, columns (k,) of the pose, by how likely the frame's
-    pixels are with it. joints: (J,), all true.
+    `pose` (P,), 0 to 1: as much where they agree, and of each limb, columns (k,) of the pose, with odds of how likely
+    the frame's pixels are with it to how likely with this look's, to the power PIXELS_SAY. joints: (J,), all true.
 
     A limb of each look is tried on the body of either, and the mean counts: a body that is a little off suits the
     limbs that were found with it. Deviation: what limbs hang on counts as much by either look, as pixels do not say how
@@ -34,16 +35,16 @@ def shares(
     found = np.full(len(pose), 0.5)
     for k, limb in enumerate(limbs):
         likelier = 0.5 * (ratios[0, k + 1] - ratios[0, 0] + ratios[1, 0] - ratios[1, k + 1])
-        found[limb] = 1.0 / (1.0 + np.exp(-PIXELS_SAY * likelier))
+        found[limb] = scipy.special.expit(PIXELS_SAY * likelier)
     return found
 
 
 def of_both(
-    first: FloatArray, second: FloatArray, covariance: FloatArray, shares: FloatArray
+    first: FloatArray, second: FloatArray, covariance: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean (D,) and covariance (D, D) of a state of which two looks found estimates (D,), the second with a
-    covariance (D, D) that knows nothing of the first. shares: (P,), of the first, of the pose's numbers, with which the
-    state begins; of the others both count as much.
+    covariance (D, D) that knows nothing of the first. weights: (P,), see `shares`, of the pose's numbers in the first,
+    with which the state begins; of the others both count as much.
 
     They are two samples of what a look may find: told is their mean, x̄ = w x₁ + (1 − w) x₂, and beside the covariance
     the unbiased estimate Σ w (x − x̄)² / (1 − Σ w²) of theirs, which is d dᵀ / 2 with d = x₁ − x₂ whatever the weights.
@@ -51,5 +52,5 @@ def of_both(
     """
     n = len(POSE_NAMES)
     apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
-    weights = np.concatenate([shares, np.full(len(second) - len(shares), 0.5)])
-    return second + weights * apart, covariance + 0.5 * np.outer(apart, apart)
+    every = np.concatenate([weights, np.full(len(second) - n, 0.5)])
+    return second + every * apart, covariance + 0.5 * np.outer(apart, apart)
