@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from workbench.arrays import AnyArray, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
+from workbench.body.mirror import exchanged
 from workbench.core.memory import Memory, Past
 from workbench.core.prior import Prior
 from workbench.core.step import Step
@@ -27,7 +28,6 @@ from workbench.experiment.parts import name_parts, packages
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.tracking import Parts
 from workbench.inference.particles.filter import start_around
-from workbench.inference.particles.restarting import mirrored
 from workbench.inference.particles.weights import even_log_weights
 from workbench.recording.read.reader import Run, read
 from workbench.streams import rng_streams
@@ -140,11 +140,11 @@ def _future(parts: Parts, past: Past | None, loss: Loss, change: Change, seed: i
 def _steps(parts: Parts, past: Past | None, change: Change, seed: int) -> Iterator[Step]:
     streams = rng_streams(seed)
     if past is None:
-        start = parts.start if not change.mirrored or parts.start is None else mirrored(np.atleast_2d(parts.start)[0])
+        start = parts.start if not change.mirrored or parts.start is None else exchanged(np.atleast_2d(parts.start)[0])
         return parts.inference.run(parts.clip, start, streams)
     after, prior = continuing(parts.inference), parts.prior
     if change.mirrored and prior is not None:
-        past = anew(past, prior, mirrored(past.memory.expected), streams["start"])
+        past = anew(past, prior, exchanged(past.memory.expected), streams["start"])
     return after.run(parts.clip, carried(past, same_streams=False), streams)
 
 

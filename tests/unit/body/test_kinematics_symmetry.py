@@ -7,12 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
+from workbench.body.mirror import mirror_image
 from workbench.body.shape import from_height
-from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 
 SKELETON = person_skeleton(from_height(1.75))
-# y, heading, roll, the neck's turn and tilt change sign in a mirror; every paired angle swaps sides and keeps its sign
-FLIPPED = {"root_y", "root_heading", "root_roll", "neck_turn", "neck_tilt"}
 POSES = st.lists(st.floats(-3.0, 3.0), min_size=25, max_size=25).map(lambda x: np.array([x]))
 
 
@@ -23,19 +22,12 @@ def other_side(name):
     return name
 
 
-def mirrored(pose):
-    image = np.empty_like(pose)
-    for p, name in enumerate(POSE_NAMES):
-        image[:, POSE_NAMES.index(other_side(name))] = -pose[:, p] if name in FLIPPED else pose[:, p]
-    return image
-
-
 @settings(deadline=None)
 @given(POSES)
 def test_mirrored_pose_has_mirrored_joints(pose):
     swapped = [JOINT_NAMES.index(other_side(name)) for name in JOINT_NAMES]
     expected = joints(SKELETON, pose)[:, swapped] * [1.0, -1.0, 1.0]
-    np.testing.assert_allclose(joints(SKELETON, mirrored(pose)), expected, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(joints(SKELETON, mirror_image(pose)), expected, rtol=0.0, atol=1e-12)
 
 
 @settings(deadline=None)

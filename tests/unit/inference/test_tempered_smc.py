@@ -16,12 +16,11 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.inference.particles.annealed import NO_POSTERIOR, Annealed
 from workbench.inference.particles.auxiliary import Auxiliary
 from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.restarting import Restarting, lost, mirrored
+from workbench.inference.particles.restarting import Restarting, lost
 from workbench.inference.particles.tempered_smc import TemperedSMC, next_temperature
 
 T, SEEDS, N = 6, 25, 300
@@ -165,15 +164,6 @@ def test_nobody_is_lost_before_there_is_something_to_compare_with_nor_while_all_
     assert not lost(usual, patience=3, drop=4.0)
     assert not lost([*usual, -60.0], patience=3, drop=10.0)
     assert lost([*usual, -60.0, -60.0, -60.0], patience=3, drop=4.0)
-
-
-def test_the_mirror_image_exchanges_left_and_right_and_leaves_the_root():
-    pose = np.arange(25.0)
-    other = mirrored(pose)
-    left, right = POSE_NAMES.index("left_knee_flexion"), POSE_NAMES.index("right_knee_flexion")
-    assert (other[left], other[right]) == (pose[right], pose[left])
-    assert (other[:9] == pose[:9]).all()
-    assert (mirrored(other) == pose).all()
 
 
 @pytest.mark.parametrize("make", [TemperedSMC, Annealed, Auxiliary])

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.limbs import Body
-from workbench.body.skeleton import POSE_NAMES
+from workbench.body.mirror import exchanged
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.memory import Past
@@ -105,7 +105,7 @@ class Restarting(Wrapper):
             with suppress(InputError):
                 return start_from_keypoints(self.body.skeleton, [frame]), "from the joints detected"
         expected = (np.exp(parents.log_weights)[:, None] * parents.poses).sum(axis=0)
-        return np.stack([expected, mirrored(expected)]), "about the last pose and its mirror image"
+        return np.stack([expected, exchanged(expected)]), "about the last pose and its mirror image"
 
     def _renewed(self, parents: Particles, starts: FloatArray, rng_streams: Streams) -> Particles:
         """Resample the parents and start a share of them around the poses (n, P); ancestors say which each was."""
@@ -125,15 +125,3 @@ def lost(gains: list[float], patience: int, drop: float) -> bool:
     middle = np.median(before)
     deviation = 1.4826 * np.median(np.abs(np.array(before) - middle))
     return max(last) < float(middle - drop * deviation)
-
-
-def mirrored(pose: FloatArray) -> FloatArray:
-    """Exchange the joint angles of left and right in a pose (P,); any other number of parameters stays as it is."""
-    if len(pose) != len(POSE_NAMES):
-        return pose
-    swapped = {"left": "right", "right": "left"}
-    sources = [
-        POSE_NAMES.index(f"{swapped[side]}_{angle}") if side in swapped else i
-        for i, (side, _, angle) in enumerate(name.partition("_") for name in POSE_NAMES)
-    ]
-    return pose[sources]
