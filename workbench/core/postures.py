@@ -9,9 +9,6 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 
-ROUNDS = 8
-"""Of expectation and maximisation, when a Gaussian is drawn to postures; more change nothing that shows."""
-
 
 @dataclass(frozen=True, eq=False)
 class Postures:
@@ -42,32 +39,33 @@ class Postures:
 
     def shares(self, postures: FloatArray) -> FloatArray:
         """Tell how likely postures (n, A) are of each part, (n, K)."""
-        heights = self.log_parts(postures)
-        shares = np.exp(heights - heights.max(axis=1, keepdims=True))
-        return np.asarray(shares / shares.sum(axis=1, keepdims=True))
+        return _normalised(self.log_parts(postures))
+
+    def shares_of(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Tell how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
+        roots = np.linalg.cholesky(self.covariances + covariance)
+        white = np.linalg.solve(roots, (mean - self.means)[:, :, None])[:, :, 0]
+        volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        return _normalised(np.log(self.weights) - 0.5 * (white**2).sum(axis=1) - volumes)
 
     def drawn(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
-        """Multiply a Gaussian N(mean (P,), covariance (P, P)) of poses, whose last A numbers are the posture, by this
-        density to a power; return the Gaussian about the product's peak.
+        """Multiply a Gaussian N(mean (P,), covariance (P, P)) of poses, whose last A numbers are the posture, by one
+        of the postures to a power; return mean and covariance of the product.
 
-        The peak is climbed to by expectation and maximisation (Dempster, Laird & Rubin 1977): the parts' shares at the
-        pose make one Gaussian of them, and its product with the other is the next pose. Raises LinAlgError for a
-        covariance that is not one.
+        The postures' is that whose log density is the mean one of the parts', Σ_k shares_k log N(·; means_k,
+        covariances_k), by how likely what is believed is of each. Raises LinAlgError for a covariance that is not one.
 
         Deviations: a power below 1, as the Gaussian may know something of postures already and neighbouring frames say
-        the same; and the Gaussian about one peak, where the product may have several.
+        the same; and one Gaussian, where the product has as many as there are parts.
         """
-        unit = np.eye(len(mean))
-        precision = np.linalg.inv(covariance + 1e-12 * unit)
-        posture, pose, total = slice(len(mean) - self.means.shape[1], None), mean, precision
-        for _ in range(ROUNDS):
-            shares = power * self.shares(pose[None, posture])[0]
-            total, pull = precision.copy(), precision @ mean
-            total[posture, posture] += np.einsum("k,kab->ab", shares, self._precisions)
-            pull[posture] += np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
-            pose = np.linalg.solve(total, pull)
+        posture = slice(len(mean) - self.means.shape[1], None)
+        precision = np.linalg.inv(covariance + 1e-12 * np.eye(len(mean)))
+        shares = power * self.shares_of(mean[posture], covariance[posture, posture])
+        total, pull = precision.copy(), precision @ mean
+        total[posture, posture] += np.einsum("k,kab->ab", shares, self._precisions)
+        pull[posture] += np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
         narrowed = np.linalg.inv(total)
-        return pose, 0.5 * (narrowed + narrowed.T)
+        return np.linalg.solve(total, pull), 0.5 * (narrowed + narrowed.T)
 
     @cached_property
     def _white(self) -> FloatArray:
@@ -77,3 +75,9 @@ class Postures:
     @cached_property
     def _precisions(self) -> FloatArray:
         return np.asarray(np.swapaxes(self._white, 1, 2) @ self._white)
+
+
+def _normalised(heights: FloatArray) -> FloatArray:
+    """Return shares (..., K) that sum to one, of their logarithms up to a constant."""
+    shares = np.exp(heights - heights.max(axis=-1, keepdims=True))
+    return np.asarray(shares / shares.sum(axis=-1, keepdims=True))

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.body.mirror import mirror_image
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.postures import Postures
 from workbench.errors import InputError
@@ -31,7 +32,7 @@ class LinearMotion:
     """v' = gain [posture, v] + offset + N(0, covariance), and in a first frame v = start_gain posture + start_offset +
     N(0, start_covariance): velocities v (25,), m/s and rad/s, of the pose's numbers, the root's place as the person
     headed in the frame before, ahead and to the left; posture (21,), rad; one frame at rate_hz later. postures: which
-    of these people take, if learned."""
+    of these people take, if learned, as often as their mirror images."""
 
     rate_hz: float
     gain: FloatArray
@@ -91,8 +92,15 @@ def learn_linear_motion(motions: Sequence[Motion], rate_hz: float) -> LinearMoti
     inputs, targets, posture = (np.concatenate(each) for each in (known, following, postures))
     gain, offset, covariance = _regressed(inputs, targets)
     start_gain, start_offset, start_covariance = _regressed(posture, targets)
-    taken = learn_postures(posture[:: max(1, round(rate_hz / _POSTURES_HZ))])
+    taken = learn_postures(_with_mirror_images(posture[:: max(1, round(rate_hz / _POSTURES_HZ))]))
     return LinearMotion(rate_hz, gain, offset, covariance, start_gain, start_offset, start_covariance, taken)
+
+
+def _with_mirror_images(postures: FloatArray) -> FloatArray:
+    """Return postures (n, 21) and after them what a mirror makes of them: what one side does, the other may."""
+    poses = np.zeros((len(postures), N_POSE))
+    poses[:, POSTURE] = postures
+    return np.concatenate([postures, mirror_image(poses)[:, POSTURE]])
 
 
 def _regressed(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""The density of postures: heights as scipy's, products with Gaussians in closed form and by another climb."""
+"""The density of postures: heights as scipy's, products with Gaussians in closed form and by a climb."""
 
 from dataclasses import replace
 
@@ -48,18 +48,36 @@ def test_one_parts_product_is_that_of_two_gaussians(seed, power):
     assert np.allclose(narrowed, np.linalg.inv(precision), atol=1e-6)
 
 
+@given(st.integers(0, 10_000))
+def test_what_is_believed_is_of_a_part_as_its_evidence_says(seed):
+    rng = np.random.default_rng(seed)
+    postures, mean, cov = made(rng), rng.standard_normal(4), covariance(rng, 4)
+    parts = zip(postures.weights, postures.means, postures.covariances, strict=True)
+    evidence = np.array([weight * multivariate_normal(middle, own + cov).pdf(mean) for weight, middle, own in parts])
+    assert np.allclose(postures.shares_of(mean, cov), evidence / evidence.sum())
+
+
 @pytest.mark.parametrize("seed", range(5))
-def test_of_several_parts_it_climbs_the_product_to_its_peak(seed):
+def test_of_several_parts_it_is_their_mean_one_by_how_likely_each_is(seed):
     rng = np.random.default_rng(seed)
     postures, mean, cov = made(rng), rng.standard_normal(6), covariance(rng, 6, 0.05)
+    shares = postures.shares_of(mean[2:], cov[2:, 2:])
 
     def depth(pose):
-        return -0.5 * log_density(postures, pose[2:]) - multivariate_normal(mean, cov).logpdf(pose)
+        parts = zip(postures.means, postures.covariances, strict=True)
+        heights = np.array([multivariate_normal(middle, own).logpdf(pose[2:]) for middle, own in parts])
+        return -0.5 * shares @ heights - multivariate_normal(mean, cov).logpdf(pose)
 
-    pose, _ = postures.drawn(mean, cov, 0.5)
-    found = minimize(depth, pose, tol=1e-10)
-    assert np.abs(found.x - pose).max() < 2e-3  # of deviations of about 0.2
-    assert depth(pose) < depth(mean)
+    pose, narrowed = postures.drawn(mean, cov, 0.5)
+    found = minimize(depth, pose + 0.1, tol=1e-12)
+    assert np.abs(found.x - pose).max() < 1e-4
+    assert np.linalg.eigvalsh((cov - narrowed)[2:, 2:]).min() > 0.0  # postures are believed more surely
+
+
+def test_who_is_sure_of_nothing_may_be_of_any_part():
+    postures = made(np.random.default_rng(2))
+    assert np.allclose(postures.shares_of(postures.means[0], 1e8 * np.eye(4)), postures.weights, atol=1e-6)
+    assert postures.shares_of(postures.means[0], 1e-8 * np.eye(4))[0] > postures.weights[0]
 
 
 def test_flaws_are_said():

@@ -62,3 +62,16 @@ def test_what_starts_in_one_clip_does_not_go_on_in_the_next():
 def test_too_little_to_learn_from_is_said():
     with pytest.raises(InputError, match="some hundred frames"):
         learn_linear_motion([motion(np.zeros((20, len(POSE_NAMES))))], 30.0)
+
+
+def test_postures_are_as_often_those_of_a_mirror():
+    rng = np.random.default_rng(2)
+    poses = 0.2 * rng.standard_normal((1200, N_POSE))
+    left, right = (POSE_NAMES.index(f"{side}_elbow_flexion") for side in ("left", "right"))
+    roll = POSE_NAMES.index("root_roll")
+    poses[:, left], poses[:, roll] = poses[:, left] + 1.0, poses[:, roll] + 0.4  # one arm alone is bent, to one side
+    taken = learn_linear_motion([motion(poses)], 30.0).postures
+    assert taken is not None
+    mean = np.zeros(N_POSE)
+    mean[POSTURE] = taken.weights @ taken.means
+    assert np.allclose(mean[[left, right, roll]], [0.5, 0.5, 0.0], atol=0.02)
