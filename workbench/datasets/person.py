@@ -5,6 +5,7 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
+from workbench.body.extremities import with_neck_and_feet
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.core.dataset import Known
@@ -32,10 +33,11 @@ def _height_traits(keys: Mapping[str, Any]) -> Traits:
 
 
 @declaring(_height_traits)
-def of_height(*, height_m: float, lengths: Mapping[str, float] = NO_LENGTHS) -> Body:
-    """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}; raises InputError
-    for an unknown length and what `from_height` refuses."""
+def of_height(*, height_m: float, lengths: Mapping[str, float] = NO_LENGTHS, feet: bool = False) -> Body:
+    """Return an average person of a height, m, with single lengths (m) by name, e.g. {thigh: 0.40}, and with neck and
+    feet if wanted; raises InputError for an unknown length and what `from_height` refuses."""
     plain = {field.name for field in fields(Shape) if field.type is float}
     if unknown := sorted(set(lengths) - plain):
         raise InputError(f"body: unknown length {unknown[0]!r}, expected one of {', '.join(sorted(plain))}")
-    return person(from_height(height_m, **lengths))
+    body = person(from_height(height_m, **lengths))
+    return with_neck_and_feet(body) if feet else body

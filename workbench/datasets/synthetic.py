@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
+from workbench.body.extremities import with_neck_and_feet
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.skeleton import POSE_NAMES, parameters
@@ -51,7 +52,8 @@ class Synthetic(Scene):
     width × height.
     occluder: whether a board passes in front of the person once, drawn by the seed, see `passing_board`. noise: σ of
     the sensor, grey levels. contrast, clutter: strength of the clothes' texture and of the background, 1
-    being about 24 and 35 grey levels. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
+    being about 24 and 35 grey levels. feet: whether the body that a tracker is told has neck and feet; who is shown has
+    their own, and by `exact` those that are told. keypoint_sigma_px: σ of a detector of 2-D joints, px, which misses
     KEYPOINTS_MISSED of them; None: there is none. Raises InputError for parameters out of range and, when asked what is
     known, for a motion that cannot be found or is too short, and a camera that never sees the person.
     """
@@ -72,6 +74,7 @@ class Synthetic(Scene):
     noise: float = 4.0
     contrast: float = 1.0
     clutter: float = 1.0
+    feet: bool = False
     keypoint_sigma_px: float | None = None
 
     def __post_init__(self) -> None:
@@ -85,7 +88,8 @@ class Synthetic(Scene):
         motion = self._used_motion
         return Known(
             name=f"synthetic {motion.name}", n_frames=self.n_frames, rate_hz=self.rate_hz, cameras=(self.told_camera,),
-            shape=motion.shape, start_pose=self._start, has_keypoints=self.keypoint_sigma_px is not None,
+            shape=motion.shape, body=self.body if self.feet else None, start_pose=self._start,
+            has_keypoints=self.keypoint_sigma_px is not None,
             departures={
                 **self._subject.factors, **calibration_error(self.view_camera, self.told_camera),
                 **start_error(self._start, motion.poses[0]),
@@ -169,11 +173,18 @@ class Synthetic(Scene):
     @cached_property
     def body(self) -> Body:
         """The person's body, as a tracker is told."""
-        return person(self._used_motion.shape)
+        plain = person(self._used_motion.shape)
+        return with_neck_and_feet(plain) if self.feet else plain
 
     @cached_property
     def _subject(self) -> Subject:
-        return subject_of(self.body, self.departure, self.seed)
+        body = person(self._used_motion.shape) if self._own_feet else self.body
+        return subject_of(body, self.departure, self.seed)
+
+    @property
+    def _own_feet(self) -> bool:
+        """Whether who is shown has neck and feet of their own, whatever is told of these."""
+        return self.departure["profile"] > 0.0
 
     @cached_property
     def _images(self) -> ByteArray:
@@ -202,7 +213,8 @@ class Synthetic(Scene):
         return self.view_camera.project(joints(self._subject.body.skeleton, self._used_motion.poses))
 
     def _key(self) -> str:
-        unseen, seen_by = ("data", "cache", "camera", "keypoint_sigma_px"), self.view_camera
+        unseen, seen_by = ["data", "cache", "camera", "keypoint_sigma_px"], self.view_camera
+        unseen += ["feet"] if self._own_feet else []
         calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
         size = np.array([seen_by.width, seen_by.height])
         return image_key(self, unseen, code_digest(render, subjects, occluder), self._used_motion, *calibration, size)

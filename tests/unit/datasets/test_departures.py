@@ -173,3 +173,26 @@ def test_any_skeleton_departs_bone_by_bone_with_its_limbs_and_stands_as_tall():
 def test_mistakes_are_named(departures):
     with pytest.raises(InputError, match=r"departures must be sizes from 0 on, .* by names of lengths, radii, .*found"):
         Synthetic(departures=departures)
+
+
+def test_who_is_shown_has_feet_of_their_own_whatever_a_tracker_is_told():
+    told, plain = MADE["synthetic"](feet=True), MADE["synthetic"]()
+    assert len(told.known.body.limbs) == 15
+    assert plain.known.body is None
+    assert told._key() == plain._key()
+    assert np.array_equal(images(told), images(plain))
+
+
+def test_who_is_shown_exactly_has_the_feet_that_are_told():
+    told, plain = MADE["synthetic"](feet=True, exact=True), MADE["synthetic"](exact=True)
+    assert told._key() != plain._key()
+    assert told._subject.body is told.known.body
+    differ = np.flatnonzero((images(told) != images(plain)).any(axis=(0, 2)))
+    ankles = told.view_camera.project(next(told.frames()).truth.joints)[-1]
+    assert differ.max() > ankles[1]
+
+
+def test_other_bones_have_feet_where_those_told_have():
+    told = MADE["synthetic"](feet=True, **only(lengths=0.03))
+    assert told._subject.body.limbs.names == told.known.body.limbs.names
+    assert not np.allclose(told._subject.body.limbs.ends, told.known.body.limbs.ends)

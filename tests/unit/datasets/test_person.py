@@ -6,7 +6,7 @@ from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 
 from workbench.body.shape import from_height
 from workbench.core.dataset import Known
-from workbench.datasets.person import of_dataset
+from workbench.datasets.person import of_dataset, of_height
 from workbench.errors import InputError
 from workbench.mocap.full_skeleton import full_body
 
@@ -31,3 +31,8 @@ def test_a_dataset_that_measured_its_person_gives_them():
 def test_who_is_not_known_is_refused():
     with pytest.raises(InputError, match="does not know the person's size; choose body=height"):
         of_dataset(Known("clip", 1))
+
+
+def test_somebody_of_a_height_may_have_neck_and_feet():
+    assert len(of_height(height_m=1.8).limbs) == 12
+    assert of_height(height_m=1.8, feet=True).limbs.names[12:] == ("neck", "left_foot", "right_foot")

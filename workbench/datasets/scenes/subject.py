@@ -1,9 +1,10 @@
 """The person whom a scene really shows: of other proportions than a tracker is told, rounder, and softly dressed.
 
-A tracker's body is twelve truncated cones and spheres (`body.limbs`). The subject has the same joints and angles and
-about the same height, but bones and girths of their own, drawn by seed; limbs that bulge and taper, built of short
-cones; a neck and feet; and clothes that slide and swing a few millimetres. How much of each is said by
-`scene.Scene.departure`; where all are zero the subject is the tracker's own body, to the bit.
+A tracker's body is twelve truncated cones and spheres (`body.limbs`), or these with a plain neck and plain feet
+(`body.extremities`). The subject has the same joints and angles and about the same height, but bones and girths of
+their own, drawn by seed; limbs that bulge and taper, built of short cones; a neck and feet; and clothes that slide and
+swing a few millimetres. How much of each is said by `scene.Scene.departure`; where all are zero the subject is the
+tracker's own body, to the bit.
 """
 
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.body.extremities import with_neck_and_feet
 from workbench.body.limbs import Body, Limbs, person
 from workbench.body.shape import Shape
 from workbench.body.skeleton import JOINT_NAMES
@@ -148,7 +150,9 @@ def _other_bones(body: Body, size: float, rng: np.random.Generator) -> tuple[Bod
 
     round_head = told.head_radius
     scale = (height_of(told) - round_head) / (height_of(shape(1.0)) - round_head)
-    return person(shape(scale)), {f"length_{name}": np.array([scale * factor]) for name, factor in f.items()}
+    other = person(shape(scale))
+    other = other if len(other.limbs) == len(body.limbs) else with_neck_and_feet(other)
+    return other, {f"length_{name}": np.array([scale * factor]) for name, factor in f.items()}
 
 
 def _other_offsets(body: Body, size: float, rng: np.random.Generator) -> tuple[Body, dict[str, FloatArray]]:
