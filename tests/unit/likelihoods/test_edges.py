@@ -140,6 +140,16 @@ def test_bins_never_met_say_nothing():
     np.testing.assert_allclose(np.delete(found, [3, 5]), 0.0, atol=1e-6)
 
 
+def test_neck_and_feet_say_nothing_and_that_is_told(caplog):
+    on, off = np.zeros((2, 1, BINS)), np.zeros((2, 1, BINS))
+    on[:, 0, 3], off[:, 0, 5] = 10.0, 80.0
+    model = EdgeModel(("calf",), on, off)
+    found = model.log_ratio(["neck", "left_calf", "left_foot"])
+    assert np.array_equal(found[:, 1:2], model.log_ratio(["right_calf"]))
+    assert not found[:, [0, 2]].any()
+    assert caplog.messages == ["edges: not looked at on foot and neck, of which nothing is learned"]
+
+
 def test_limbs_that_were_not_learned_are_an_error():
     model = EdgeModel(("thigh",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS)))
     with pytest.raises(InputError, match="knows thigh, but not the limb 'tail'"):

@@ -26,6 +26,8 @@ BINS = 32
 EDGE_RANGE, RIDGE_RANGE = (0.0, 1.0), (-1.0, 1.0)  # of the responses; beyond, they belong to the last bin
 OUTLIERS = 0.05  # share of responses that say nothing
 SCENES, FRAMES = 10, 5  # rendered people, and frames of each to learn from
+NOT_LEARNED = ("neck", "foot")
+"""Limbs that only some bodies have: nothing is learned of their edges, which are not looked at."""
 _FIRST_SEED = 1000  # of clothes, backgrounds and walks that no experiment renders
 _DISPLACED = 8  # wrong poses for every true one
 
@@ -48,15 +50,19 @@ class EdgeModel:
 
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
         """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name. A share `OUTLIERS` of either is
-        what both have in common, so that bins hardly ever met say little. Raises InputError for a limb the model does
-        not have."""
+        what both have in common, so that bins hardly ever met say little. 0 of those NOT_LEARNED, which a warning says.
+        Raises InputError for another limb that the model does not have."""
         parts = [_part(name) for name in limbs]
-        if unknown := sorted(set(parts) - set(self.parts)):
-            raise InputError(f"edges: the model knows {', '.join(self.parts)}, but not the limb {unknown[0]!r}")
+        unknown = sorted(set(parts) - set(self.parts))
+        if strange := [part for part in unknown if part not in NOT_LEARNED]:
+            raise InputError(f"edges: the model knows {', '.join(self.parts)}, but not the limb {strange[0]!r}")
+        if unknown:
+            log.warning("edges: not looked at on %s, of which nothing is learned", " and ".join(unknown))
         every = (self.on, self.off, self.on + self.off + 1.0)
         on, off, common = (counts / counts.sum(axis=-1, keepdims=True) for counts in every)
         ratio = np.log((1.0 - OUTLIERS) * on + OUTLIERS * common) - np.log((1.0 - OUTLIERS) * off + OUTLIERS * common)
-        return ratio[:, [self.parts.index(part) for part in parts]].astype(np.float32)
+        ratio = np.concatenate([ratio, np.zeros((2, 1, BINS))], axis=1)  # the last of those not learned
+        return ratio[:, [-1 if part in unknown else self.parts.index(part) for part in parts]].astype(np.float32)
 
 
 def edge_model(cache: str) -> EdgeModel:
