@@ -1,9 +1,10 @@
 """The body's geometry: truncated cones and spheres hung on the skeleton's joints (paper A, section 3)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,19 @@ class Limbs:
         x = x - (x * z).sum(axis=1, keepdims=True) * z
         x /= np.linalg.norm(x, axis=1, keepdims=True)
         return np.stack([x, np.cross(z, x), z], axis=2)
+
+    def extended(self, rows: Sequence[tuple[str, str, FloatArray, FloatArray, Any]]) -> "Limbs":
+        """Append truncated cones of a person's: name, name of the joint, where the axis starts and ends (3,) each, and
+        radii (2, 2), m. Raises ValueError for an unknown joint."""
+        names, joints, starts, ends, radii = zip(*rows, strict=True)
+        return Limbs(
+            names=(*self.names, *names),
+            joints=np.append(self.joints, [JOINT_NAMES.index(joint) for joint in joints]),
+            starts=np.concatenate([self.starts, starts]),
+            ends=np.concatenate([self.ends, ends]),
+            radii=np.concatenate([self.radii, radii]),
+            spheres=np.append(self.spheres, np.zeros(len(rows), dtype=np.bool_)),
+        )
 
     def cylinders(self) -> "Limbs":
         """Make every limb a cylinder, of its sections' mean semi-axes (paper A, section 3.1)."""

@@ -217,18 +217,8 @@ def _with_neck_and_feet(body: Body) -> Body:
     for side in ("left", "right"):
         heel, toes = np.array([-0.08 * c, 0.0, -c - 0.48 * a]), np.array([0.36 * c, 0.0, -c - 0.66 * a])
         rows.append((f"{side}_foot", f"{side}_knee", heel, toes, [[0.52 * a, 0.55 * a], [0.34 * a, 0.65 * a]]))
-    names, joints, begin, end, sizes = zip(*rows, strict=True)
-    return replace(
-        body,
-        limbs=Limbs(
-            names=(*limbs.names, *names),
-            joints=np.append(limbs.joints, [JOINT_NAMES.index(joint) for joint in joints]),
-            starts=np.concatenate([starts, begin]),
-            ends=np.concatenate([ends, end]),
-            radii=np.concatenate([radii, sizes]),
-            spheres=np.zeros(len(limbs) + len(rows), dtype=bool),
-        ),
-    )
+    shaped = replace(limbs, starts=starts, ends=ends, radii=radii, spheres=np.zeros(len(limbs), dtype=np.bool_))
+    return replace(body, limbs=shaped.extended(rows))
 
 
 def _profiled(limbs: Limbs, size: float) -> tuple[Limbs, IntArray, FloatArray]:
