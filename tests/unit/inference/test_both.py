@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.body.kinematics import forward_reference
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import LayeredLook, Slope
-from workbench.inference.kalman.both import PIXELS_SAY, of_both, shares
+from workbench.inference.kalman.both import OWN_M, PIXELS_SAY, of_both, shares
 from workbench.inference.kalman.filter import Kalman
 from workbench.priors.smooth import Smooth
 from workbench.streams import stream
@@ -22,7 +23,6 @@ ARM, LEG = (
     np.array([k for k, name in enumerate(POSE_NAMES) if name.startswith(words)])
     for words in (("left_shoulder", "left_elbow"), ("right_hip", "right_knee"))
 )
-EVERYTHING = np.ones(3, dtype=np.bool_)
 PIXELS = 50.0
 
 
@@ -49,27 +49,41 @@ def two_poses(seed):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (2, N))
 
 
+def odds_by_distance(pose, other):
+    one, another = forward_reference(SKELETON, np.stack([pose, other])).positions
+    return OWN_M**2 / (OWN_M**2 + np.linalg.norm(one - another, axis=1).mean() ** 2)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_limbs_are_weighed_by_how_likely_the_pixels_are_with_them(seed):
     pose, other = two_poses(seed)
     assert isinstance(Image(), LayeredLook)
-    told = shares(Image(), [ARM, LEG], pose, other, EVERYTHING)
+    other = pose + 0.02 * other  # as far apart as looks are
+    told, apart = shares(Image(), SKELETON, [ARM, LEG], pose, other), odds_by_distance(pose, other)
     for limb, likelier in ((ARM, 1.0), (LEG, 2.0)):
-        odds = np.exp(PIXELS_SAY * likelier * (other[limb] - pose[limb]).sum())
+        odds = apart * np.exp(PIXELS_SAY * likelier * (other[limb] - pose[limb]).sum())
         np.testing.assert_allclose(told[limb], odds / (1.0 + odds))
     rest = np.setdiff1d(np.arange(N), [*ARM, *LEG])
-    np.testing.assert_array_equal(told[rest], 0.5)  # wherever the pixels would have the body
+    np.testing.assert_allclose(told[rest], apart / (1.0 + apart))  # wherever the pixels would have the body
+
+
+@pytest.mark.parametrize(("metres", "share"), [(0.0, 0.5), (OWN_M, 1.0 / 3.0), (10.0 * OWN_M, 1.0 / 102.0)])
+def test_the_earlier_look_counts_less_the_farther_it_is(metres, share):
+    pose, _ = two_poses(0)
+    other = pose.copy()
+    other[1] += metres
+    np.testing.assert_allclose(shares(Image(), SKELETON, [ARM], pose, other), share)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_neither_body_is_preferred(seed):
     pose, other = two_poses(seed)
     look = Image(together=3.0)
-    one, two = (shares(look, [ARM, LEG], *poses, EVERYTHING) for poses in ((pose, other), (other, pose)))
-    np.testing.assert_allclose(one + two, 1.0)
-    middle = 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
-    odds = np.exp(PIXELS_SAY * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
-    np.testing.assert_allclose(one[ARM], odds / (1.0 + odds))
+    one, two = (shares(look, SKELETON, [ARM, LEG], *poses) for poses in ((pose, other), (other, pose)))
+    apart, middle = odds_by_distance(pose, other), 0.5 * (pose[LEG].sum() + other[LEG].sum())  # of either body's leg
+    pixels = np.exp(PIXELS_SAY * (1.0 + 3.0 * middle) * (other[ARM] - pose[ARM]).sum())
+    np.testing.assert_allclose(one[ARM] / (1.0 - one[ARM]), apart * pixels)
+    np.testing.assert_allclose(two[ARM] / (1.0 - two[ARM]), apart / pixels)
 
 
 def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
@@ -77,14 +91,14 @@ def test_pixels_that_speak_for_one_look_alone_leave_nothing_to_the_other():
     pose[ARM], other[ARM] = 0.0, 1.0
     look.compare = lambda poses, moved: 1e5 * poses[:, ARM].sum(axis=1)
     for poses, share in (((pose, other), 1.0), ((other, pose), 0.0)):
-        np.testing.assert_array_equal(shares(look, [ARM], *poses, EVERYTHING)[ARM], share)
+        np.testing.assert_array_equal(shares(look, SKELETON, [ARM], *poses)[ARM], share)
 
 
 def test_whole_turns_are_no_difference():
     pose, other = two_poses(0)
     turned = other.copy()
     turned[[5, ARM[1]]] += 2.0 * np.pi
-    told = [shares(Image(), [ARM, LEG], pose, each, EVERYTHING) for each in (other, turned)]
+    told = [shares(Image(), SKELETON, [ARM, LEG], pose, each) for each in (other, turned)]
     np.testing.assert_allclose(*told)
     state, unit = np.linspace(-1.0, 1.0, 2 * N), np.eye(2 * N)
     around = state.copy()
@@ -146,6 +160,11 @@ def test_what_is_told_of_a_limb_lies_nearer_to_the_look_that_the_pixels_speak_fo
 
     silent = Twice(np.full(len(ARM), 0.1))
     silent.relearned = lambda frame, poses: Twice(-silent.place)
-    odds = np.exp(PIXELS_SAY * PIXELS * len(ARM) * 0.2**2)
-    np.testing.assert_allclose(told(silent)[1:], 0.0, atol=0.003)
-    np.testing.assert_allclose(told(Twice(silent.place))[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)
+    first, second = np.repeat(start[None], 2, axis=0)
+    first[ARM], second[ARM] = silent.place, -silent.place
+    apart = odds_by_distance(second, first)
+    for likelihood, odds in (
+        (silent, apart),
+        (Twice(silent.place), apart * np.exp(PIXELS_SAY * PIXELS * len(ARM) * 0.2**2)),
+    ):
+        np.testing.assert_allclose(told(likelihood)[1:], 0.1 * (odds - 1.0) / (odds + 1.0), atol=0.003)

@@ -5,37 +5,45 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
-from workbench.body.skeleton import POSE_NAMES
+from workbench.arrays import FloatArray, IntArray
+from workbench.body.kinematics import forward
+from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.body.turns import nearest_turn
 from workbench.core.likelihood import LayeredLook
 
 PIXELS_SAY = 0.1
 """Power of a frame's likelihood by which looks are weighed: neighbouring frames err together, and so do cells that
 learned from poses that were off."""
+OWN_M = 0.03
+"""By how much a look's joints err by themselves, m; what looks differ by beyond that is the error of the other one."""
 
 
 def shares(
-    look: LayeredLook, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray, joints: BoolArray
+    look: LayeredLook, skeleton: Skeleton, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray
 ) -> FloatArray:
-    """Tell how much each number (P,) of the pose that another look found, `other` (P,), counts beside this look's
-    `pose` (P,), 0 to 1: as much where they agree, and of each limb, columns (k,) of the pose, with odds of how likely
-    the frame's pixels are with it to how likely with this look's, to the power PIXELS_SAY. joints: (J,), all true.
+    """Tell how much each number (P,) of the pose that an earlier look found, `other` (P,), counts beside this look's
+    `pose` (P,), 0 to 1: as much where they agree, and less the farther they are apart, with odds of OWN_M² to
+    OWN_M² + d², d being the mean distance of their joints; of each limb, columns (k,) of the pose, with these odds
+    times how likely the frame's pixels are with it to how likely with this look's, to the power PIXELS_SAY.
 
-    A limb of each look is tried on the body of either, and the mean counts: a body that is a little off suits the
-    limbs that were found with it. Deviation: what limbs hang on counts as much by either look, as pixels do not say how
-    far away the whole body is: weighing that too, it was told worse.
+    These are the weights of two estimates by their variances, where both err by OWN_M and the earlier one by what they
+    differ by, too: that look does not know what is behind the person, so that it keeps the error of the start. A limb
+    of each look is tried on the body of either, and the mean counts: a body that is a little off suits the limbs that
+    were found with it. Deviation: pixels do not weigh what limbs hang on, as they do not say how far away the whole
+    body is: weighing that too, it was told worse.
     """
-    n = len(limbs)
+    n, joints = len(limbs), np.ones(len(skeleton.names), dtype=np.bool_)
     theirs = nearest_turn(other, pose)
     tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
     for k, limb in enumerate(limbs):
         tried[k + 1, limb], tried[n + k + 2, limb] = theirs[limb], pose[limb]
     ratios = look.compare(tried, joints).reshape(2, n + 1)
-    found = np.full(len(pose), 0.5)
+    one, another = forward(skeleton, np.stack([pose, other])).positions
+    agreeing = -np.log1p((float(np.linalg.norm(one - another, axis=1).mean()) / OWN_M) ** 2)
+    found = np.full(len(pose), scipy.special.expit(agreeing))
     for k, limb in enumerate(limbs):
         likelier = 0.5 * (ratios[0, k + 1] - ratios[0, 0] + ratios[1, 0] - ratios[1, k + 1])
-        found[limb] = scipy.special.expit(PIXELS_SAY * likelier)
+        found[limb] = scipy.special.expit(agreeing + PIXELS_SAY * likelier)
     return found
 
 

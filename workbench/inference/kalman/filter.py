@@ -60,15 +60,15 @@ class Kalman:
 
     second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
     likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then lies between
-    both looks, of each limb nearer to the one that the pixels speak for (`both.shares`), and is as much less sure as
-    they differ (`both.of_both`). Else every frame is told as soon as it is seen. steps: of Newton. sudden: how likely a
-    limb moves as m does not say. flatten: power of the likelihood that narrows P: below 1, bands are wider, and the
-    next frame's search goes farther. widen: by how much wider the draws are than the Gaussian, which knows nothing of
-    what model and cues have in common from frame to frame; where the likelihood tells its misfit, times BASE_DOUBT and
-    this, joint by joint: curvature alone does not know a loss. postures: power of the prior's density of postures,
-    where it knows one, by which what is told of each frame, but not the tracking, is drawn to what people do: of a limb
-    that hides, images say little. n_particles: draws, with even weights. Raises InputError for a prior without Gaussian
-    noise and numbers out of range.
+    both looks, nearer to the second the more they differ, and of each limb to the one that the pixels speak for
+    (`both.shares`), and is as much less sure as they differ (`both.of_both`). Else every frame is told as soon as it is
+    seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the likelihood that
+    narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much wider the draws
+    are than the Gaussian, which knows nothing of what model and cues have in common from frame to frame; where the
+    likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not know a loss.
+    postures: power of the prior's density of postures, where it knows one, by which what is told of each frame, but not
+    the tracking, is drawn to what people do: of a limb that hides, images say little. n_particles: draws, with even
+    weights. Raises InputError for a prior without Gaussian noise and numbers out of range.
     """
 
     traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
@@ -168,7 +168,7 @@ class Kalman:
                 leaps = previous is not None  # nobody leaps from where a start is given
                 belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
                 if frame.index in found and isinstance(look, LayeredLook):
-                    weighed = shares(look, self._leaping, peak.pose, found[frame.index], self._everything)
+                    weighed = shares(look, self.body.skeleton, self._leaping, peak.pose, found[frame.index])
                     belief = replace(belief, shares=weighed)
                 log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
             likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
