@@ -114,8 +114,11 @@ def test_both_are_weighed_samples(share, seed):
     mean, covariance = of_both(first, second, np.zeros((2 * N, 2 * N)), np.full(N, share))
     np.testing.assert_allclose(mean[:N], share * first[:N] + (1.0 - share) * second[:N])
     np.testing.assert_allclose(mean[N:], 0.5 * (first[N:] + second[N:]))
-    expected = np.cov(np.stack([first[:N], second[:N]]).T, aweights=[share, 1.0 - share])  # NumPy's, unbiased
+    samples = np.stack([first, second]).T
+    expected = 2.0 * np.cov(samples[:N], aweights=[share, 1.0 - share], ddof=0)
     np.testing.assert_allclose(covariance[:N, :N], expected, atol=1e-12)
+    unbiased = np.cov(samples[N:])  # of what counts as much by either
+    np.testing.assert_allclose(covariance[N:, N:], unbiased, atol=1e-12)
 
 
 class Twice(Image):

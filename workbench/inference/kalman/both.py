@@ -55,10 +55,12 @@ def of_both(
     with which the state begins; of the others both count as much.
 
     They are two samples of what a look may find: told is their mean, x̄ = w x₁ + (1 − w) x₂, and beside the covariance
-    the unbiased estimate Σ w (x − x̄)² / (1 − Σ w²) of theirs, which is d dᵀ / 2 with d = x₁ − x₂ whatever the weights.
-    Angles are compared on the nearest turn.
+    twice their weighted one, 2 Σ w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂: the unbiased estimate d dᵀ / 2 where
+    both count as much, and nothing where one is not believed, by which postures would draw the other one to it. Angles
+    are compared on the nearest turn.
     """
     n = len(POSE_NAMES)
     apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
     every = np.concatenate([weights, np.full(len(second) - n, 0.5)])
-    return second + every * apart, covariance + 0.5 * np.outer(apart, apart)
+    spread = np.sqrt(every * (1.0 - every)) * apart
+    return second + every * apart, covariance + 2.0 * np.outer(spread, spread)
