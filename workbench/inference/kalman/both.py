@@ -15,7 +15,7 @@ PIXELS_SAY = 0.1
 """Power of a frame's likelihood by which looks are weighed: neighbouring frames err together, and so do cells that
 learned from poses that were off."""
 OWN_M = 0.045
-"""By how much a look's joints err by themselves, m; what looks differ by beyond that is the error of the other one."""
+"""By how much a look's joints err by themselves, m; what looks differ by beyond that is put down to the earlier one."""
 
 
 def shares(
