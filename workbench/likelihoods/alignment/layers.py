@@ -3,6 +3,7 @@ the same pixels for every pose, so that poses far apart can be compared: the poi
 and limbs that hide behind others cost it nothing."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numba
@@ -21,7 +22,7 @@ ODD = 0.2
 _WIDER = 1.2  # so that the squares about a sphere's cells leave no gaps
 _NEAREST_M, _LARGEST_PX = 0.05, 200.0  # of facets that are drawn
 _LOGGED = 64  # likelihoods that are multiplied before a logarithm is taken: no product leaves what a number can be
-_STEP, _ROWS = 8, 32  # poses, and rows of an image, that a thread takes at once
+_STEP = 2  # poses that a thread takes at once, at least
 
 Layer: TypeAlias = tuple[IntArray, FloatArray]
 """(height, width) of cells, −1 where there is none, and of their depths, m."""
@@ -42,6 +43,15 @@ class Facets:
         kept = joints[self.joints]
         renumbered, own = np.cumsum(kept) - 1, kept[self.corners[:, 0]]
         return Facets(self.points[kept], self.joints[kept], renumbered[self.corners[own]], self.cells[own])
+
+    @cached_property
+    def table(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """As kernels take them: the points (3, V); stretches (R, 3) of them on one joint, told by the first, the one after
+        the last, and the joint; the corners; the cells."""
+        firsts = np.flatnonzero(np.diff(self.joints, prepend=-1))
+        lasts = np.flatnonzero(np.diff(self.joints, append=-1)) + 1
+        stretches = np.column_stack([firsts, lasts, self.joints[firsts]])
+        return np.ascontiguousarray(self.points.T), stretches, self.corners, self.cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +104,7 @@ def _squares(limbs: Limbs, k: int, cells: Cells) -> tuple[FloatArray, IntArray]:
 def drawn(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int, int]) -> Layer:
     """Draw facets in the first of some poses, given by its joints' frames, nearer ones before farther ones."""
     cells, depths = np.full(shape, -1, dtype=np.int64), np.full(shape, np.inf)
-    _draw_all(*_table(facets), frames.rotations[0], frames.positions[0], camera.row, cells, depths)
+    _draw_all(*facets.table, frames.rotations[0], frames.positions[0], camera.row, cells, depths)
     return cells, depths
 
 
@@ -105,8 +115,8 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     placed = frames.rotations, frames.positions, camera.row
     before, values = np.zeros(behind[0].shape), _values(shown)
     judged: tuple[Any, ...] = (behind[0], *values, before)
-    over_threads(lambda first, last: _judge(first, last, *judged), len(before), _ROWS)
-    arguments: tuple[Any, ...] = (behind[1], *_table(facets), *placed, *values, before, found)
+    _judge(*judged)  # on one thread: others take as long to wake
+    arguments: tuple[Any, ...] = (behind[1], *facets.table, *placed, *values, before, found)
     over_threads(lambda first, last: _log_ratios(first, last, *arguments), len(found), _STEP)
     return found
 
@@ -140,10 +150,6 @@ def log_ratio_reference(layer: Layer, shown: Shown) -> float:
     return float(shown.ratio[there].sum() + np.log(ODD + (1.0 - ODD) * normal).sum())
 
 
-def _table(facets: Facets) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-    return facets.points, facets.joints, facets.corners, facets.cells
-
-
 def _values(shown: Shown) -> tuple[Any, ...]:
     """What is shown as the kernel takes it: of every cell its deviation and its density's peak, 0 for one not known."""
     sigma = shown.sigma * np.sqrt(1.0 + 1.0 / np.maximum(shown.n, 1e-300))
@@ -152,64 +158,77 @@ def _values(shown: Shown) -> tuple[Any, ...]:
 
 
 @inlined_exactly
-def _place(points: Any, joints: Any, rotations: Any, positions: Any, camera: Any, places: Any) -> None:
-    """Write the pixels and depths (V, 3) of corners (V, 3) in a pose."""
-    turns = np.empty((rotations.shape[0], 3, 4))  # from every joint straight to the camera
-    for j in range(rotations.shape[0]):
-        for a in range(3):
-            r0, r1, r2 = camera[3 * a], camera[3 * a + 1], camera[3 * a + 2]
-            for b in range(3):
-                turns[j, a, b] = r0 * rotations[j, 0, b] + r1 * rotations[j, 1, b] + r2 * rotations[j, 2, b]
-            place = r0 * positions[j, 0] + r1 * positions[j, 1] + r2 * positions[j, 2]
-            turns[j, a, 3] = place + camera[9 + a]
-    for k in range(points.shape[0]):
-        x, y, z, turn = points[k, 0], points[k, 1], points[k, 2], turns[joints[k]]
-        cz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + turn[2, 3]
-        u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + turn[0, 3]) / cz
-        v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + turn[1, 3]) / cz
-        r2 = u * u + v * v
-        radial = 1.0 + r2 * (camera[16] + r2 * (camera[17] + r2 * camera[20]))
-        bent_u = u * radial + 2.0 * camera[18] * u * v + camera[19] * (r2 + 2.0 * u * u)
-        bent_v = v * radial + camera[18] * (r2 + 2.0 * v * v) + 2.0 * camera[19] * u * v
-        places[k, 0], places[k, 1], places[k, 2] = (
-            bent_u * camera[12] + camera[14],
-            bent_v * camera[13] + camera[15],
-            cz,
-        )
+def _row(k: int, rotation: Any, position: Any, camera: Any) -> Any:
+    """A row of the matrix that leads straight from a joint's frame to the camera's, and what is added there."""
+    r0, r1, r2 = camera[3 * k], camera[3 * k + 1], camera[3 * k + 2]
+    return (
+        r0 * rotation[0, 0] + r1 * rotation[1, 0] + r2 * rotation[2, 0],
+        r0 * rotation[0, 1] + r1 * rotation[1, 1] + r2 * rotation[2, 1],
+        r0 * rotation[0, 2] + r1 * rotation[1, 2] + r2 * rotation[2, 2],
+        r0 * position[0] + r1 * position[1] + r2 * position[2] + camera[9 + k],
+    )
 
 
 @inlined_exactly
-def _box(corners: Any, places: Any, box: Any) -> float:
-    """Write the pixels (4,) within which a facet (4,) lies, to the left, to the right, above and below, and return its
-    mean depth, 0 where it is not to be drawn: it faces away, or is too near or too large."""
-    ax, ay, az = places[corners[0], 0], places[corners[0], 1], places[corners[0], 2]
-    bx, by, bz = places[corners[1], 0], places[corners[1], 1], places[corners[1], 2]
-    cx, cy, cz = places[corners[2], 0], places[corners[2], 1], places[corners[2], 2]
-    dx, dy, dz = places[corners[3], 0], places[corners[3], 1], places[corners[3], 2]
-    area = (ax * by - bx * ay) + (bx * cy - cx * by) + (cx * dy - dx * cy) + (dx * ay - ax * dy)
-    if not (area < 0.0 and min(min(az, bz), min(cz, dz)) > _NEAREST_M):
-        return 0.0
-    box[0], box[1] = min(min(ax, bx), min(cx, dx)), max(max(ax, bx), max(cx, dx))
-    box[2], box[3] = min(min(ay, by), min(cy, dy)), max(max(ay, by), max(cy, dy))
-    return 0.25 * (az + bz + cz + dz) if max(box[1] - box[0], box[3] - box[2]) < _LARGEST_PX else 0.0
+def _place(points: Any, stretches: Any, rotations: Any, positions: Any, camera: Any, places: Any) -> None:
+    """Write the pixels and depths (3, V) of points (3, V) in a pose. The innermost loop has no branch and reads no
+    index, so that processors place several points together."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = camera[12:21]
+    for first, last, joint in stretches:
+        a0, a1, a2, a3 = _row(0, rotations[joint], positions[joint], camera)
+        b0, b1, b2, b3 = _row(1, rotations[joint], positions[joint], camera)
+        c0, c1, c2, c3 = _row(2, rotations[joint], positions[joint], camera)
+        xs, ys, zs = points[0, first:last], points[1, first:last], points[2, first:last]
+        us, vs, depths = places[0, first:last], places[1, first:last], places[2, first:last]
+        for i in range(last - first):
+            x, y, z = xs[i], ys[i], zs[i]
+            depth = c0 * x + c1 * y + c2 * z + c3
+            u = (a0 * x + a1 * y + a2 * z + a3) / depth
+            v = (b0 * x + b1 * y + b2 * z + b3) / depth
+            r2 = u * u + v * v
+            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            us[i] = (u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u)) * fx + cx
+            vs[i] = (v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v) * fy + cy
+            depths[i] = depth
+
+
+@inlined_exactly
+def _facing(corners: Any, places: Any, height: int, width: int, boxes: Any, depths: Any) -> int:
+    """List the facets, corners (K, 4), that are to be drawn: none that faces away, is too near or too large, or lies
+    between pixels. Write, of one after the other, its number, first and last column, first and last row (K, 5), and its
+    mean depth (K,), and return how many there are."""
+    n, (us, vs, zs) = 0, (places[0], places[1], places[2])
+    for k in range(len(corners)):
+        a, b, c, d = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
+        ax, ay, bx, by, cx, cy, dx, dy = us[a], vs[a], us[b], vs[b], us[c], vs[c], us[d], vs[d]
+        area = (ax * by - bx * ay) + (bx * cy - cx * by) + (cx * dy - dx * cy) + (dx * ay - ax * dy)
+        if not area < 0.0:
+            continue
+        x0, x1 = min(min(ax, bx), min(cx, dx)), max(max(ax, bx), max(cx, dx))
+        y0, y1 = min(min(ay, by), min(cy, dy)), max(max(ay, by), max(cy, dy))
+        near = not min(min(zs[a], zs[b]), min(zs[c], zs[d])) > _NEAREST_M
+        if near or not (max(x1 - x0, y1 - y0) < _LARGEST_PX and x1 >= 0.0 and x0 < width and y1 >= 0.0 and y0 < height):
+            continue
+        left, right = int(np.ceil(max(x0, 0.0))), int(np.floor(min(x1, width - 1.0)))
+        top, bottom = int(np.ceil(max(y0, 0.0))), int(np.floor(min(y1, height - 1.0)))
+        if left <= right and top <= bottom:
+            boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3], boxes[n, 4] = k, left, right, top, bottom
+            depths[n] = 0.25 * (zs[a] + zs[b] + zs[c] + zs[d])
+            n += 1
+    return n
 
 
 @inlined_exactly
 def _draw(
     corners: Any, places: Any, box: Any, depth: float, cell: int, top: int, left: int, cells: Any, depths: Any
 ) -> None:
-    """Draw a facet into the part of an image that begins at (top, left)."""
-    height, width = cells.shape
-    if not (box[1] >= left and box[0] <= left + width - 1 and box[3] >= top and box[2] <= top + height - 1):
-        return
-    first, last = int(np.ceil(max(box[0], left))), int(np.floor(min(box[1], left + width - 1)))
-    low, high = int(np.ceil(max(box[2], top))), int(np.floor(min(box[3], top + height - 1)))
-    ax, ay = places[corners[0], 0], places[corners[0], 1]
-    bx, by = places[corners[1], 0], places[corners[1], 1]
-    cx, cy = places[corners[2], 0], places[corners[2], 1]
-    dx, dy = places[corners[3], 0], places[corners[3], 1]
-    for y in range(low, high + 1):
-        for x in range(first, last + 1):
+    """Draw a facet, corners (4,), into the part of an image that begins at (top, left)."""
+    ax, ay = places[0, corners[0]], places[1, corners[0]]
+    bx, by = places[0, corners[1]], places[1, corners[1]]
+    cx, cy = places[0, corners[2]], places[1, corners[2]]
+    dx, dy = places[0, corners[3]], places[1, corners[3]]
+    for y in range(box[3], box[4] + 1):
+        for x in range(box[1], box[2] + 1):
             if (
                 depth < depths[y - top, x - left]
                 and (bx - ax) * (y - ay) - (by - ay) * (x - ax) <= 0.0
@@ -231,42 +250,35 @@ def _likelihood(cell: int, level: float, texture: Any, sigma: Any, peak: Any) ->
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _draw_all(
-    points: Any, joints: Any, corners: Any, of: Any, rotations: Any, positions: Any, camera: Any, cells: Any,
+    points: Any, stretches: Any, corners: Any, of: Any, rotations: Any, positions: Any, camera: Any, cells: Any,
     depths: Any,
 ) -> None:  # fmt: skip
-    places, box = np.empty((len(points), 3)), np.empty(4)
-    _place(points, joints, rotations, positions, camera, places)
-    for k in range(len(of)):
-        depth = _box(corners[k], places, box)
-        if depth > 0.0:
-            _draw(corners[k], places, box, depth, of[k], 0, 0, cells, depths)
+    places, boxes, own = np.empty(points.shape), np.empty((len(of), 5), dtype=np.int64), np.empty(len(of))
+    _place(points, stretches, rotations, positions, camera, places)
+    for f in range(_facing(corners, places, cells.shape[0], cells.shape[1], boxes, own)):
+        k = boxes[f, 0]
+        _draw(corners[k], places, boxes[f], own[f], of[k], 0, 0, cells, depths)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _log_ratios(
-    first: int, last: int, behind_depths: Any, points: Any, joints: Any, corners: Any, of: Any,
+    first: int, last: int, behind_depths: Any, points: Any, stretches: Any, corners: Any, of: Any,
     rotations: Any, positions: Any, camera: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
     before: Any, found: Any,
 ) -> None:  # fmt: skip
-    height, width = behind_depths.shape
-    places, boxes, depths = np.empty((len(points), 3)), np.empty((len(of), 4)), np.empty(len(of))
+    places, boxes, depths = np.empty(points.shape), np.empty((len(of), 5), dtype=np.int64), np.empty(len(of))
     for i in range(first, last):
-        _place(points, joints, rotations[i], positions[i], camera, places)
-        x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
-        for k in range(len(of)):
-            depths[k] = _box(corners[k], places, boxes[k])
-            if depths[k] > 0.0:
-                x0, x1 = min(x0, boxes[k, 0]), max(x1, boxes[k, 1])
-                y0, y1 = min(y0, boxes[k, 2]), max(y1, boxes[k, 3])
-        if not (x1 >= 0.0 and x0 <= width - 1.0 and y1 >= 0.0 and y0 <= height - 1.0):
+        _place(points, stretches, rotations[i], positions[i], camera, places)
+        drawn = _facing(corners, places, behind_depths.shape[0], behind_depths.shape[1], boxes, depths)
+        if drawn == 0:
             continue
-        left, right = int(np.floor(max(x0, 0.0))), int(np.ceil(min(x1, width - 1.0)))
-        top, bottom = int(np.floor(max(y0, 0.0))), int(np.ceil(min(y1, height - 1.0)))
+        left, right = boxes[:drawn, 1].min(), boxes[:drawn, 2].max()
+        top, bottom = boxes[:drawn, 3].min(), boxes[:drawn, 4].max()
         nearest = np.full((bottom - top + 1, right - left + 1), -1, dtype=np.int64)
         near = behind_depths[top : bottom + 1, left : right + 1].copy()
-        for k in range(len(of)):
-            if depths[k] > 0.0:
-                _draw(corners[k], places, boxes[k], depths[k], of[k], top, left, nearest, near)
+        for f in range(drawn):
+            k = boxes[f, 0]
+            _draw(corners[k], places, boxes[f], depths[f], of[k], top, left, nearest, near)
         total, product, n = 0.0, 1.0, 0
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
@@ -281,12 +293,9 @@ def _log_ratios(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _judge(
-    first: int, last: int, cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
-    found: Any,
-) -> None:  # fmt: skip
+def _judge(cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any, found: Any) -> None:
     """Write the log ratio of every pixel of a layer to the scene."""
-    for y in range(first, last):
+    for y in range(cells.shape[0]):
         for x in range(cells.shape[1]):
             if cells[y, x] >= 0 and free[y, x]:
                 found[y, x] = ratio[y, x] + np.log(_likelihood(cells[y, x], image[y, x], texture, sigma, peak))

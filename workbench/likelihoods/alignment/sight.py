@@ -127,8 +127,9 @@ class Sight:
         if not len(pixels):
             return np.zeros(0), np.zeros((0, 2))
         margin = int(np.ceil(5.0 * blur_px)) + 2  # beyond the reach of OpenCV's Gaussians
-        low = np.maximum(np.floor(pixels.min(axis=0)).astype(np.int64) - margin, 0)
-        high = np.minimum(np.ceil(pixels.max(axis=0)).astype(np.int64) + margin + 1, self.shape[::-1])
+        x, y = pixels.T  # by themselves, as NumPy takes 20 times as long for both at once
+        low = np.maximum(np.floor([x.min(), y.min()]).astype(np.int64) - margin, 0)
+        high = np.minimum(np.ceil([x.max(), y.max()]).astype(np.int64) + margin + 1, self.shape[::-1])
         corners = limb_points(body, CORNERS, self.camera, frames).pixels[0] - low.astype(np.float32)
         drawn = covered(corners, body.limbs.spheres, (int(high[1] - low[1]), int(high[0] - low[0])))
         return picture(drawn.astype(np.float32), blur_px).at(pixels - low)
