@@ -54,7 +54,7 @@ def scene(seed, sharp, unseen=0):
 @pytest.mark.parametrize("seed", range(5))
 def test_it_climbs_to_the_peak_of_three_gaussians(seed):
     look, prior, start, alone, _ = scene(seed, 500.0)
-    pose, slope, count = settle(look, prior, start, WIDE, JOINTS)
+    pose, slope, count = settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)
     expected = np.linalg.solve(alone + 500.0 * np.eye(D), alone @ start + 500.0 * look.layers)
 
     def below(place):
@@ -69,7 +69,7 @@ def test_it_climbs_to_the_peak_of_three_gaussians(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
     look, prior, start, _, unseen = scene(seed, 500.0, unseen=2)
-    pose, _, count = settle(look, prior, start, WIDE, JOINTS)
+    pose, _, count = settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)
     moved = np.abs(pose - start).max()
     np.testing.assert_allclose(unseen.T @ (pose - start), 0.0, atol=1e-6 * moved)
     assert moved > 0.01
@@ -78,13 +78,13 @@ def test_the_layers_are_not_asked_of_what_the_points_do_not_see(seed):
 
 def test_it_stays_at_the_peak_of_the_points_where_layers_say_nothing():
     look, prior, start, *_ = scene(0, 0.0)
-    np.testing.assert_array_equal(settle(look, prior, start, WIDE, JOINTS)[0], start)
+    np.testing.assert_array_equal(settle(look, prior, start, look.slope(start, 1), WIDE, JOINTS)[0], start)
 
 
 def test_it_keeps_within_limits():
     look, prior, start, *_ = scene(1, 500.0)
     limits = np.stack([start - 0.01, start + 0.01], axis=1)
-    pose, _, _ = settle(look, prior, start, limits, JOINTS)
+    pose, _, _ = settle(look, prior, start, look.slope(start, 1), limits, JOINTS)
     assert (pose >= limits[:, 0]).all()
     assert (pose <= limits[:, 1]).all()
     assert (pose != start).any()

@@ -20,6 +20,13 @@ FARTHER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
+class Climbed(Peak):
+    """A peak that derivatives led to. slope: of the likelihood there, at the last smoothing."""
+
+    slope: Slope
+
+
+@dataclass(frozen=True, eq=False)
 class Tails:
     """A Gaussian about a mean (P,), but that each limb may move as nobody foresaw: its numbers, given those before
     them, are (1 − ε) N(0, I) + ε N(0, FARTHER² I) in the Gaussian's own deviations. People begin and stop to move more
@@ -65,7 +72,7 @@ def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: flo
 def climb(
     look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
     start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
-) -> Peak:  # fmt: skip
+) -> Climbed:  # fmt: skip
     """Climb from a pose `start` (P,), within limits (P, 2), by damped Gauss–Newton steps (Levenberg 1944, Marquardt
     1963), at one smoothing of the image after the other. mean: (P,), what was predicted.
 
@@ -80,13 +87,13 @@ def climb(
     return peak_at(prior, pose, slope, flatten, count)
 
 
-def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Peak:
+def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Climbed:
     """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
     precision = prior.precision(pose)
     narrowed = np.linalg.inv(precision + flatten * slope.curvature)
     _, volume = np.linalg.slogdet(np.eye(len(pose)) + slope.curvature @ np.linalg.inv(precision))
     height = slope.log_prob + prior.height(pose) - 0.5 * volume
-    return Peak(pose, 0.5 * (narrowed + narrowed.T), float(height), count)
+    return Climbed(pose, 0.5 * (narrowed + narrowed.T), float(height), count, slope)
 
 
 def _climb_at(

@@ -23,7 +23,7 @@ from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offerin
 from workbench.errors import InputError
 from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed, with_pose
 from workbench.inference.kalman.both import of_both, shares
-from workbench.inference.kalman.climb import FARTHER, climb, peak_at, tails
+from workbench.inference.kalman.climb import FARTHER, Climbed, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
 from workbench.inference.kalman.peak import Peak, find_peak
 from workbench.inference.kalman.settle import settle
@@ -184,19 +184,20 @@ class Kalman:
     ) -> tuple[Belief, Peak]:
         """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
         n = before.shape[1]
+        peak: Peak
         if isinstance(look, SlopedLook):
-            peak = self._climbed(look, belief, belief.mean[:n])
+            climbed = self._climbed(look, belief, belief.mean[:n])
             if isinstance(look, LayeredLook):
                 if leaps:
-                    belief, peak = self._leapt(look, belief, peak, before[0], rng)
-                peak = self._settled(look, belief, peak)
-            doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
+                    belief, climbed = self._leapt(look, belief, climbed, before[0], rng)
+                climbed = self._settled(look, belief, climbed)
+            peak, doubt = climbed, BASE_DOUBT + look.misfit(climbed.pose)[self.body.skeleton.dof_joints]
         else:
             peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
         mean, covariance = with_pose(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
-    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Peak:
+    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Climbed:
         """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
         n = len(start)
         return climb(
@@ -205,8 +206,8 @@ class Kalman:
         )  # fmt: skip
 
     def _leapt(
-        self, look: LayeredLook, belief: Belief, peak: Peak, before: FloatArray, rng: np.random.Generator
-    ) -> tuple[Belief, Peak]:
+        self, look: LayeredLook, belief: Belief, peak: Climbed, before: FloatArray, rng: np.random.Generator
+    ) -> tuple[Belief, Climbed]:
         """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
         skeleton = self.body.skeleton
         for limb in self._leaping:
@@ -219,11 +220,11 @@ class Kalman:
                 belief, peak = released, again
         return belief, peak
 
-    def _settled(self, look: LayeredLook, belief: Belief, peak: Peak) -> Peak:
+    def _settled(self, look: LayeredLook, belief: Belief, peak: Climbed) -> Climbed:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
         prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
-        pose, slope, count = settle(look, prior, peak.pose, skeleton.limits, self._everything)
+        pose, slope, count = settle(look, prior, peak.pose, peak.slope, skeleton.limits, self._everything)
         return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
 
     def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -20,17 +20,17 @@ ENOUGH = 0.5
 
 
 def settle(
-    look: LayeredLook, prior: Tails, pose: FloatArray, limits: FloatArray, joints: BoolArray
+    look: LayeredLook, prior: Tails, pose: FloatArray, slope: Slope, limits: FloatArray, joints: BoolArray
 ) -> tuple[FloatArray, Slope, int]:
     """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the peak of the first two, within limits
-    (P, 2), by Newton steps; return the pose, the slope of the points there, and how often the layers were asked.
-    joints: (J,), all true.
+    (P, 2), by Newton steps; return the pose, the slope of the points there, and how often the layers were asked. slope:
+    of the points at the pose it begins with. joints: (J,), all true.
 
     The layers have no derivatives: these are differences along the axes that the prior's precision and the points'
     curvature share, over the deviations of both there, and only along those which the points see (LEAST_SEEN).
     Curvature that is not downwards counts as none, and off the diagonal none is looked at.
     """
-    last, slope, count = look.levels - 1, look.slope(pose, look.levels - 1), 0
+    last, count = look.levels - 1, 0
     for _ in range(STEPS):
         precision = prior.precision(pose)
         root = np.linalg.inv(np.linalg.cholesky(precision)).T

@@ -196,7 +196,12 @@ def add_normal(
 ) -> None:  # fmt: skip
     """Add up the gradient (P,) and the curvature (P, P) of the loss of points (K, 3), see `sight.Residuals.normal`."""
     n = len(gradient)
-    slopes, own = np.empty(n), np.empty(n, dtype=np.int64)
+    slopes, own, n_own = np.empty(n), np.empty(moves.shape, dtype=np.int64), np.zeros(len(moves), dtype=np.int64)
+    for joint in range(len(moves)):  # which numbers of the pose move it
+        for p in range(n):
+            if moves[joint, p] > 0.0:
+                own[joint, n_own[joint]] = p
+                n_own[joint] += 1
     for i in range(len(misses)):
         if not counts[i] > 0.0:
             continue
@@ -211,22 +216,19 @@ def add_normal(
         fy = gx * camera[1] + gy * camera[4] + gz * camera[7]
         fz = gx * camera[2] + gy * camera[5] + gz * camera[8]
         tx, ty, tz = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
-        k = 0
-        for p in range(n):
-            if not moves[joints[i], p] > 0.0:
-                continue
+        movers = own[joints[i], : n_own[joints[i]]]
+        for a in range(len(movers)):
+            p = movers[a]
             if p < 3:
                 slope = fx if p == 0 else (fy if p == 1 else fz)
             else:
                 slope = axes[p, 0] * tx + axes[p, 1] * ty + axes[p, 2] * tz
                 slope -= moments[p, 0] * fx + moments[p, 1] * fy + moments[p, 2] * fz
-            slopes[k], own[k] = slope, p
-            k += 1
-        for a in range(k):
-            weighted = weight * slopes[a]
-            gradient[own[a]] += weighted * misses[i]
+            slopes[a] = slope
+            weighted, row = weight * slope, curvature[p]
+            gradient[p] += weighted * misses[i]
             for b in range(a + 1):
-                curvature[own[a], own[b]] += weighted * slopes[b]
+                row[movers[b]] += weighted * slopes[b]
     for a in range(n):
         for b in range(a):
             curvature[b, a] = curvature[a, b]

@@ -46,8 +46,8 @@ class Facets:
 
     @cached_property
     def table(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """As kernels take them: the points (3, V); stretches (R, 3) of them on one joint, told by the first, the one after
-        the last, and the joint; the corners; the cells."""
+        """As kernels take them: the points (3, V); stretches (R, 3) of them on one joint, told by the first, the one
+        after the last, and the joint; the corners; the cells."""
         firsts = np.flatnonzero(np.diff(self.joints, prepend=-1))
         lasts = np.flatnonzero(np.diff(self.joints, append=-1)) + 1
         stretches = np.column_stack([firsts, lasts, self.joints[firsts]])
