@@ -1,5 +1,6 @@
 """What several tests need."""
 
+import gc
 import os
 import signal
 import sys
@@ -25,6 +26,13 @@ settings.load_profile("same")
 def pytest_addoption(parser):
     parser.addoption("--data", metavar="DIR", help="the real recordings ($WORKBENCH_DATA)")
     parser.addoption("--require-data", action="store_true", help="a test without the real recordings it needs fails")
+
+
+def pytest_collection_finish():
+    """Leave what is there before the first test, thousands of tests among it, out of what Python's collector looks
+    through again and again, for a tenth of the time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
