@@ -206,8 +206,8 @@ def _facing(corners: Any, places: Any, height: int, width: int, boxes: Any, dept
             continue
         x0, x1 = min(min(ax, bx), min(cx, dx)), max(max(ax, bx), max(cx, dx))
         y0, y1 = min(min(ay, by), min(cy, dy)), max(max(ay, by), max(cy, dy))
-        near = not min(min(zs[a], zs[b]), min(zs[c], zs[d])) > _NEAREST_M
-        if near or not (max(x1 - x0, y1 - y0) < _LARGEST_PX and x1 >= 0.0 and x0 < width and y1 >= 0.0 and y0 < height):
+        drawable = min(min(zs[a], zs[b]), min(zs[c], zs[d])) > _NEAREST_M and max(x1 - x0, y1 - y0) < _LARGEST_PX
+        if not (drawable and x1 >= 0.0 and x0 < width and y1 >= 0.0 and y0 < height):
             continue
         left, right = int(np.ceil(max(x0, 0.0))), int(np.floor(min(x1, width - 1.0)))
         top, bottom = int(np.ceil(max(y0, 0.0))), int(np.floor(min(y1, height - 1.0)))
