@@ -118,6 +118,13 @@ tell("tree", draw(sign_tree(rows), probes, 0.5, rng.random((300, 9))))
 """
 
 
+@pytest.mark.parametrize(("given", "level"), [({}, 2), ({"NUMBA_OPT": "3"}, 3)])
+def test_kernels_are_compiled_at_the_second_level_unless_another_is_given(given, level):
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_OPT"} | given
+    told = [sys.executable, "-c", "import workbench, numba; print(int(numba.config.OPT))"]
+    assert int(subprocess.run(told, env=environment, check=True, capture_output=True, text=True).stdout) == level
+
+
 @pytest.mark.slow
 def test_kernels_just_compiled_and_kernels_kept_give_the_same_bits(tmp_path):
     """Of every likelihood, and of the searches of the implicit prior."""
