@@ -18,11 +18,13 @@ from workbench.digest import digest_of, read_sources
 
 _FOLDER = "kernels-"
 _VARIABLE = "NUMBA_CACHE_DIR"
+_in_use: Path | None = None
 
 
 def use_kernel_cache(package: Path) -> Path:
     """Have numba keep the kernels of a package, from now on, where `kernel_folder` says; the same folder."""
-    folder = kernel_folder(package)
+    global _in_use
+    _in_use = folder = kernel_folder(package)
     if folder.parent == package / "__pycache__" and not folder.exists():
         for outdated in folder.parent.glob(f"{_FOLDER}*"):
             shutil.rmtree(outdated, ignore_errors=True)  # another process may be doing the same
@@ -31,6 +33,12 @@ def use_kernel_cache(package: Path) -> Path:
     else:  # it reads this when it is imported, which takes long and which not every command needs
         os.environ[_VARIABLE] = str(folder)
     return folder
+
+
+def is_kept(module: str, kernel: str) -> bool:
+    """Tell whether the folder in use has a kernel of a module, by its full name, for whatever arguments."""
+    *_, room, file = module.split(".")
+    return _in_use is not None and any(_in_use.glob(f"{room}_*/{file}.{kernel}-*.nbi"))
 
 
 def go_on_without_room() -> None:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.clock import compiled_s, working_s
+from workbench.compiled_beside import wait_for_kernels
 from workbench.core.prior import Prior
 from workbench.core.step import continues
 from workbench.core.study import Study
@@ -51,6 +52,7 @@ def run(
     group. The rest as there."""
     _set_threads(config.threads)
     go_on_without_room()
+    wait_for_kernels()
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
     with threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:

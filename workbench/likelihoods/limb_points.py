@@ -9,10 +9,11 @@ import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, LANES, inlined
-from workbench.body.limbs import Body
+from workbench.body.limbs import Body, person
+from workbench.body.shape import from_height
 from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows
 from workbench.threads import over_threads
 
@@ -56,6 +57,15 @@ def limb_points_of_all(
         LimbPoints(pixels[first:last].reshape(*shape, n, 2), counts[first:last].reshape(*shape, n), turns)
         for n, (first, last) in zip(map(len, samples), pairwise(rows), strict=True)
     ]
+
+
+def compile_ahead() -> None:
+    """Have what places points compiled, and kept."""
+    camera = plain_camera(width=8, height=8, focal_px=8.0, position=(0.0, -4.0, 1.0), look_at=(0.0, 0.0, 1.0))
+    body = person(from_height(1.75))
+    n_joints = len(body.skeleton.names)
+    frames = JointFrames(np.zeros((1, n_joints, 3, 3)), np.zeros((1, n_joints, 3)))
+    limb_points(body, np.zeros((1, 2)), camera, frames)
 
 
 def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:

@@ -27,10 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
-from workbench.body.limbs import Body, Limbs
+from workbench.body.limbs import Body, Limbs, person
+from workbench.body.shape import from_height
+from workbench.compiled_beside import compile_beside
 from workbench.likelihoods.image_motion.patches import (
     ACROSS,
     AX,
@@ -138,6 +140,15 @@ def view_log_prob(
     )
     over_threads(lambda first, last: _run(first, last, *arguments), n, LANES)
     return log_prob, outside
+
+
+def compile_ahead() -> None:
+    """Have what `view_log_prob` calls compiled, and kept."""
+    compile_beside(patch.__module__, "patch", "cover", "mark_hidden")
+    camera = plain_camera(width=8, height=8, focal_px=8.0, position=(0.0, -4.0, 1.0), look_at=(0.0, 0.0, 1.0))
+    body = person(from_height(1.75))
+    view = PackedView(camera, packed(np.zeros((8, 8), dtype=np.float32)), np.zeros((1, len(body.skeleton.dof_names))))
+    view_log_prob(body, np.zeros((1, 2)), LimbModel(1.0, 0.0, 0.5, "mean", 1.0, "sample", "none"), view, view)
 
 
 def packed(image: Float32Array) -> Packed:
