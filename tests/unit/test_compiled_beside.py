@@ -112,7 +112,7 @@ from workbench.experiment import compiling_ahead
 if sys.argv[1] == "alone":
     compiling_ahead.compile_beside = lambda *_, **__: None
 if __name__ == "__main__":
-    api.run(*sys.argv[3:], "dataset.n_frames=2", folder=sys.argv[2], quiet=True)
+    api.run(*sys.argv[3:], "dataset.n_frames=2", folder=sys.argv[2])
     from workbench.likelihoods.image_motion import kernel
     print([sum(each.stats.cache_misses.values()) for each in (kernel._run, kernel.place_points)])
 """
@@ -133,7 +133,7 @@ def test_a_first_run_compiles_nothing_that_is_compiled_ahead_and_comes_to_the_sa
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / way)}
         command = [sys.executable, "-c", RUN, way, str(tmp_path / f"run_{way}"), *keys]
         told = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-        found[way] = json.loads(told), _results(tmp_path / f"run_{way}")
+        found[way] = json.loads(told.splitlines()[-1]), _results(tmp_path / f"run_{way}")
         kept = [path.name for path in (tmp_path / way).rglob("*.nbc")]
         for each in (name, *["patch", "cover", "mark_hidden"] * (name == "_run")):
             assert len([file for file in kept if f".{each}-" in file]) == 1

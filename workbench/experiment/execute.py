@@ -80,7 +80,8 @@ def _execute(
     if sentence := _refused(config, command.choices):
         raise InputError(sentence)
     check_targets(config)
-    compile_ahead(config)
+    if not quiet:  # jobs of a sweep share the cores as it is
+        compile_ahead(config)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
         summary.identity = continued.identity(summary.identity)
