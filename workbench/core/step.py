@@ -12,6 +12,9 @@ from workbench.core.frame import Frame
 from workbench.core.memory import Memory, Past
 from workbench.core.state_space import StateSpace
 
+_FEW = 16
+"""Particles that differ among themselves in all that is not held fixed, as nearly always."""
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -50,7 +53,8 @@ class Step:
     @cached_property
     def spread(self) -> BoolArray:
         """Select (P,), the pose's numbers in which the particles differ; the others are held fixed by the prior."""
-        return (self.poses != self.poses[0]).any(axis=0)
+        found = (self.poses[:_FEW] != self.poses[0]).any(axis=0)
+        return found if found.all() else (self.poses != self.poses[0]).any(axis=0)
 
 
 class Inference(Protocol):

@@ -16,6 +16,7 @@ from workbench.threads import over_threads
 _ROUNDING = 1e-12
 """Of a sum of weights."""
 _DIGITS = 65535.0  # the largest number of 16 bits
+_TINY = np.finfo(np.float64).tiny
 
 
 def covered(shares: FloatArray, levels: tuple[float, ...]) -> BoolArray:
@@ -37,8 +38,8 @@ def ranks(shares: FloatArray) -> FloatArray:
 
 def share_below(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArray:
     """Return (2, D): the weight of the particles below the truth, and of those equal to it."""
-    shares = np.zeros((2, len(truth)))
-    _add_shares(np.ascontiguousarray(values), weights, truth, shares)
+    columns, shares = np.ascontiguousarray(values.T), np.zeros((2, len(truth)))
+    over_threads(lambda first, last: _add_shares(first, last, columns, weights, truth, shares), len(truth), 1)
     return shares
 
 
@@ -59,19 +60,15 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
     """Return the continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq.
     21), in the quantity's unit; the absolute error where all particles are equal."""
     columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
-
-    def some(first: int, last: int) -> None:
-        for d in range(first, last):
-            score[d] = _score(columns[d], _order(columns[d]), weights, truth[d])
-
-    over_threads(some, len(truth), 1)
+    over_threads(lambda first, last: _add_scores(first, last, columns, weights, truth, score), len(truth), 1)
     return score
 
 
 def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and variance, both (D,), of particles (N, D) with weights (N,) that sum to one."""
-    mean = weights @ values
-    return mean, weights @ (values - mean) ** 2
+    columns, found = np.ascontiguousarray(values.T), np.empty((2, values.shape[1]))
+    over_threads(lambda first, last: _add_moments(first, last, columns, weights, found), len(columns), 1)
+    return found[0], found[1]
 
 
 def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> FloatArray:
@@ -83,14 +80,54 @@ def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> Floa
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))
 
 
-def _order(column: FloatArray) -> IntArray:
-    """What sorts a column (N,), ties as they are: NumPy sorts 16-bit numbers by their digits, several times faster than
-    it sorts others, and little is left to be put right."""
-    low, reach = column.min(), max(np.ptp(column), np.finfo(np.float64).tiny)
-    with np.errstate(invalid="ignore"):  # the score of what is not finite is NaN, whatever its order
-        order = np.argsort(((column - low) / reach * _DIGITS).astype(np.uint16), kind="stable")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_moments(first: int, last: int, columns: Any, weights: Any, found: Any) -> None:
+    for d in range(first, last):
+        mean, variance, column = 0.0, 0.0, columns[d]
+        for i in range(weights.shape[0]):
+            mean += weights[i] * column[i]
+        for i in range(weights.shape[0]):
+            variance += weights[i] * (column[i] - mean) ** 2
+        found[0, d], found[1, d] = mean, variance
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_scores(first: int, last: int, columns: Any, weights: Any, truth: Any, score: Any) -> None:
+    n = columns.shape[1]
+    digits, order, other = np.empty(n, dtype=np.uint16), np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int32)
+    for d in range(first, last):
+        _order(columns[d], digits, other, order)
+        score[d] = _score(columns[d], order, weights, truth[d])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _order(column: Any, digits: Any, other: Any, order: Any) -> None:
+    """Write what sorts a column (N,), ties as they are: as numbers of 16 bits, by their lower and then their upper
+    half, which leaves little to be put right."""
+    low = high = column[0]
+    for x in column:
+        low, high = min(low, x), max(high, x)
+    reach = max(high - low, _TINY)
+    for i in range(column.shape[0]):
+        digits[i] = np.uint16(int((column[i] - low) / reach * _DIGITS))  # the score of what is not finite is NaN anyway
+        order[i] = i
+    _order_by_half(digits, 0, order, other)
+    _order_by_half(digits, 8, other, order)
     _put_right(column, order)
-    return order
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _order_by_half(digits: Any, shift: int, given: Any, order: Any) -> None:
+    """Write the order given sorted by eight bits of the digits, ties as they are given."""
+    starts = np.zeros(257, dtype=np.int64)
+    for digit in digits:
+        starts[((digit >> shift) & 255) + 1] += 1
+    for k in range(256):
+        starts[k + 1] += starts[k]
+    for i in given:
+        half = (digits[i] >> shift) & 255
+        order[starts[half]] = i
+        starts[half] += 1
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -105,12 +142,14 @@ def _put_right(column: Any, order: Any) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_shares(values: Any, weights: Any, truth: Any, shares: Any) -> None:
-    for i in range(values.shape[0]):
-        for d in range(values.shape[1]):
-            # products, not a choice of sums, become vector instructions
-            shares[0, d] += weights[i] * (1.0 if values[i, d] < truth[d] else 0.0)
-            shares[1, d] += weights[i] * (1.0 if values[i, d] == truth[d] else 0.0)
+def _add_shares(first: int, last: int, columns: Any, weights: Any, truth: Any, shares: Any) -> None:
+    for d in range(first, last):
+        below, equal, true = 0.0, 0.0, truth[d]
+        for i in range(weights.shape[0]):
+            x = columns[d, i]
+            below += weights[i] * (1.0 if x < true else 0.0)
+            equal += weights[i] * (1.0 if x == true else 0.0)
+        shares[0, d], shares[1, d] = below, equal
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -46,7 +46,7 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
     scored = {"crps_mm": 1e3 * scores[:n_lengths], "crps_deg": np.degrees(scores[n_lengths:])}
     spread = step.spread[counted]
     if spread.any():
-        mean, variance = moments(values if spread.all() else values[:, spread], weights)
+        mean, variance = (each[spread] for each in moments(values, weights))
         with np.errstate(divide="ignore", invalid="ignore"):
             scored["z2"] = (true[spread] - mean) ** 2 / variance
         scored["log_score"] = log_score(mean, variance, true[spread])
@@ -88,7 +88,7 @@ def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray
         raise ValueError(f"frame {step.frame.index}: expected a true pose to compare with, found none")
     poses, true = (nearest_turn(each, step.expected_pose) for each in (step.poses, step.frame.truth.pose))
     counted = step.spread | (np.abs(true - poses[0]) > _GIVEN)
-    return poses[:, counted], np.exp(step.log_weights), true[counted], counted
+    return poses.T[counted].T, np.exp(step.log_weights), true[counted], counted  # of which columns lie in one piece
 
 
 def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[str, float]:

@@ -20,11 +20,13 @@ from workbench.errors import InputError
 from workbench.learning.activities import ActivityModel
 from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
+from workbench.threads import over_threads
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
 TRANSITIONS = ("stationary", "A", "B")
 ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
+_ROWS = 256  # states that are worth a thread
 
 
 @keeps_keys
@@ -110,8 +112,11 @@ class Cyclic(AllFree):
 
     def step(self, state: FloatArray, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """One draw from p(state_t | state_t−1) for each of (N, D) states, `dt_s` seconds later."""
-        noise = np.sqrt(dt_s * REFERENCE_RATE_HZ) * rng.standard_normal(state.shape)
-        return self._drifted(state, state + self._sigma * noise, dt_s)
+        moved = rng.standard_normal(state.shape)  # in place from here on: of many states a copy takes as long as a draw
+        moved *= np.sqrt(dt_s * REFERENCE_RATE_HZ)
+        moved *= self._sigma
+        moved += state
+        return self._drifted(state, moved, dt_s)
 
     def mean(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Predict where states (N, D) are `dt_s` seconds later when the noise is zero, (N, D)."""
@@ -139,18 +144,24 @@ class Cyclic(AllFree):
         slices = self.space.slices
         speed = decode(self._speed, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])[:, 0]
         heading, pitch = state[:, slices["root_rotation"]].T[:2]
-        pitch = pitch if self.transition == "A" else np.zeros_like(pitch)
-        way = [np.cos(heading) * np.cos(pitch), np.sin(heading) * np.cos(pitch), -np.sin(pitch)]
-        return (dt_s * speed)[:, None] * np.stack(way, axis=1)
+        way = np.zeros((len(state), 3))
+        way[:, 0], way[:, 1] = np.cos(heading), np.sin(heading)
+        if self.transition == "A":
+            way[:, :2] *= np.cos(pitch)[:, None]
+            way[:, 2] = -np.sin(pitch)
+        way *= (dt_s * speed)[:, None]
+        return way
 
     def pose(self, state: FloatArray) -> FloatArray:
         """The poses (N, P) of states (N, D)."""
         slices = self.space.slices
         channels = decode(self._table, state[:, slices["coefficients"]], state[:, slices["phase"]][:, 0])
-        root = state[:, slices["root_position"].start : slices["root_rotation"].stop]
+        poses = np.empty((len(state), N_ROOT + len(CHANNEL_NAMES[ANGLES])))
+        poses[:, :N_ROOT] = root = state[:, slices["root_position"].start : slices["root_rotation"].stop]
         if self.sways:
-            root = root + turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
-        return np.concatenate([root, channels[:, ANGLES]], 1)
+            poses[:, :N_ROOT] += turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
+        poses[:, N_ROOT:] = channels[:, ANGLES]
+        return poses
 
     def nearest(self, pose: FloatArray) -> FloatArray:
         """Find the state (D,) with the learned phase speed whose angles come nearest to those of a pose (P,).
@@ -224,7 +235,8 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
     a kernel rather than as matrix products so that the result does not depend on the number of BLAS threads.
     """
     channels = np.empty((len(phase), table.shape[2]))
-    _decode(table, np.ascontiguousarray(coefficients), np.ascontiguousarray(phase), channels)
+    arguments = table, np.ascontiguousarray(coefficients), np.ascontiguousarray(phase), channels
+    over_threads(lambda first, last: _decode(first, last, *arguments), len(channels), _ROWS)
     return channels
 
 
@@ -238,9 +250,9 @@ def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatAr
 
 
 @numba.njit(cache=True, nogil=True)
-def _decode(table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
+def _decode(first: int, last: int, table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
     n_phases, n_curves, n_channels = table.shape
-    for n in range(channels.shape[0]):
+    for n in range(first, last):
         place = (phase[n] % 1.0) * n_phases
         floor = int(np.floor(place))
         part = place - floor

@@ -169,6 +169,8 @@ def test_kernels_agree_with_their_references(n):
     shares = share_below_reference(values, weights, truth)
     np.testing.assert_allclose(share_below(values, weights, truth), shares, rtol=0.0, atol=1e-13)
     assert shares[1, 1] > 0.0  # equal to the heaviest
+    mean = weights @ values
+    np.testing.assert_allclose(moments(values, weights), (mean, weights @ (values - mean) ** 2), rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("n", [20, 50, 1000])
