@@ -107,39 +107,38 @@ def test_nothing_is_started_for_kernels_that_are_kept_or_begun(started, tmp_path
 
 RUN = """
 import sys
-from workbench import api, compiled_beside
+from workbench import api
 from workbench.experiment import compiling_ahead
 if sys.argv[1] == "alone":
     compiling_ahead.compile_beside = lambda *_, **__: None
 if __name__ == "__main__":
-    api.run(*sys.argv[3:], "dataset.n_frames=2", folder=sys.argv[2])
-    from workbench.likelihoods.image_motion import kernel
-    print([sum(each.stats.cache_misses.values()) for each in (kernel._run, kernel.place_points)])
+    api.run("walk_straight", *sys.argv[3:], "dataset.n_frames=3", folder=sys.argv[2])
 """
+MOTION = ["kernel._pack", "kernel._run", "patches.patch", "patches.cover", "patches.mark_hidden"]
+ALIGNMENT = ["kernel.place_points", "layers._draw_all", "layers._log_ratios"]
+ALIGNMENT += [f"kernels.{name}" for name in ("place", "see", "place_beside", "turn_axes", "add_normal")]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "keys"),
+    ("ahead", "keys"),
     [
-        ("_run", ["walk_straight", "inference.n_particles=64"]),
-        ("place_points", ["walk_straight", "inference.n_particles=64", "likelihood=edges"]),
+        (MOTION, ["inference.n_particles=64"]),
+        (["kernel.place_points"], ["inference.n_particles=64", "likelihood=edges"]),
+        (ALIGNMENT, ["prior=smooth", "likelihood=alignment", "inference=kalman"]),
     ],
 )
-def test_a_first_run_compiles_nothing_that_is_compiled_ahead_and_comes_to_the_same_bits(tmp_path, name, keys):
+def test_what_is_compiled_ahead_is_what_a_run_calls_and_comes_to_the_same_bits(tmp_path, ahead, keys):
     """It is compiled once, for a run's types; what is kept of its helpers is as if they were compiled with it."""
     found = {}
     for way in ("beside", "alone"):
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / way)}
         command = [sys.executable, "-c", RUN, way, str(tmp_path / f"run_{way}"), *keys]
-        told = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-        found[way] = json.loads(told.splitlines()[-1]), _results(tmp_path / f"run_{way}")
-        kept = [path.name for path in (tmp_path / way).rglob("*.nbc")]
-        for each in (name, *["patch", "cover", "mark_hidden"] * (name == "_run")):
-            assert len([file for file in kept if f".{each}-" in file]) == 1
-    assert found["beside"][0] == [0, 0]
-    assert sum(found["alone"][0]) == 1
-    assert found["beside"][1] == found["alone"][1]
+        subprocess.run(command, env=environment, check=True, capture_output=True)
+        kept = [path.name.partition("-")[0] for path in (tmp_path / way).rglob("*.nbc")]
+        assert [kept.count(kernel) for kernel in ahead] == [1] * len(ahead)
+        found[way] = _results(tmp_path / f"run_{way}")
+    assert found["beside"] == found["alone"]
 
 
 def _results(folder):

@@ -9,16 +9,21 @@ from workbench.compiled_beside import compile_beside
 from workbench.experiment.compatibility import unread
 
 _ROOM = "workbench.likelihoods"
-_KERNEL, _POINTS = f"{_ROOM}.image_motion.kernel", f"{_ROOM}.limb_points"
-_LONGEST = {
-    f"{_ROOM}.image_motion.ImageMotion": ("_run", _KERNEL),
-    f"{_ROOM}.alignment.alignment.Alignment": ("place_points", _POINTS),
-    f"{_ROOM}.appearance.Appearance": ("place_points", _POINTS),
-    f"{_ROOM}.background.Background": ("place_points", _POINTS),
-    f"{_ROOM}.edges.Edges": ("place_points", _POINTS),
-    f"{_ROOM}.silhouette.Silhouette": ("place_points", _POINTS),
+_MOTION, _ALIGNMENT = f"{_ROOM}.image_motion.kernel", f"{_ROOM}.alignment"
+_POINTS = ((_MOTION, "place_points"), f"{_ROOM}.limb_points")
+_SLOW: dict[str, tuple[tuple[tuple[str, ...], str], ...]] = {
+    f"{_ROOM}.image_motion.ImageMotion": (((_MOTION, "_run"), _MOTION),),
+    f"{_ROOM}.alignment.alignment.Alignment": (
+        _POINTS,
+        ((f"{_ALIGNMENT}.kernels", "place", "see", "place_beside", "turn_axes", "add_normal"), f"{_ALIGNMENT}.kernels"),
+        ((f"{_ALIGNMENT}.layers", "_draw_all", "_log_ratios"), f"{_ALIGNMENT}.layers"),
+    ),
+    f"{_ROOM}.appearance.Appearance": (_POINTS,),
+    f"{_ROOM}.background.Background": (_POINTS,),
+    f"{_ROOM}.edges.Edges": (_POINTS,),
+    f"{_ROOM}.silhouette.Silhouette": (_POINTS,),
 }
-"""By a likelihood's target: which of _KERNEL takes longest, and the module that can have it compiled ahead."""
+"""By a likelihood's target, for each process: a module, its kernels, and the module that has them compiled ahead."""
 
 
 def compile_ahead(config: DictConfig) -> None:
@@ -26,9 +31,8 @@ def compile_ahead(config: DictConfig) -> None:
     if config.likelihood is None or unread(config):
         return
     for target in _targets(OmegaConf.to_container(config.likelihood, resolve=True)):
-        if target in _LONGEST:
-            kernel, by = _LONGEST[target]
-            compile_beside(_KERNEL, kernel, by=by)
+        for kernels, by in _SLOW.get(target, ()):
+            compile_beside(*kernels, by=by)
 
 
 def _targets(likelihood: Any) -> Iterator[str]:

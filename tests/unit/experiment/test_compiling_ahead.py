@@ -7,14 +7,13 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import compiling_ahead
-from workbench.likelihoods.image_motion import kernel
 
 
 @pytest.fixture
 def begun(monkeypatch):
     """The modules by which something is to be compiled beside the run, which nothing is."""
     modules = []
-    monkeypatch.setattr(compiling_ahead, "compile_beside", lambda module, name, by: modules.append(by))
+    monkeypatch.setattr(compiling_ahead, "compile_beside", lambda *kernels, by: modules.append(by))
     return modules
 
 
@@ -22,9 +21,14 @@ INFERENCE = {
     "_target_": "workbench.inference.particles.filter.ParticleFilter",
     "move": {"_target_": "workbench.inference.particles.bootstrap.Bootstrap"},
 }
-MOTION, EDGES, KEYPOINTS = (
+MOTION, EDGES, KEYPOINTS, ALIGNMENT = (
     {"_target_": f"workbench.likelihoods.{name}"}
-    for name in ("image_motion.ImageMotion", "edges.Edges", "keypoints.KeypointLikelihood")
+    for name in (
+        "image_motion.ImageMotion",
+        "edges.Edges",
+        "keypoints.KeypointLikelihood",
+        "alignment.alignment.Alignment",
+    )
 )
 
 
@@ -38,6 +42,7 @@ def product(**weights):
     [
         (MOTION, ["image_motion.kernel"]),
         (EDGES, ["limb_points"]),
+        (ALIGNMENT, ["limb_points", "alignment.kernels", "alignment.layers"]),
         (KEYPOINTS, []),
         (None, []),
         (product(image_motion=0.0, edges=1.0, keypoints=1.0), ["limb_points"]),
@@ -57,7 +62,7 @@ def test_nothing_is_compiled_ahead_for_an_inference_that_looks_at_no_likelihood(
 
 def test_every_kernel_that_is_compiled_ahead_is_one_and_every_likelihood_an_option():
     options = {OmegaConf.load(path)["_target_"] for path in Path("conf/likelihood").glob("*.yaml")}
-    assert set(compiling_ahead._LONGEST) <= options
-    for name, module in compiling_ahead._LONGEST.values():
-        assert hasattr(getattr(kernel, name), "stats")  # as numba's functions have
-        assert callable(import_module(module).compile_ahead)
+    assert set(compiling_ahead._SLOW) <= options
+    for (module, *kernels), by in (each for processes in compiling_ahead._SLOW.values() for each in processes):
+        assert all(hasattr(getattr(import_module(module), kernel), "stats") for kernel in kernels)  # as numba's have
+        assert callable(import_module(by).compile_ahead)

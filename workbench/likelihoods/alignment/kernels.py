@@ -4,6 +4,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import boolean, float64, int64
 
 from workbench.body.lanes import inlined_exactly
 
@@ -232,3 +233,16 @@ def add_normal(
     for a in range(n):
         for b in range(a):
             curvature[b, a] = curvature[a, b]
+
+
+def compile_ahead() -> None:
+    """Have what takes longest compiled, and kept, for what it is called with, in the order in which it is."""
+    row, rows, blocks, whole = float64[::1], float64[:, ::1], float64[:, :, ::1], int64[::1]
+    for kernel, types in (
+        (place, (rows, rows, whole, blocks, rows, row, row, rows, row, row, rows)),
+        (see, (rows, row, row, int64, int64, float64)),
+        (place_beside, (rows, rows, rows, boolean[::1], row, float64, row, int64, blocks)),
+        (turn_axes, (row, whole, whole, rows, blocks, rows)),
+        (add_normal, (row, rows, rows, whole, row, float64, row, rows, rows, float64[::1, :], row, rows)),
+    ):
+        kernel.compile(types)

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numba
 import numpy as np
+from numba import boolean, float32, float64, int64
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
@@ -299,3 +300,14 @@ def _judge(cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: A
         for x in range(cells.shape[1]):
             if cells[y, x] >= 0 and free[y, x]:
                 found[y, x] = ratio[y, x] + np.log(_likelihood(cells[y, x], image[y, x], texture, sigma, peak))
+
+
+def compile_ahead() -> None:
+    """Have what takes longest compiled, and kept, for what it is called with, in the order in which it is."""
+    row, rows, whole, table, image = float64[::1], float64[:, ::1], int64[::1], int64[:, ::1], float32[:, ::1]
+    placed, seen = (float64[:, :, :, ::1], float64[:, :, ::1], row), (image, image, boolean[:, ::1])
+    for kernel, types in (
+        (_draw_all, (rows, table, table, whole, float64[:, :, ::1], rows, row, table, rows)),
+        (_log_ratios, (int64, int64, rows, rows, table, table, whole, *placed, *seen, row, row, row, rows, row)),
+    ):
+        kernel.compile(types)
