@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.lanes import inlined_exactly
 from workbench.threads import over_threads
 
 _ROUNDING = 1e-12
@@ -60,7 +61,16 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
     """Return the continuous ranked probability score (D,): E|x − truth| − ½ E|x − x′| (Gneiting & Raftery 2007, eq.
     21), in the quantity's unit; the absolute error where all particles are equal."""
     columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
-    over_threads(lambda first, last: _add_scores(first, last, columns, weights, truth, score), len(truth), 1)
+
+    def some(first: int, last: int) -> None:
+        orders, digits, starts = (
+            np.empty((2, len(values)), np.int32),
+            np.empty(len(values), np.uint16),
+            np.empty(257, int),
+        )
+        _add_scores(first, last, columns, weights, truth, orders, digits, starts, score)
+
+    over_threads(some, len(truth), 1)
     return score
 
 
@@ -92,47 +102,39 @@ def _add_moments(first: int, last: int, columns: Any, weights: Any, found: Any) 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_scores(first: int, last: int, columns: Any, weights: Any, truth: Any, score: Any) -> None:
-    n = columns.shape[1]
-    digits, order, other = np.empty(n, dtype=np.uint16), np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int32)
+def _add_scores(
+    first: int, last: int, columns: Any, weights: Any, truth: Any, orders: Any, digits: Any, starts: Any, score: Any
+) -> None:
+    """orders (2, N), digits (N,) and starts (257,) are overwritten."""
     for d in range(first, last):
-        _order(columns[d], digits, other, order)
-        score[d] = _score(columns[d], order, weights, truth[d])
+        _order(columns[d], digits, starts, orders[1], orders[0])
+        score[d] = _score(columns[d], orders[0], weights, truth[d])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _order(column: Any, digits: Any, other: Any, order: Any) -> None:
-    """Write what sorts a column (N,), ties as they are: as numbers of 16 bits, by their lower and then their upper
-    half, which leaves little to be put right."""
+@inlined_exactly
+def _order(column: Any, digits: Any, starts: Any, other: Any, order: Any) -> None:
+    """Write what sorts a column (N,), ties as they are: by the lower and then by the upper half of 16 bits, and by
+    insertion, which takes as many moves as there are neighbours left in the wrong order."""
     low = high = column[0]
     for x in column:
         low, high = min(low, x), max(high, x)
     reach = max(high - low, _TINY)
     for i in range(column.shape[0]):
         digits[i] = np.uint16(int((column[i] - low) / reach * _DIGITS))  # the score of what is not finite is NaN anyway
-        order[i] = i
-    _order_by_half(digits, 0, order, other)
-    _order_by_half(digits, 8, other, order)
-    _put_right(column, order)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _order_by_half(digits: Any, shift: int, given: Any, order: Any) -> None:
-    """Write the order given sorted by eight bits of the digits, ties as they are given."""
-    starts = np.zeros(257, dtype=np.int64)
-    for digit in digits:
-        starts[((digit >> shift) & 255) + 1] += 1
-    for k in range(256):
-        starts[k + 1] += starts[k]
-    for i in given:
-        half = (digits[i] >> shift) & 255
-        order[starts[half]] = i
-        starts[half] += 1
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _put_right(column: Any, order: Any) -> None:
-    """Sort by insertion, which takes as many moves as there are neighbours in the wrong order."""
+        other[i] = i
+    for shift in range(0, 16, 8):
+        for k in range(257):
+            starts[k] = 0
+        for digit in digits:
+            starts[((digit >> shift) & 255) + 1] += 1
+        for k in range(256):
+            starts[k + 1] += starts[k]
+        for i in other:
+            half = (digits[i] >> shift) & 255
+            order[starts[half]] = i
+            starts[half] += 1
+        for i in range(order.shape[0] * (shift == 0)):
+            other[i] = order[i]
     for i in range(1, order.shape[0]):
         k, place = order[i], i
         while place > 0 and column[order[place - 1]] > column[k]:
@@ -152,7 +154,7 @@ def _add_shares(first: int, last: int, columns: Any, weights: Any, truth: Any, s
         shares[0, d], shares[1, d] = below, equal
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@inlined_exactly
 def _score(column: Any, order: Any, weights: Any, truth: float) -> float:
     """Compute `crps` of a column (N,) of which the order (N,) is known."""
     apart, spread, reached, before = 0.0, 0.0, 0.0, column[order[0]]
