@@ -9,9 +9,10 @@ import atexit
 import gc
 import logging
 import sys
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from subprocess import DEVNULL, Popen
+from subprocess import DEVNULL, Popen, TimeoutExpired
 from time import sleep
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,7 @@ from workbench.kernel_cache import is_kept
 
 log = logging.getLogger(__name__)
 
-_LOOK_S = 0.02
+_LOOK_S, _END_S = 0.02, 1.0
 _beside: dict[str, Popen[bytes]] = {}
 """By the full name of a kernel: the process that compiles it."""
 
@@ -66,7 +67,8 @@ def wait_for_kernels() -> None:
 def _end_all() -> None:
     for process in _beside.values():
         process.kill()
-        process.wait()
+        with suppress(TimeoutExpired):  # what was raised while it was looked at may have left it locked
+            process.wait(_END_S)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,11 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from threading import Barrier
 
 import numba
+
+from workbench.signals import finishing
 
 _PARTS = 4  # a thread, so that one that is held up does not hold up the others
 
@@ -39,9 +42,17 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
 
 @cache
 def _others() -> ThreadPoolExecutor:
-    """The threads beside the caller's, kept from call to call: starting them takes as long as a part of the work."""
+    """The threads beside the caller's, kept from call to call: starting them takes as long as a part of the work.
+
+    All are begun here, while nothing is raised: one that is begun but not yet noted would be waited for in the end.
+    """
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    return ThreadPoolExecutor(most, "over_threads")
+    others, begun = ThreadPoolExecutor(most, "over_threads"), Barrier(most + 1)
+    with finishing():
+        for _ in range(most):
+            others.submit(begun.wait)
+        begun.wait()
+    return others
 
 
 os.register_at_fork(after_in_child=_others.cache_clear)  # a child has none of its parent's threads

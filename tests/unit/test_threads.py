@@ -1,12 +1,16 @@
 """Work on parts: each is done once, errors reach the caller, callers do not wait for each other."""
 
+import signal
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event
+from concurrent.futures import thread as pools
+from threading import Event, Thread
+from threading import enumerate as all_threads
 
 import numba
 import numpy as np
 import pytest
 
+from workbench import threads
 from workbench.threads import over_threads
 
 
@@ -63,3 +67,27 @@ def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
         for done in [pool.submit(over_threads, outer, 3, 1) for _ in range(2)]:
             done.result(60.0)
     assert (counts == 2).all()
+
+
+def test_whoever_is_asked_to_end_while_threads_begin_waits_for_none_of_them_in_the_end(monkeypatch):
+    """Python waits at its end for a thread that a pool has begun; where the pool has not noted it, for ever."""
+
+    def begin(thread, start=Thread.start):
+        start(thread)
+        signal.raise_signal(signal.SIGUSR1)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    threads._others.cache_clear()
+    monkeypatch.setattr(Thread, "start", begin)
+    before = signal.signal(signal.SIGUSR1, interrupt)
+    others = set(all_threads())
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            over_threads(lambda first, last: None, 100, 1)
+        assert all(each in pools._threads_queues for each in set(all_threads()) - others)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    monkeypatch.undo()
+    over_threads(lambda first, last: None, 100, 1)
