@@ -71,7 +71,14 @@ def _end_all() -> None:
             process.wait(_END_S)
 
 
-if __name__ == "__main__":
+def main(module: str) -> None:
+    """The other process: have a module's kernels compiled, and wait for what it has others compile."""
     gc.disable()  # saves a tenth: what compiling makes stays to the end
     wait_for_kernels()
-    import_module(sys.argv[1]).compile_ahead()
+    import_module(module).compile_ahead()
+
+
+if __name__ == "__main__":
+    from workbench import compiled_beside  # as kernels import it: this copy of it knows of none that they begin
+
+    compiled_beside.main(sys.argv[1])

@@ -49,8 +49,12 @@ def _others() -> ThreadPoolExecutor:
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     others, begun = ThreadPoolExecutor(most, "over_threads"), Barrier(most + 1)
     with finishing():
-        for _ in range(most):
-            others.submit(begun.wait)
+        try:
+            for _ in range(most):
+                others.submit(begun.wait)
+        except RuntimeError:  # no more threads are to be had
+            begun.abort()
+            raise
         begun.wait()
     return others
 

@@ -72,6 +72,15 @@ def test_what_was_compiled_for_something_else_is_compiled_here_without_a_word(el
     assert caplog.messages == []
 
 
+def test_the_other_process_waits_for_what_its_own_module_has_others_compile(tmp_path):
+    """Python runs a copy of the module by `-m`, beside that which kernels import."""
+    told = "from numba.core.caching import Cache\n\ndef compile_ahead():\n    print(Cache.load_overload.__module__)\n"
+    (tmp_path / "telling.py").write_text(told)
+    command = [sys.executable, "-P", "-m", "workbench.compiled_beside", "telling"]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": str(tmp_path)}, check=True, stdout=-1, text=True)
+    assert done.stdout.split() == ["workbench.compiled_beside"]
+
+
 @pytest.fixture
 def started(monkeypatch, tmp_path):
     """The commands of the processes that are started, none of which is."""

@@ -63,12 +63,8 @@ def crps(values: FloatArray, weights: FloatArray, truth: FloatArray) -> FloatArr
     columns, score = np.ascontiguousarray(values.T), np.empty(len(truth))
 
     def some(first: int, last: int) -> None:
-        orders, digits, starts = (
-            np.empty((2, len(values)), np.int32),
-            np.empty(len(values), np.uint16),
-            np.empty(257, int),
-        )
-        _add_scores(first, last, columns, weights, truth, orders, digits, starts, score)
+        orders, digits = np.empty((2, len(values)), np.int32), np.empty(len(values), np.uint16)
+        _add_scores(first, last, columns, weights, truth, orders, digits, np.empty(257, np.int64), score)
 
     over_threads(some, len(truth), 1)
     return score
