@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLik
 from workbench.core.traits import Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
 from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
+
+Device = Literal["cpu", "gpu"]
+ON_GPU = "appearance, edges and silhouette"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +37,12 @@ class Product:
     over the particles whose likelihood is not zero. They sum to one; a cue that contradicts the others is below zero.
     In a run's first frame, which is given, all are 0.
 
+    device: "gpu" judges on an NVIDIA GPU, which appearance, edges and silhouette can alone, in float32: as exactly as
+    images tell, but not to the same bits as "cpu". It pays from some thousands of particles on.
+
     Least squares minimises the residuals of all terms together, where all have some.
-    Raises InputError when there is no term, or the weights are not those of the terms or negative.
+    Raises InputError when there is no term, the weights are not those of the terms or negative, there is no GPU to judge
+    on, or a term with a weight cannot be judged there.
     """
 
     @staticmethod
@@ -46,8 +53,13 @@ class Product:
 
     terms: Mapping[str, Likelihood]
     weights: Mapping[str, float]
+    device: Device = "cpu"
 
     def __post_init__(self) -> None:
+        if self.device == "gpu":
+            from workbench.likelihoods.gpu.looks import check_gpu  # what it imports is needed here alone
+
+            check_gpu()
         if not self.terms:
             raise InputError("likelihood: a product needs at least one term")
         if set(self.weights) != set(self.terms):
@@ -142,11 +154,20 @@ class ProductLook:
                 bodies.setdefault(id(look.body), {})[name] = look
         together: dict[str, Evaluation] = {}
         for looks in bodies.values():
-            together |= zip(looks, evaluate_together(list(looks.values()), pose), strict=True)
+            together |= zip(looks, self._together(list(looks.values()), pose), strict=True)
+        if self.product.device == "gpu" and (others := [name for name in self.looks if name not in together]):
+            raise InputError(f"likelihood: device=gpu judges by {ON_GPU} alone, found {others[0]}")
         return {
             name: together[name] if name in together else look.evaluate(previous_pose, pose)
             for name, look in self.looks.items()
         }
+
+    def _together(self, looks: list[LimbLook], pose: FloatArray) -> list[Evaluation]:
+        if self.product.device == "cpu":
+            return evaluate_together(looks, pose)
+        from workbench.likelihoods.gpu.looks import evaluate_on_gpu
+
+        return evaluate_on_gpu(looks, pose)
 
     def remember(self, expected_pose: FloatArray) -> Product:
         """The product of what the terms remember; a term without a weight stays as it is."""
