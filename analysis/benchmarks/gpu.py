@@ -41,7 +41,7 @@ from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
 from workbench.likelihoods.silhouette import Silhouette
 
 SIZES = (2_000, 10_000, 100_000, 1_000_000)
-REPEATS, REPEATS_OF_LONG, LONG = 20, 3, 100_000
+REPEATS, REPEATS_OF_LONG, LONG = 20, 10, 100_000
 _SPREAD = np.concatenate([np.full(3, 0.02), np.full(22, 0.06)])  # m and rad
 
 

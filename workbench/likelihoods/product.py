@@ -17,7 +17,6 @@ from workbench.errors import InputError
 from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
 
 Device = Literal["cpu", "gpu"]
-ON_GPU = "appearance, edges and silhouette"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +40,8 @@ class Product:
     images tell, but not to the same bits as "cpu". It pays from some thousands of particles on.
 
     Least squares minimises the residuals of all terms together, where all have some.
-    Raises InputError when there is no term, the weights are not those of the terms or negative, there is no GPU to judge
-    on, or a term with a weight cannot be judged there.
+    Raises InputError when there is no term, the weights are not those of the terms or negative, there is no GPU to
+    judge on, or a term with a weight cannot be judged there.
     """
 
     @staticmethod
@@ -74,8 +73,13 @@ class Product:
         return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
 
     def look(self, previous: Frame | None, frame: Frame) -> "ProductLook":
-        """Let every term with a weight look."""
-        return ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
+        """Let every term with a weight look; raises InputError for one that cannot be judged on the device."""
+        looks = {name: term.look(previous, frame) for name, term in self._used.items()}
+        if self.device == "gpu":
+            from workbench.likelihoods.gpu.looks import check_looks
+
+            check_looks(looks)
+        return ProductLook(self, looks)
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
@@ -155,8 +159,6 @@ class ProductLook:
         together: dict[str, Evaluation] = {}
         for looks in bodies.values():
             together |= zip(looks, self._together(list(looks.values()), pose), strict=True)
-        if self.product.device == "gpu" and (others := [name for name in self.looks if name not in together]):
-            raise InputError(f"likelihood: device=gpu judges by {ON_GPU} alone, found {others[0]}")
         return {
             name: together[name] if name in together else look.evaluate(previous_pose, pose)
             for name, look in self.looks.items()

@@ -1,22 +1,23 @@
 """Looks at the limbs, judged together by a GPU: the host's part."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numba import cuda
 
-from workbench.arrays import Float32Array, FloatArray
+from workbench.arrays import AnyArray, Float32Array, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.likelihood import Evaluation
+from workbench.core.likelihood import Evaluation, Look
 from workbench.errors import InputError
 from workbench.likelihoods.appearance import Template, TemplateJudge, heights, places_on_template
 from workbench.likelihoods.edges import ResponseJudge
-from workbench.likelihoods.edges.filters import POINTS, filtered
+from workbench.likelihoods.edges.filters import POINTS
 from workbench.likelihoods.gpu.cues import APPEARANCE, CUES, EDGES, MOST_LIMBS, PARTICLES, SILHOUETTE, WARP, judge
+from workbench.likelihoods.gpu.images import filtered_on_gpu
 from workbench.likelihoods.gpu.places import FRAME, LIMB, place_limbs
 from workbench.likelihoods.image_motion.kernel import limb_table
 from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
@@ -27,7 +28,7 @@ from workbench.threads import over_threads
 CHUNK = 1 << 16
 """Particles under way together; while they are judged, the next are sent."""
 _BLOCK, _ROWS = 128, 4096  # threads of a block that place limbs; poses at least that one thread copies
-_NONE = {n: np.zeros((1,) * n, np.float32) for n in range(1, 5)}  # instead of what no cue looks at, by dimensions
+_NOTHING = np.zeros(1, np.float32)  # instead of what no cue looks at
 _KINDS = {APPEARANCE: TemplateJudge, EDGES: ResponseJudge, SILHOUETTE: OutlineJudge}
 
 
@@ -57,6 +58,7 @@ class Sight:
     which: Sequence[tuple[int, int, float]]
 
 
+@cache
 def check_gpu() -> None:
     """Raise InputError where there is no GPU to compute on."""
     if not cuda.is_available():
@@ -64,11 +66,20 @@ def check_gpu() -> None:
         raise InputError(f"likelihood: device=gpu needs {needs}; numba finds none")
 
 
+def check_looks(looks: Mapping[str, Look]) -> None:
+    """Raise InputError where a look, by its name, is none that is judged here."""
+    for name, look in looks.items():
+        kinds = tuple(_KINDS.values())
+        if not isinstance(look, LimbLook) or not all(isinstance(each.judge, kinds) for each in look.judges):
+            advice = f"found {name}; give it the weight 0"
+            raise InputError(f"likelihood: device=gpu judges by appearance, edges and silhouette alone, {advice}")
+
+
 def evaluate_on_gpu(looks: Sequence[LimbLook], pose: FloatArray) -> list[Evaluation]:
     """What `limb_looks.evaluate_together` finds of poses (N, P), in float32: points that lie within rounding of the
     image's rim, another limb's or a histogram bin's fall on either side. The same GPU gives the same bits.
 
-    Raises InputError where a look is none of appearance, edges and silhouette, and for bodies of over MOST_LIMBS limbs.
+    looks: of one body, as `check_looks` allows. Raises InputError for bodies of over MOST_LIMBS limbs.
     """
     body = looks[0].body
     if len(body.limbs) > MOST_LIMBS:
@@ -113,9 +124,10 @@ def judge_sent(lane: Lane, n: int, constant: tuple[Any, ...], sight: Sight) -> N
     place_limbs[blocks, _BLOCK, lane.stream](
         np.int32(n), lane.poses, lane.finite, *constant, sight.camera, sight.rim_px, lane.frames, lane.limbs
     )
-    blocks, shared = (n + PARTICLES - 1) // PARTICLES, 4 * PARTICLES * table.shape[0] * LIMB
-    rows = lane.limbs.reshape(-1, CHUNK)
-    judge[blocks, (WARP, PARTICLES), lane.stream, shared](np.int32(n), rows, table, *sight.seen, lane.sums)
+    blocks, n_limbs = (n + PARTICLES - 1) // PARTICLES, table.shape[0]
+    judge[blocks, (WARP, PARTICLES), lane.stream, 4 * PARTICLES * n_limbs * LIMB](
+        np.int32(n), lane.limbs.reshape(-1, CHUNK), np.int32(n_limbs), table.ravel(), *sight.seen, lane.sums
+    )
 
 
 @lru_cache(maxsize=1)
@@ -142,10 +154,10 @@ def kept_lanes(n_dofs: int, body: Body) -> tuple[Lane, ...]:
 def constants(body: Body) -> tuple[Any, ...]:
     """The skeleton, the limbs' table and their joints."""
     skeleton = body.skeleton
-    return (
-        *(_sent(skeleton.parents, np.int32), _sent(skeleton.offsets), _sent(skeleton.dof_joints, np.int32)),
-        *(_sent(skeleton.dof_axes), _sent(limb_table(body.limbs)), _sent(body.limbs.joints, np.int32)),
-    )
+    arrays = skeleton.parents, skeleton.offsets, skeleton.dof_joints, skeleton.dof_axes
+    types = np.int32, np.float32, np.int32, np.float32, np.float32, np.int32
+    every = zip((*arrays, limb_table(body.limbs), body.limbs.joints), types, strict=True)
+    return tuple(cuda.to_device(np.ascontiguousarray(array, dtype=dtype)) for array, dtype in every)
 
 
 def sights(looks: Sequence[LimbLook]) -> list[Sight]:
@@ -153,7 +165,7 @@ def sights(looks: Sequence[LimbLook]) -> list[Sight]:
     found: list[tuple[Camera, dict[int, tuple[int, ViewJudge]]]] = []
     for i, look in enumerate(looks):
         for each in look.judges:
-            cue = _kind(look.name, each)
+            cue = next(cue for cue, kind in _KINDS.items() if isinstance(each.judge, kind))
             free = (cues for camera, cues in found if camera is each.camera and cue not in cues)
             cues = next(free, None)
             if cues is None:
@@ -163,36 +175,30 @@ def sights(looks: Sequence[LimbLook]) -> list[Sight]:
     return [_sight(camera, cues) for camera, cues in found]
 
 
-def _kind(name: str, judge: ViewJudge) -> int:
-    for cue, kind in _KINDS.items():
-        if isinstance(judge.judge, kind):
-            return cue
-    raise InputError(f"likelihood: device=gpu judges by appearance, edges and silhouette alone, found {name}; give it the weight 0")
-
-
 def _sight(camera: Camera, cues: dict[int, tuple[int, ViewJudge]]) -> Sight:
-    judges = {cue: each.judge for cue, (_, each) in cues.items()}
-    points, along, image, template, epsilon = _NONE[2], _NONE[1], _NONE[2], _NONE[4], 1.0
-    responses, gradient, ridges, reached, rim_px = _NONE[3], _NONE[3], _NONE[4], _NONE[2], 0.0
-    asked, scales = sum(1 << cue for cue in cues), {}
-    if (seen := judges.get(APPEARANCE)) is not None:
+    judges, scales = {cue: each.judge for cue, (_, each) in cues.items()}, {}
+    points: AnyArray = _NOTHING
+    template, responses, image, reached = points, points, points, points
+    filtered = _sent(_NOTHING), _sent(_NOTHING)
+    epsilon, rim_px = 1.0, 0.0
+    if isinstance(seen := judges.get(APPEARANCE), TemplateJudge):
         along, offsets = places_on_template(seen.samples)
-        points, image, epsilon = np.column_stack([seen.samples, offsets]), seen.image, seen.epsilon
+        points, image, epsilon = np.column_stack([seen.samples, offsets, along]), seen.image, seen.epsilon
         template = template_cells(seen.template, seen.sigma, seen.epsilon)
         scales[APPEARANCE] = seen.k / len(seen.samples)
-    if (seen := judges.get(EDGES)) is not None:
-        images = filtered(seen.view.about((0, 0, camera.width, camera.height)), (0, 0, camera.width, camera.height))
-        responses, gradient, ridges = seen.table, images.gradient, images.ridges
+    if isinstance(seen := judges.get(EDGES), ResponseJudge):
+        responses, filtered = seen.table, filtered_on_gpu(seen.view.grey)
         scales[EDGES] = seen.k / len(POINTS)
-    if (seen := judges.get(SILHOUETTE)) is not None:
+    if isinstance(seen := judges.get(SILHOUETTE), OutlineJudge):
         reached, rim_px, scales[SILHOUETTE] = seen.reached, seen.rim_px, seen.scale
-    size = _sent(np.array([camera.width, camera.height]))
-    sent = (
-        *(np.int32(asked), size, _sent(points), _sent(along, np.int32), _sent(image), _sent(template), np.float32(epsilon)),
-        *(_sent(responses), _sent(gradient), _sent(ridges), _sent(reached)),
+    row, points_sent, *tables = _sent_together(camera.row, points, template, responses)
+    numbers = sum(1 << cue for cue in cues), camera.width, camera.height, len(points)
+    seen_by = (
+        *(*map(np.int32, numbers), points_sent, _sent(image), tables[0], np.float32(epsilon), tables[1]),
+        *(*filtered, _sent(reached)),
     )
     which = [(look, cue, scales[cue]) for cue, (look, _) in cues.items()]
-    return Sight(_sent(camera.row), np.float32(rim_px), sent, which)
+    return Sight(row, np.float32(rim_px), seen_by, which)
 
 
 def template_cells(template: Template, sigma: float, epsilon: float) -> Float32Array:
@@ -200,5 +206,12 @@ def template_cells(template: Template, sigma: float, epsilon: float) -> Float32A
     return np.stack([template.mean, *heights(template, sigma, epsilon)], axis=-1, dtype=np.float32)
 
 
-def _sent(array: Any, dtype: Any = np.float32) -> Any:
-    return cuda.to_device(np.ascontiguousarray(array, dtype=dtype))
+def _sent(array: Any) -> Any:
+    """Send an array, as float32 in one piece."""
+    return cuda.to_device(np.ascontiguousarray(array, dtype=np.float32).ravel())
+
+
+def _sent_together(*arrays: AnyArray) -> list[Any]:
+    """Send small arrays at once: each sending takes a tenth of a millisecond."""
+    sent, ends = _sent(np.concatenate([array.ravel() for array in arrays])), np.cumsum([array.size for array in arrays])
+    return [sent[end - array.size : end] for end, array in zip(ends, arrays, strict=True)]

@@ -7,8 +7,8 @@ float32 throughout: a float64 of Python's, such as 0.5, would make all that it m
 import math
 from typing import Any
 
+import numba.cuda
 import numpy as np
-from numba import cuda
 
 from workbench.likelihoods.image_motion.patches import (
     CENTRE,
@@ -22,16 +22,18 @@ from workbench.likelihoods.image_motion.patches import (
     SPHERE,
     START,
     START_RADII,
-    THICKNESS,
     TRANSLATION,
 )
 
-ZERO, QUARTER, HALF, ONE, TWO = np.float32(0.0), np.float32(0.25), np.float32(0.5), np.float32(1.0), np.float32(2.0)
-_TINY, _NEAR = np.float32(1e-12), np.float32(MIN_DEPTH)
-_LEAST_SINE2, _LEAST_AREA, _ROOT_2 = np.float32(MIN_SINE**2), np.float32(MIN_AREA), np.float32(math.sqrt(2.0))
-_FAR, _LEAST_RISE = np.float32(1e9), np.float32(1e-6)
-_SCREEN = np.float32(1e6)  # px, beyond which no row of an image is looked for
-_EXPONENT = np.int32(0x7F800000)
+cuda: Any = numba.cuda
+_f32: Any = np.float32
+_i32: Any = np.int32
+ZERO, HALF, ONE, TWO = _f32(0.0), _f32(0.5), _f32(1.0), _f32(2.0)
+_TINY, _NEAR = _f32(1e-12), _f32(MIN_DEPTH)
+_LEAST_SINE2, _LEAST_AREA, _ROOT_2 = _f32(MIN_SINE**2), _f32(MIN_AREA), _f32(math.sqrt(2.0))
+_FAR, _LEAST_RISE = _f32(1e9), _f32(1e-6)
+_SCREEN = _f32(1e6)  # px, beyond which no row of an image is looked for
+_EXPONENT = _i32(0x7F800000)
 POSITION, FRAME = 9, 12  # rows of a joint's frame
 (
     AX, DX, WX, EX, AY, DY, WY, EY, Z, DZ, COSINE, TURN,  # of a patch, see `patches`; the azimuth of its side at v = 1
@@ -46,11 +48,11 @@ device = cuda.jit(device=True, fastmath=True)
 
 @cuda.jit(fastmath=True)
 def place_limbs(
-    n: int, poses: Any, finite: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, table: Any, joints: Any, camera: Any,
-    rim_px: float, frames: Any, limbs: Any,
+    n: Any, poses: Any, finite: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, table: Any,
+    joints: Any, camera: Any, rim_px: Any, frames: Any, limbs: Any,
 ) -> None:  # fmt: skip
-    """Write frames (J, FRAME, N) of the joints, and the rows of the limbs (L, LIMB, N), for the first n poses (N, P), and which
-    of these are finite (N,); instead of the others, what is written is of the pose of zeros. table: see
+    """Write frames (J, FRAME, N) of the joints and the rows of the limbs (L, LIMB, N) for the first n poses (N, P), and
+    which of these are finite (N,): of others, what is written is that of the pose of zeros. table: see
     `kernel.limb_table`; camera: see `Camera.row`; rim_px: by which outlines are wider."""
     i = cuda.grid(1)
     if i < n:
@@ -77,7 +79,7 @@ def _make_finite(pose: Any) -> Any:
 
 
 @device
-def _forward(pose: Any, i: int, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, frames: Any) -> None:
+def _forward(pose: Any, i: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, frames: Any) -> None:
     p = 3
     for j in range(parents.shape[0]):
         a, b, c = (ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE)
@@ -102,7 +104,7 @@ def _forward(pose: Any, i: int, parents: Any, offsets: Any, dof_joints: Any, dof
 
 
 @device
-def _place_patch(limb: Any, frame: Any, camera: Any, i: int, out: Any) -> None:
+def _place_patch(limb: Any, frame: Any, camera: Any, i: Any, out: Any) -> None:
     sphere = limb[SPHERE] > ZERO
     radius = limb[START_RADII] / _ROOT_2
     x_axis, y_axis = _seen(camera, frame, 0, i), _seen(camera, frame, 1, i)
@@ -135,14 +137,14 @@ def _place_patch(limb: Any, frame: Any, camera: Any, i: int, out: Any) -> None:
 
 
 @device
-def _write(out: Any, row: int, i: int, a: float, b: float, c: float, d: float, usable: bool) -> None:
+def _write(out: Any, row: Any, i: Any, a: Any, b: Any, c: Any, d: Any, usable: Any) -> None:
     out[row, i], out[row + 1, i] = HALF * (a + b) if usable else ZERO, HALF * (c + d - a - b) if usable else ZERO
     out[row + 2, i] = HALF * (b - a) if usable else ZERO
     out[row + 3, i] = HALF * (d - c - b + a) if usable else ZERO
 
 
 @device
-def _place_cover(limb: Any, i: int, out: Any) -> None:
+def _place_cover(limb: Any, i: Any, out: Any) -> None:
     dx, dy, ex, ey = out[DX, i], out[DY, i], out[EX, i], out[EY, i]
     wx, wy = out[WX, i] + HALF * ex, out[WY, i] + HALF * ey  # half the width, in the middle
     area = dx * wy - dy * wx
@@ -163,7 +165,7 @@ def _place_cover(limb: Any, i: int, out: Any) -> None:
 
 
 @device
-def _place_outline(limb: Any, rim_px: float, i: int, out: Any) -> None:
+def _place_outline(limb: Any, rim_px: Any, i: Any, out: Any) -> None:
     """Write the outline, wider by a rim: a disc's centre and radius, or corners, so that the inside is on the right of
     whoever goes around, and the sides' slopes dx/dy. And the first and the last row of pixels that it may meet."""
     ax, ay, dx, dy = out[AX, i], out[AY, i], out[DX, i], out[DY, i]
@@ -210,14 +212,14 @@ def _project(camera: Any, point: Any) -> Any:
 
 
 @device
-def _seen(camera: Any, frame: Any, column: int, i: int) -> Any:
+def _seen(camera: Any, frame: Any, column: Any, i: Any) -> Any:
     """An axis of a joint's frame, turned into the camera's."""
     v = frame[column, i], frame[3 + column, i], frame[6 + column, i]
     return _turned(camera, v)
 
 
 @device
-def _seen_place(camera: Any, frame: Any, i: int) -> Any:
+def _seen_place(camera: Any, frame: Any, i: Any) -> Any:
     at = _turned(camera, _row(frame, POSITION, i))
     return at[0] + camera[TRANSLATION], at[1] + camera[TRANSLATION + 1], at[2] + camera[TRANSLATION + 2]
 
@@ -229,12 +231,12 @@ def _turned(camera: Any, v: Any) -> Any:
 
 
 @device
-def _along(x_axis: Any, y_axis: Any, z_axis: Any, origin: Any, limb: Any, at: int) -> Any:
+def _along(x_axis: Any, y_axis: Any, z_axis: Any, origin: Any, limb: Any, at: Any) -> Any:
     return _add(_add(_add(origin, limb[at], x_axis), limb[at + 1], y_axis), limb[at + 2], z_axis)
 
 
 @device
-def _row(frame: Any, row: int, i: int) -> Any:
+def _row(frame: Any, row: Any, i: Any) -> Any:
     return frame[row, i], frame[row + 1, i], frame[row + 2, i]
 
 
@@ -249,7 +251,7 @@ def _dot(a: Any, b: Any) -> Any:
 
 
 @device
-def _add(p: Any, length: float, direction: Any) -> Any:
+def _add(p: Any, length: Any, direction: Any) -> Any:
     return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
 
 
@@ -265,5 +267,5 @@ def _unit(a: Any) -> Any:
 
 
 @device
-def _norm(x: float, y: float) -> Any:
+def _norm(x: Any, y: Any) -> Any:
     return math.sqrt(x * x + y * y)
