@@ -7,13 +7,14 @@ import sys
 from pathlib import Path
 
 import gpu_scene
+import likelihood_scenes as scenes
 import numpy as np
 import pytest
 from numba import cuda
 
 from workbench.errors import InputError
 from workbench.likelihoods.edges.filters import Smoothed, _smoothed, filtered
-from workbench.likelihoods.limb_looks import evaluate_together
+from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.uniform import Uniform
 
@@ -73,3 +74,14 @@ def test_cues_that_have_no_kernel_there_are_refused_when_they_first_look(monkeyp
     with pytest.raises(InputError, match="appearance, edges and silhouette alone, found flat; give it the weight 0"):
         product.look(None, None)
     looks.check_looks({look.name: look for look in gpu_scene.looks()})
+
+
+def test_a_body_of_more_limbs_than_there_is_room_for_is_refused():
+    from workbench.likelihoods.gpu import cues, looks
+
+    rods = [((0.0, 0.0, 0.1 * k), (0.0, 0.0, 0.1 * k + 0.1), 0.02) for k in range(cues.MOST_LIMBS + 1)]
+    look = LimbLook("edges", scenes.rods(*rods), [], lambda expected_pose: None)
+    with pytest.raises(InputError, match="on a GPU bodies may have 34 limbs, this one has 35"):
+        looks.evaluate_on_gpu([look], np.zeros((1, 25)))
+    room = 4 * cues.PARTICLES * cues.MOST_LIMBS * cues.LIMB + cues.PARTICLES * (12 * cues.MOST_LIMBS + 12 * cues.WARP)
+    assert room <= 48 * 1024

@@ -58,7 +58,7 @@ _f32: Any = np.float32
 COLUMNS = THICKNESS + 1  # of the limbs' table
 
 WARP, PARTICLES = 32, 8  # threads that share a particle, and particles of a block
-MOST_LIMBS = 60
+MOST_LIMBS = 34  # whose rows and the rest of a block find room in 48 kB of shared memory
 APPEARANCE, EDGES, SILHOUETTE, CUES = range(4)
 _TURN, _AROUND = _f32(2.0 * np.pi), _f32(AROUND)
 _FAR, _LEAST, _LEAST_PX, _BINS = _f32(1e9), _f32(1e-9), _f32(LEAST_PX), _f32(BINS - 1.0)

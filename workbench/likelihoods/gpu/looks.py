@@ -1,5 +1,6 @@
 """Looks at the limbs, judged together by a GPU: the host's part."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -24,6 +25,8 @@ from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
 from workbench.likelihoods.looks import among_finite, finite_rows
 from workbench.likelihoods.silhouette import OutlineJudge
 from workbench.threads import over_threads
+
+warnings.filterwarnings("ignore", message=r".*Grid size .* under-utilization")  # of small images and few particles
 
 CHUNK = 1 << 16
 """Particles under way together; while they are judged, the next are sent."""
