@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.core.checks import check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Likelihood, Look
 from workbench.core.observations import Observables, Observed
@@ -40,8 +41,8 @@ class Product:
     images tell, but not to the same bits as "cpu". It pays from some thousands of particles on.
 
     Least squares minimises the residuals of all terms together, where all have some.
-    Raises InputError when there is no term, the weights are not those of the terms or negative, there is no GPU to
-    judge on, or a term with a weight cannot be judged there.
+    Raises InputError when there is no term, the weights are not those of the terms or negative, the device is none
+    of the two, there is no GPU to judge on, or a term with a weight cannot be judged there.
     """
 
     @staticmethod
@@ -55,6 +56,7 @@ class Product:
     device: Device = "cpu"
 
     def __post_init__(self) -> None:
+        check("likelihood", self, device=one_of("cpu", "gpu"))
         if self.device == "gpu":
             from workbench.likelihoods.gpu.looks import check_gpu  # what it imports is needed here alone
 

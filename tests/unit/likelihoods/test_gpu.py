@@ -60,6 +60,11 @@ def test_filters_respond_on_a_gpu_as_on_the_processor(found):
         assert np.abs(reference).max() > 0.3
 
 
+def test_another_device_is_refused():
+    with pytest.raises(InputError, match="likelihood: device must be one of cpu, gpu, found 'tpu'"):
+        Product({"one": Uniform()}, {"one": 1.0}, device="tpu")
+
+
 @pytest.mark.skipif(HAS_GPU, reason="there is an NVIDIA GPU at hand")
 def test_without_a_gpu_it_is_refused():
     with pytest.raises(InputError, match="device=gpu needs an NVIDIA GPU, its driver and the extra `gpu`"):
