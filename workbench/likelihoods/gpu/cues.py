@@ -69,7 +69,6 @@ _SPAN = _f32((ALONG - 1) / ALONG)  # from the first place along a limb to the la
 _MIDDLE = _f32((ALONG // 2 + 0.5) / ALONG)
 _SCALE_1, _SCALE_2 = (_f32(between) for between in (LOG_WIDTHS[1:] + LOG_WIDTHS[:-1]) / 2.0)
 
-
 # With 48 registers five blocks find room on a multiprocessor. The simulator knows no such limit.
 _LIMITS: Any = {} if numba.config.ENABLE_CUDASIM else {"max_registers": 48}  # type: ignore[attr-defined]
 
@@ -77,8 +76,8 @@ _LIMITS: Any = {} if numba.config.ENABLE_CUDASIM else {"max_registers": 48}  # t
 @cuda.jit(fastmath=True, **_LIMITS)
 def judge(
     n: Any, limbs: Any, n_limbs: Any, table: Any, asked: Any, width: Any, height: Any, n_points: Any, points: Any,
-    image: Any, template: Any, epsilon: Any,
-    responses: Any, gradient: Any, ridges: Any, reached: Any, sums: Any,
+    image: Any, template: Any, epsilon: Any, responses: Any, gradient: Any, ridges: Any,
+    reached: Any, sums: Any,
 ) -> None:  # fmt: skip
     """Write the cues' sums (CUES, N) of the first n particles, over all limbs, (L · LIMB, N) as `place_limbs` writes
     them. Other arrays are in one piece.
@@ -100,6 +99,9 @@ def judge(
     cuda.syncthreads()
     for limb in range(lane, n_limbs, WARP):
         seen_by[particle, limb] = _may_hide(own, table, limb, n_limbs)
+        in_turn[particle, limb] = 0  # as limbs that are too far away for float32 to tell their order leave places empty
+    cuda.syncthreads()
+    for limb in range(lane, n_limbs, WARP):
         disc = 1 if _at(table, limb * COLUMNS + SPHERE) > ZERO else 0
         in_turn[particle, _place_from_left(own, limb, n_limbs)] = 2 * limb * LIMB + disc
     cuda.syncthreads()
