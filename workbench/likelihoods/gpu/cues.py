@@ -136,11 +136,8 @@ def _may_hide(rows: Any, table: Any, limb: Any, n_limbs: Any) -> Any:
         other = k * LIMB
         margin = HALF * (_at(table, limb * COLUMNS + THICKNESS) + _at(table, k * COLUMNS + THICKNESS))
         meet = _at(rows, other + LEFT) <= _at(rows, own + RIGHT) and _at(rows, other + RIGHT) >= _at(rows, own + LEFT)
-        meet = (
-            meet
-            and _at(rows, other + TOP) <= _at(rows, own + BOTTOM)
-            and _at(rows, other + BOTTOM) >= _at(rows, own + TOP)
-        )
+        meet = meet and _at(rows, other + TOP) <= _at(rows, own + BOTTOM)
+        meet = meet and _at(rows, other + BOTTOM) >= _at(rows, own + TOP)
         meet = meet and _at(rows, other + COVERS) > ZERO
         if k != limb and meet and _at(rows, other + NEAREST) + margin < _at(rows, own + FARTHEST):
             found |= np.int64(1) << np.int64(k)
@@ -213,10 +210,8 @@ def _edge(
 ) -> Any:  # fmt: skip
     own, side = limb * LIMB, s % 3
     u, v = (np.float32(s // 3) + HALF) * _STEP, np.float32(side) - ONE
-    tx, ty = (
-        _SPAN * (_at(rows, own + DX) + v * _at(rows, own + EX)),
-        _SPAN * (_at(rows, own + DY) + v * _at(rows, own + EY)),
-    )
+    tx = _SPAN * (_at(rows, own + DX) + v * _at(rows, own + EX))
+    ty = _SPAN * (_at(rows, own + DY) + v * _at(rows, own + EY))
     length = math.sqrt(tx * tx + ty * ty)
     x, y = _place(rows, own, u, v)
     if not length > _LEAST_PX or not _counts(rows, table, limb, seen_by, width, height, u, x, y):
@@ -274,10 +269,8 @@ def _outline_sum(rows: Any, n_limbs: Any, in_turn: Any, lane: Any, width: Any, h
                 if right > left:
                     place = count
                     while place > 0 and _at(lefts, place - 1) > left:
-                        lefts[np.uint32(place)], rights[np.uint32(place)] = (
-                            _at(lefts, place - 1),
-                            _at(rights, place - 1),
-                        )
+                        lefts[np.uint32(place)] = _at(lefts, place - 1)
+                        rights[np.uint32(place)] = _at(rights, place - 1)
                         place -= 1
                     lefts[np.uint32(place)], rights[np.uint32(place)] = left, right
                     count += 1

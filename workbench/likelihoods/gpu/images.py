@@ -1,6 +1,7 @@
 """Responses of edge and ridge filters over a whole image, on a GPU: a thread a pixel.
 
 What `edges.filters` computes of the part that is looked at, in float32; sums round otherwise than OpenCV's.
+It takes the whole image, and not the part about the person alone: where that is, the GPU finds later.
 """
 
 import math
@@ -45,7 +46,7 @@ def filtered_on_gpu(grey: Float32Array) -> tuple[Any, Any]:
 
 
 @lru_cache(maxsize=1)
-def _levels(height: Any, width: Any) -> Any:
+def _levels(height: int, width: int) -> Any:
     """What smoothed images are written to: the image and its square at every scale, and in the contrast's window."""
     return cuda.device_array((len(_SCALES) + 1, height, width, 2), np.float32)
 
@@ -88,7 +89,7 @@ def down(images: Any, weights: Any, out: Any) -> None:
         out[y, x, 0], out[y, x, 1] = total, squares
 
 
-@cuda.jit  # not fastmath: differences of neighbours are small
+@cuda.jit
 def differentiate(levels: Any, squares: Any, gradient: Any, ridges: Any) -> None:
     """Write what `filters.filtered` gives of the smoothed images (1 + S + 1, height, width, 2). squares: (S,), of the
     ridges' scales."""

@@ -71,8 +71,8 @@ def check_gpu() -> None:
 
 def check_looks(looks: Mapping[str, Look]) -> None:
     """Raise InputError where a look, by its name, is none that is judged here."""
+    kinds = tuple(_KINDS.values())
     for name, look in looks.items():
-        kinds = tuple(_KINDS.values())
         if not isinstance(look, LimbLook) or not all(isinstance(each.judge, kinds) for each in look.judges):
             advice = f"found {name}; give it the weight 0"
             raise InputError(f"likelihood: device=gpu judges by appearance, edges and silhouette alone, {advice}")
