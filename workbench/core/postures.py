@@ -48,6 +48,12 @@ class Postures:
         volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         return _normalised(np.log(self.weights) - 0.5 * (white**2).sum(axis=1) - volumes)
 
+    def nearest(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
+        """Return mean (A,) and precision (A, A) of the Gaussian that `drawn` multiplies what is believed of a posture,
+        N(mean (A,), covariance (A, A)), by. power: above 0."""
+        precision, pull = self._pooled(mean, covariance, power)
+        return np.asarray(np.linalg.solve(precision, pull)), precision
+
     def drawn(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
         """Multiply a Gaussian N(mean (P,), covariance (P, P)) of poses, whose last A numbers are the posture, by one
         of the postures to a power; return mean and covariance of the product.
@@ -60,12 +66,19 @@ class Postures:
         """
         posture = slice(len(mean) - self.means.shape[1], None)
         precision = np.linalg.inv(covariance + 1e-12 * np.eye(len(mean)))
-        shares = power * self.shares_of(mean[posture], covariance[posture, posture])
+        own, pulling = self._pooled(mean[posture], covariance[posture, posture], power)
         total, pull = precision.copy(), precision @ mean
-        total[posture, posture] += np.einsum("k,kab->ab", shares, self._precisions)
-        pull[posture] += np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
+        total[posture, posture] += own
+        pull[posture] += pulling
         narrowed = np.linalg.inv(total)
         return np.linalg.solve(total, pull), 0.5 * (narrowed + narrowed.T)
+
+    def _pooled(self, mean: FloatArray, covariance: FloatArray, power: float) -> tuple[FloatArray, FloatArray]:
+        """Return the precision (A, A) of the parts' Gaussians, each to the power of its share and all to a power, and
+        that times their mean (A,)."""
+        shares = power * self.shares_of(mean, covariance)
+        precision: FloatArray = np.einsum("k,kab->ab", shares, self._precisions)
+        return precision, np.einsum("k,kab,kb->a", shares, self._precisions, self.means)
 
     @cached_property
     def _white(self) -> FloatArray:

@@ -48,6 +48,20 @@ def test_one_parts_product_is_that_of_two_gaussians(seed, power):
     assert np.allclose(narrowed, np.linalg.inv(precision), atol=1e-6)
 
 
+@given(st.integers(0, 10_000), st.floats(0.01, 1.0))
+def test_a_belief_times_the_nearest_gaussian_is_what_is_drawn(seed, power):
+    rng = np.random.default_rng(seed)
+    postures, mean, cov = made(rng), rng.standard_normal(6), covariance(rng, 6)
+    near, precision = postures.nearest(mean[2:], cov[2:, 2:], power)
+    both = np.linalg.inv(cov)
+    pull = both @ mean
+    both[2:, 2:] += precision
+    pull[2:] += precision @ near
+    pose, narrowed = postures.drawn(mean, cov, power)
+    assert np.allclose(pose, np.linalg.solve(both, pull), atol=1e-6)
+    assert np.allclose(narrowed, np.linalg.inv(both), atol=1e-6)
+
+
 @given(st.integers(0, 10_000))
 def test_what_is_believed_is_of_a_part_as_its_evidence_says(seed):
     rng = np.random.default_rng(seed)

@@ -5,13 +5,24 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
-from workbench.inference.fit.residuals import balance_residual, centre_of_mass, ground_residual, usual_residual
+from workbench.core.postures import Postures
+from workbench.inference.fit.residuals import (
+    balance_residual,
+    centre_of_mass,
+    ground_residual,
+    posture_residual,
+    usual_residual,
+)
 from workbench.inference.fit.smooth_fit import FLIP_SIGMA_M, LIMBS, flips
 
 SKELETON = BODY.skeleton
 STANDING = np.zeros(25)
 STANDING[2] = 0.95
 LEFT_LEG = [SKELETON.dof(f"left_{name}") for name in ("hip_flexion", "hip_abduction", "hip_twist", "knee_flexion")]
+
+
+POSTURES = Postures(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), np.eye(21)]))
+"""Two: one that is narrow, and one that is not."""
 
 
 def posed(**angles):
@@ -22,8 +33,10 @@ def posed(**angles):
 
 
 @pytest.mark.parametrize(
-    "residual", [usual_residual(SKELETON), balance_residual(SKELETON), ground_residual(SKELETON, 0.1)],
-    ids=["usual", "balance", "ground"],
+    "residual", [
+        usual_residual(SKELETON), balance_residual(SKELETON), ground_residual(SKELETON, 0.1),
+        posture_residual(POSTURES, STANDING, 0.01 * np.eye(25), 0.3),
+    ], ids=["usual", "balance", "ground", "postures"],
 )  # fmt: skip
 @pytest.mark.parametrize("seed", range(3))
 def test_slopes_lead_downhill_as_finite_differences_say(residual, seed):
@@ -33,6 +46,15 @@ def test_slopes_lead_downhill_as_finite_differences_say(residual, seed):
     costs = [0.5 * (residual(pose + sign * move)[0] ** 2).sum() for move in moves for sign in (1.0, -1.0)]
     exact = np.diff(np.reshape(costs, (-1, 2)), axis=1)[:, 0] / -2e-6
     np.testing.assert_allclose(misses @ slopes, exact, atol=1e-5 * max(1.0, np.abs(exact).max()))
+
+
+def test_a_posture_is_off_those_that_it_may_be_of_and_the_root_is_free():
+    near = posed(root_x=2.0)
+    near[4:] = 0.4  # the first part's mean
+    certain = 1e-6 * np.eye(25)
+    misses, slopes = posture_residual(POSTURES, near, certain, 0.25)(near + 0.1)
+    assert not slopes[:, :4].any()
+    assert 0.5 * misses @ misses == pytest.approx(0.25 * 0.5 * 21 * 0.1**2 / 0.04, rel=1e-3)
 
 
 def test_balance_is_told_in_deviations_ahead_and_to_the_left():

@@ -1,6 +1,7 @@
 """Least squares on the keypoints of several views: what they tell together, poses without a motion model, limbs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
+from workbench.core.postures import Postures
+from workbench.core.prior import Powers
 from workbench.core.residual import Loss, robust, stacked
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import FitData, PoseDecoder
@@ -74,6 +77,21 @@ def test_a_smooth_fit_keeps_the_limits_that_single_frames_break():
         fitted = found(run(frames(SKELETON, times, poses), problem, loss="huber"))
         beyond[name] = np.abs(fitted - np.clip(fitted, low, high)).max()
     assert beyond["smooth"] < 0.1 < beyond["none"]
+
+
+def test_one_camera_is_told_by_the_postures_that_people_take_how_limbs_lie_in_depth():
+    times, poses = swinging(SKELETON)
+    shown, likelihood = frames(SKELETON, times, poses, CAMERAS[:1], 1.0), KeypointLikelihood(BODY)
+    known, far = poses[:, 4:].mean(axis=0), np.full(21, 0.8)
+    covariances = np.array([np.cov(poses[:, 4:].T) + 0.05**2 * np.eye(21), 0.2 * np.eye(21)])
+    knows = SimpleNamespace(powers=Powers(postures=Postures(np.array([0.1, 0.9]), np.array([known, far]), covariances)))
+    rng = np.random.default_rng(0)
+    (before, *_), (after, *_) = (
+        LeastSquares(BODY, likelihood, prior).fit_frames(shown, None, rng) for prior in (None, knows)
+    )  # fmt: skip
+    assert errors_mm(SKELETON, after.poses, poses) < 0.6 * errors_mm(SKELETON, before.poses, poses)
+    drawn = after.poses - before.poses
+    np.testing.assert_allclose(after.covariance, before.covariance + 0.5 * drawn[:, :, None] * drawn[:, None, :])
 
 
 def test_the_gradient_of_a_smooth_fit_is_that_of_finite_differences():

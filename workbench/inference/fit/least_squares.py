@@ -37,10 +37,11 @@ class LeastSquares:
     """Fit a person to all frames: an inference that yields its steps after solving.
 
     likelihood: whose residuals are minimised, under its loss: points on the surface, 2-D keypoints, or their product.
-    prior: its motion model and its smoothness are what holds the poses; None: `Smoothness()` alone. phase_ends: of a
-    cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem: `MotionFit`,
-    `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second. most_points: a
-    frame's points beyond are thinned at random. max_iterations: of the search over all frames. n_particles: per step.
+    prior: its motion model, its smoothness and its density of postures are what holds the poses; None: `Smoothness()`
+    alone. phase_ends: of a cyclic motion, cycles, in the first and the last frame, where the dataset knows them.
+    problem: `MotionFit`, `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the
+    second. most_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
+    n_particles: per step.
 
     Raises InputError for numbers out of range, a likelihood without residuals, and a problem that lacks its motion
     model.
@@ -70,7 +71,7 @@ class LeastSquares:
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
         self.motion, self.smoothness = powers.motion, powers.smoothness or Smoothness()
-        self.discrepancy = powers.discrepancy
+        self.discrepancy, self.postures = powers.discrepancy, powers.postures
         self.problem: Problem = problem or (SmoothFit() if powers.motion is None else MotionFit())
         self.space: StateSpace = self.problem.space(self.skeleton, self.motion)
         self.phase_ends, self.finds_start = phase_ends, True
@@ -113,7 +114,7 @@ class LeastSquares:
             raise InputError(f"least squares: expected {expected} to fit, found none in {len(frames)} frames")
         task = Task(
             self.skeleton, self.surface, self.likelihood, seen, np.array([frame.time_s for frame in frames]),
-            self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy,
+            self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy, self.postures,
         )  # fmt: skip
         return self.problem.fit(task, start), seen, warnings
 

@@ -14,6 +14,7 @@ from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import forward, joint_jacobian
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.core.observations import Keypoints
+from workbench.core.postures import Postures
 from workbench.core.residual import ResidualFunction, keypoint_residual, nothing, stacked
 from workbench.inference.fit.frame import Gaussian
 
@@ -101,6 +102,18 @@ def usual_residual(skeleton: Skeleton) -> ResidualFunction:
     usual = posture_prior(skeleton)
     own = usual.whitening[UPRIGHT.start :]
     return lambda pose: (own @ (pose - usual.mean), own)
+
+
+def posture_residual(
+    postures: Postures, pose: FloatArray, covariance: FloatArray, power: float
+) -> ResidualFunction:  # fmt: skip
+    """Measure how far the last A numbers of a pose are off postures that people take, to a power above 0: by the parts
+    of which N(pose (P,), covariance (P, P)) is, as in `Postures.drawn`, which stay those when the pose moves."""
+    own = slice(len(pose) - postures.means.shape[1], None)
+    mean, precision = postures.nearest(pose[own], covariance[own, own], power)
+    slopes = np.zeros((len(mean), len(pose)))
+    slopes[:, own] = np.linalg.cholesky(precision).T
+    return lambda moved: (slopes[:, own] @ (moved[own] - mean), slopes)
 
 
 def balance_residual(skeleton: Skeleton) -> ResidualFunction:

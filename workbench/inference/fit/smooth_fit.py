@@ -16,8 +16,9 @@ from workbench.body.skeleton import JOINT_NAMES, N_ROOT, Skeleton
 from workbench.clock import working_s
 from workbench.core.given import GROUND_HEIGHT
 from workbench.core.observations import Keypoints, Observed, kinds_seen
+from workbench.core.postures import Postures
 from workbench.core.prior import PACE_HZ, MotionModel
-from workbench.core.residual import SQUARED, Loss, robust, stacked
+from workbench.core.residual import SQUARED, Loss, ResidualFunction, robust, stacked
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import Traits, offering
 from workbench.inference.fit.decoding import FitData, PoseDecoder
@@ -30,6 +31,7 @@ from workbench.inference.fit.residuals import (
     joint_residual,
     limit_residual,
     posture_prior,
+    posture_residual,
     usual_residual,
     views_residual,
 )
@@ -61,6 +63,9 @@ LEAST_FRAMES = 3
 """A stretch of fewer is left to the fit, which gets there by itself."""
 FLIP_SIGMA_M = 0.03
 """How near the joints of a limb come to where the flip has them, against the body's limits."""
+POSTURES, POSTURE_ROUNDS = 0.2, 2
+"""Power of the density of postures, below 1 as neighbouring frames say the same, chosen on clips.half=choose of
+experiment=strangers by detected joints; how often poses are drawn to it and are then of its other parts."""
 N_HYPOTHESES = 3
 """Poses of the first frame that are followed: one camera does not tell forwards from backwards."""
 
@@ -85,7 +90,7 @@ class SmoothFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         clock, data, skeleton = working_s(), task.data(LEANING_SIGMA_RAD), task.skeleton
         poses, covariances, search = fit_smooth(
-            skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m
+            skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m, task.postures
         )
         fit = fit_of(PoseDecoder(skeleton), data, poses, covariances, search.iterations, search.costs)
         return replace(fit, timing_s={"least_squares": working_s() - clock})
@@ -102,7 +107,7 @@ def _starts(task: Task, start: FloatArray | None) -> FloatArray:
 
 def fit_smooth(
     skeleton: Skeleton, seen: Sequence[Observed], data: FitData, starts: FloatArray, max_iterations: int,
-    ground_m: float | None = None,
+    ground_m: float | None = None, postures: Postures | None = None,
 ) -> tuple[FloatArray, FloatArray, Minimum]:  # fmt: skip
     """Fit poses (T, P) to what is seen of T frames; returns them, their marginal covariances (T, P, P), and the search.
 
@@ -112,7 +117,8 @@ def fit_smooth(
     with a loss that sees any distance: an arm that one which redescends has lost in one frame would be an outlier in
     all that follow. That search looks at frames 1 / PACE_HZ apart. Feet that stand keep their place, see `standing`.
     Where all is seen by one camera, which cannot tell which way limbs point, they are turned over, see `flips`, and the
-    feet that stand are brought to one floor, at their median height, unless ground_m is known, see `bounded`.
+    feet that stand are brought to one floor, at their median height, unless ground_m is known, see `bounded`. Where it
+    is known which postures people take, poses are at last drawn to these instead of to each angle's usual values.
     """
     stand = standing_feet(skeleton, seen, data.times_s)
     decoder, data = PoseDecoder(skeleton), replace(data, stand=stand)
@@ -126,12 +132,32 @@ def fit_smooth(
         poses = poses[[0] * len(data.times_s)]
     problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
     fitted = fit_motion(problem, poses, max_iterations=max_iterations)
-    if alone is None or ground_m is not None or not stand.any():
-        return fitted
-    ground_m = standing_height(skeleton, fitted[0], stand)
-    log.info("the feet stand at %.2f m, as the person's size tells", ground_m)
-    problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
-    return fit_motion(problem, fitted[0], max_iterations=max_iterations)
+    if alone is not None and ground_m is None and stand.any():
+        ground_m = standing_height(skeleton, fitted[0], stand)
+        log.info("the feet stand at %.2f m, as the person's size tells", ground_m)
+        problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
+        fitted = fit_motion(problem, fitted[0], max_iterations=max_iterations)
+    return fitted if postures is None else _drawn(decoder, data, ground_m, fitted, postures, max_iterations)
+
+
+def _drawn(
+    decoder: PoseDecoder, data: FitData, ground_m: float | None, fitted: tuple[FloatArray, FloatArray, Minimum],
+    postures: Postures, max_iterations: int,
+) -> tuple[FloatArray, FloatArray, Minimum]:  # fmt: skip
+    """Draw what is fitted to postures, in POSTURE_ROUNDS of expectation and maximisation.
+
+    Deviation: the covariances are those before that, as postures of neighbouring frames say the same and would narrow
+    each of them, and d dᵀ / 2, d being how far a pose was drawn: what is found without and with postures are two
+    samples of what may be found.
+    """
+    before, covariances, search = fitted
+    poses = before
+    for _ in range(POSTURE_ROUNDS):
+        usual = [posture_residual(postures, *each, POSTURES) for each in zip(poses, covariances, strict=True)]
+        problem = smooth_problem(decoder, bounded(decoder.skeleton, data, ground_m, usual))
+        poses, _, search = fit_motion(problem, poses, max_iterations=max_iterations)
+    apart = poses - before
+    return poses, covariances + 0.5 * apart[:, :, None] * apart[:, None, :], search
 
 
 def _searched(
@@ -156,14 +182,19 @@ def candidates(
     return sorted(fits, key=lambda fit: fit[1])
 
 
-def bounded(skeleton: Skeleton, data: FitData, ground_m: float | None = None) -> FitData:
-    """Add to what is seen, under its loss, what no loss forgives, limits and how people hold themselves: usual angles,
-    balance, and where ground_m, the height of a standing person's ankles, is known, one foot near the ground."""
-    own = [limit_residual(skeleton, LIMIT_SIGMA_RAD), usual_residual(skeleton)]
+def bounded(
+    skeleton: Skeleton, data: FitData, ground_m: float | None = None, usual: Sequence[ResidualFunction] = ()
+) -> FitData:  # fmt: skip
+    """Add to what is seen, under its loss, what no loss forgives, limits and how people hold themselves: usual angles
+    or, frame by frame, what `usual` says of these; balance; and where ground_m, the height of a standing person's
+    ankles, is known, one foot near the ground."""
+    limits, own = limit_residual(skeleton, LIMIT_SIGMA_RAD), []
     if set(JOINT_NAMES) <= set(skeleton.names):
         own += [robust(balance_residual(skeleton), BALANCE_LOSS)]
         own += [robust(ground_residual(skeleton, ground_m), GROUND_LOSS)] if ground_m is not None else []
-    residuals = [stacked([robust(residual, data.loss), *own]) for residual in data.residuals]
+    usual = usual or [usual_residual(skeleton)] * len(data.residuals)
+    both = zip(data.residuals, usual, strict=True)
+    residuals = [stacked([robust(residual, data.loss), limits, angles, *own]) for residual, angles in both]
     return replace(data, residuals=residuals, loss=SQUARED)
 
 

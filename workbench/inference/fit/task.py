@@ -11,6 +11,7 @@ from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.observations import Observed, kinds_seen
+from workbench.core.postures import Postures
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
@@ -24,7 +25,8 @@ class Task:
 
     seen: what each frame shows. times_s: (T,), rising. motion, smoothness: what a prior knows of how people move.
     phase_ends: phases of the first and the last frame, cycles, where they are known. max_iterations: of a whole search.
-    discrepancy: what the motion misses of people it was not learned from.
+    discrepancy: what the motion misses of people it was not learned from. postures: which ones people take, the last
+    numbers of a pose.
     """
 
     skeleton: Skeleton
@@ -37,6 +39,7 @@ class Task:
     phase_ends: tuple[float, float] | None = None
     max_iterations: int = 40
     discrepancy: Discrepancy | None = None
+    postures: Postures | None = None
 
     @property
     def sigma_px(self) -> float:
