@@ -78,6 +78,14 @@ def joint_jacobian(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     return np.ascontiguousarray(jacobian.swapaxes(-1, -2))
 
 
+def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
+    """Differentiate joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G); (T, J, 3, G)."""
+    frames = forward(skeleton, poses)
+    own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
+    at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
+    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
+
+
 def world_axes(skeleton: Skeleton, poses: FloatArray, frames: JointFrames) -> FloatArray:
     """The world direction (N, P, 3) of every degree of freedom's axis in poses (N, P)."""
     axes = np.empty((*poses.shape, 3))

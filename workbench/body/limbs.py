@@ -73,18 +73,25 @@ class Limbs:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One person: the skeleton with this person's offsets, the measurements, and the limbs on the skeleton."""
+    """One person: the skeleton with this person's offsets, the measurements, and the limbs on the skeleton.
+
+    length_doubt: (J, 3, G) by how much the offsets may be off, m, for one deviation of each of G causes that do not
+    depend on each other; None where whoever measured the person does not say.
+    """
 
     skeleton: Skeleton
     shape: Shape
     limbs: Limbs
+    length_doubt: FloatArray | None = None
 
     def scaled(self, factor: float) -> "Body":
         """Multiply every length by `factor`, which keeps the proportions."""
         limbs = self.limbs
         starts, ends, radii = (factor * lengths for lengths in (limbs.starts, limbs.ends, limbs.radii))
         skeleton = replace(self.skeleton, offsets=factor * self.skeleton.offsets)
-        return Body(skeleton, self.shape.scaled(factor), replace(limbs, starts=starts, ends=ends, radii=radii))
+        limbs = replace(limbs, starts=starts, ends=ends, radii=radii)
+        doubt = None if self.length_doubt is None else factor * self.length_doubt
+        return Body(skeleton, self.shape.scaled(factor), limbs, doubt)
 
 
 def person(shape: Shape) -> Body:

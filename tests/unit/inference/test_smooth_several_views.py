@@ -8,7 +8,7 @@ import pytest
 from keypoint_scenes import BODY, streams
 from view_scenes import CAMERAS, errors_mm, frames, observed, swinging
 
-from workbench.body.kinematics import joints
+from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
@@ -21,7 +21,7 @@ from workbench.inference.fit.frame_by_frame import FrameByFrame
 from workbench.inference.fit.least_squares import LeastSquares
 from workbench.inference.fit.residuals import limit_residual, views_residual
 from workbench.inference.fit.smooth_fit import SmoothFit, smooth_problem
-from workbench.inference.start.limb_lengths import LENGTHS, length_jacobian, measure, of_keypoints, shape_of
+from workbench.inference.start.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton

@@ -23,6 +23,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, FIT, RESIDUALS, Traits, needs_of_all, offering
 from workbench.errors import InputError
+from workbench.inference.fit.lengths import told_doubt
 from workbench.inference.fit.motion_fit import MotionFit
 from workbench.inference.fit.smooth_fit import SmoothFit
 from workbench.inference.fit.task import Fit, Problem, Task
@@ -70,6 +71,7 @@ class LeastSquares:
         powers = Powers() if prior is None else prior.powers
         self.likelihood, self.observables = likelihood, likelihood.observables
         self.skeleton, self.surface = body.skeleton, person_surface(body)
+        self.length_doubt = told_doubt(body.skeleton) if body.length_doubt is None else body.length_doubt
         self.motion, self.smoothness = powers.motion, powers.smoothness or Smoothness()
         self.discrepancy, self.postures = powers.discrepancy, powers.postures
         self.problem: Problem = problem or (SmoothFit() if powers.motion is None else MotionFit())
@@ -115,6 +117,7 @@ class LeastSquares:
         task = Task(
             self.skeleton, self.surface, self.likelihood, seen, np.array([frame.time_s for frame in frames]),
             self.motion, self.smoothness, self.phase_ends, self.max_iterations, self.discrepancy, self.postures,
+            self.length_doubt,
         )  # fmt: skip
         return self.problem.fit(task, start), seen, warnings
 

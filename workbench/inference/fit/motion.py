@@ -15,6 +15,7 @@ from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import Decoder, FitData, MotionDecoder
+from workbench.inference.fit.lengths import Lengths
 from workbench.inference.fit.shared import Shared
 from workbench.inference.fit.solver import Minimum, Pattern, Quadratic, minimise
 
@@ -166,9 +167,9 @@ def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatA
     return _led(problem, search, lambda t, slopes, pose: slopes @ missed)
 
 
-def misled(problem: FitProblem, search: Minimum, shared: Shared) -> FloatArray:
+def misled(problem: FitProblem, search: Minimum, shared: Shared | Lengths) -> FloatArray:
     """Tell how far the states of a fit are off, (T, D, k), for one deviation of each of k displacements of what is
-    seen: by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t shifts_t, as in `absorbed`."""
+    seen, or causes of it: by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t shifts_t, as in `absorbed`; up to the sign."""
     return _led(problem, search, lambda t, slopes, pose: shared.shifts(t, slopes, pose))
 
 

@@ -24,7 +24,8 @@ from workbench.core.traits import Traits, offering
 from workbench.inference.fit.decoding import FitData, PoseDecoder
 from workbench.inference.fit.frame import Gaussian, fit_frame
 from workbench.inference.fit.hypotheses import first_keypoints, first_pose, likely_poses
-from workbench.inference.fit.motion import FitProblem, fit_motion, second_differences
+from workbench.inference.fit.lengths import Lengths
+from workbench.inference.fit.motion import FitProblem, fit_motion, misled, second_differences
 from workbench.inference.fit.residuals import (
     balance_residual,
     ground_residual,
@@ -90,7 +91,14 @@ class SmoothFit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         clock, data, skeleton = working_s(), task.data(LEANING_SIGMA_RAD), task.skeleton
         poses, covariances, search = fit_smooth(
-            skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m, task.postures
+            skeleton,
+            task.seen,
+            data,
+            _starts(task, start),
+            task.max_iterations,
+            self.ground_m,
+            task.postures,
+            task.length_doubt if kinds_seen(task.seen) == ("keypoints",) else None,
         )
         fit = fit_of(PoseDecoder(skeleton), data, poses, covariances, search.iterations, search.costs)
         return replace(fit, timing_s={"least_squares": working_s() - clock})
@@ -107,7 +115,7 @@ def _starts(task: Task, start: FloatArray | None) -> FloatArray:
 
 def fit_smooth(
     skeleton: Skeleton, seen: Sequence[Observed], data: FitData, starts: FloatArray, max_iterations: int,
-    ground_m: float | None = None, postures: Postures | None = None,
+    ground_m: float | None = None, postures: Postures | None = None, doubt: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, Minimum]:  # fmt: skip
     """Fit poses (T, P) to what is seen of T frames; returns them, their marginal covariances (T, P, P), and the search.
 
@@ -119,6 +127,8 @@ def fit_smooth(
     Where all is seen by one camera, which cannot tell which way limbs point, they are turned over, see `flips`, and the
     feet that stand are brought to one floor, at their median height, unless ground_m is known, see `bounded`. Where it
     is known which postures people take, poses are at last drawn to these instead of to each angle's usual values.
+    Covariances have in them by how much the skeleton's offsets may be off, `doubt` (J, 3, G): limbs that are all a
+    twentieth too long put the person a twentieth too far away, in however many frames.
     """
     stand = standing_feet(skeleton, seen, data.times_s)
     decoder, data = PoseDecoder(skeleton), replace(data, stand=stand)
@@ -137,7 +147,11 @@ def fit_smooth(
         log.info("the feet stand at %.2f m, as the person's size tells", ground_m)
         problem = smooth_problem(decoder, bounded(skeleton, data, ground_m))
         fitted = fit_motion(problem, fitted[0], max_iterations=max_iterations)
-    return fitted if postures is None else _drawn(decoder, data, ground_m, fitted, postures, max_iterations)
+    told = fitted if postures is None else _drawn(decoder, data, ground_m, fitted, postures, max_iterations)
+    if doubt is None:
+        return told
+    missed = misled(problem, fitted[2], Lengths(skeleton, seen, doubt))
+    return told[0], told[1] + missed @ missed.swapaxes(1, 2), told[2]
 
 
 def _drawn(

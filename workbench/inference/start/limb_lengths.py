@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from workbench.arrays import FloatArray
-from workbench.body.kinematics import descendants, forward, joint_jacobian
+from workbench.body.kinematics import forward, joint_jacobian, length_jacobian
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
@@ -46,11 +46,13 @@ each other, so that eight say little more than one."""
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """shape: the person's. poses: (T, P) in the frames looked at. error_px: root mean square distance to the marks."""
+    """shape: the person's. poses: (T, P) in the frames looked at. error_px: root mean square distance to the marks.
+    doubt: (J, 3, G) by how much the skeleton's offsets may be off, see `Body.length_doubt`."""
 
     shape: Shape
     poses: FloatArray
     error_px: float
+    doubt: FloatArray
 
 
 def _traits(keys: Mapping[str, Any]) -> Traits:
@@ -81,7 +83,7 @@ def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8
     measured = measure(seen, height_m)
     lengths = ", ".join(f"{name} {100.0 * getattr(measured.shape, name):.1f}" for name in LENGTHS[4:])
     log.info("limbs measured in %d frames, residual %.1f px: %s cm", len(seen), measured.error_px, lengths)
-    return person(measured.shape)
+    return replace(person(measured.shape), length_doubt=measured.doubt)
 
 
 def measure(
@@ -119,7 +121,10 @@ def measure(
     ).x  # fmt: skip
     n_marks = sum(len(keypoints.joints) for views in seen for keypoints in views)
     error_px = sigma_px * float(np.sqrt((project(x)[0] ** 2).sum() / n_marks))
-    return Measured(shape_of(x[: len(start)]), x[len(start) :].reshape(poses.shape), error_px)
+    lengths, slope = x[: len(start)], slopes(x)
+    covariance = np.linalg.pinv(slope.T @ slope, hermitian=True)[: len(start), : len(start)]  # Laplace's
+    doubt = _by_length(lengths) @ np.linalg.cholesky(covariance)
+    return Measured(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, doubt)
 
 
 def shape_of(lengths: FloatArray) -> Shape:
@@ -136,23 +141,12 @@ def shape_of(lengths: FloatArray) -> Shape:
     )  # fmt: skip
 
 
-def length_jacobian(skeleton: Skeleton, by_length: FloatArray, poses: FloatArray) -> FloatArray:
-    """Differentiate joints in poses (T, P) by lengths that move the offsets by_length (J, 3, G); (T, J, 3, G)."""
-    frames = forward(skeleton, poses)
-    own = frames.rotations[:, skeleton.parents] @ by_length  # (T, J, 3, G); the root's offsets do not move
-    at_or_below = descendants(skeleton) | np.eye(len(skeleton.names), dtype=bool)
-    return np.einsum("jk,tjxg->tkxg", at_or_below.astype(np.float64), own)
-
-
 def _project(
     lengths: FloatArray, poses: FloatArray, seen: Sequence[Sequence[Keypoints]], sigma_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return whitened residuals (K,) of all keypoints, and their derivative (K, G + T P) by lengths and poses."""
     skeleton = person_skeleton(shape_of(lengths))
-    steps = 1e-6 * np.eye(len(lengths))
-    offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
-    by_length = np.stack([(up - down) / 2e-6 for up, down in zip(offsets[::2], offsets[1::2], strict=True)], axis=-1)
-    by_pose, by_lengths = joint_jacobian(skeleton, poses), length_jacobian(skeleton, by_length, poses)
+    by_pose, by_lengths = joint_jacobian(skeleton, poses), length_jacobian(skeleton, _by_length(lengths), poses)
     places, misses, slopes = forward(skeleton, poses).positions, [], []
     for t, views in enumerate(seen):
         for view in views:
@@ -165,6 +159,13 @@ def _project(
             misses.append(miss.ravel())
             slopes.append(slope)
     return np.concatenate(misses), np.vstack(slopes)
+
+
+def _by_length(lengths: FloatArray) -> FloatArray:
+    """Differentiate the skeleton's offsets by lengths (G,), (J, 3, G)."""
+    steps = 1e-6 * np.eye(len(lengths))
+    offsets = [person_skeleton(shape_of(lengths + sign * step)).offsets for step in steps for sign in (1.0, -1.0)]
+    return np.stack([(up - down) / 2e-6 for up, down in zip(offsets[::2], offsets[1::2], strict=True)], axis=-1)
 
 
 def _first_poses(skeleton: Skeleton, seen: Sequence[Sequence[Keypoints]], sigma_px: float) -> FloatArray:
