@@ -8,14 +8,12 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.checks import POSITIVE, check
-from workbench.core.prior import Powers, Smoothness
+from workbench.core.prior import RECORDED, Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, GAUSSIAN, offering
 from workbench.errors import InputError
 from workbench.learning.linear_motion import N_POSE, POSTURE, LinearMotion, moved, velocities
 
-RECORDED = Smoothness(position=0.013, angle=0.11)
-"""How much poses of people change from frame to frame: rms over 23 activities in CMU's and Bandai's recordings."""
 _SPEEDS = ("ahead", "aside", "up", "turn")
 
 

@@ -90,15 +90,9 @@ class SmoothFit:
     def fit(self, task: Task, start: FloatArray | None) -> Fit:
         """Fit all frames at once; `start` as for `LeastSquares.run`."""
         clock, data, skeleton = working_s(), task.data(LEANING_SIGMA_RAD), task.skeleton
+        doubt = task.length_doubt if kinds_seen(task.seen) == ("keypoints",) else None
         poses, covariances, search = fit_smooth(
-            skeleton,
-            task.seen,
-            data,
-            _starts(task, start),
-            task.max_iterations,
-            self.ground_m,
-            task.postures,
-            task.length_doubt if kinds_seen(task.seen) == ("keypoints",) else None,
+            skeleton, task.seen, data, _starts(task, start), task.max_iterations, self.ground_m, task.postures, doubt
         )
         fit = fit_of(PoseDecoder(skeleton), data, poses, covariances, search.iterations, search.costs)
         return replace(fit, timing_s={"least_squares": working_s() - clock})

@@ -10,7 +10,7 @@ from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, observe, person_px
-from workbench.core.prior import PACE_HZ, Smoothness
+from workbench.core.prior import PACE_HZ, RECORDED
 from workbench.core.residual import Loss
 from workbench.errors import InputError
 from workbench.inference.fit.decoding import FitData, PoseDecoder
@@ -29,8 +29,6 @@ START_SIGMA = 0.012
 LIKELY = 10.0
 """Hypotheses whose cost is higher by more than this, in nats, are given up."""
 
-RECORDED = Smoothness(position=0.013, angle=0.11)
-"""Rms over 23 activities in CMU's and Bandai's recordings."""
 LOSS = Loss("huber", 1.5)
 """Joints are told apart: none belongs to something else."""
 MAX_ITERATIONS = 40
