@@ -21,8 +21,9 @@ STANDING[2] = 0.95
 LEFT_LEG = [SKELETON.dof(f"left_{name}") for name in ("hip_flexion", "hip_abduction", "hip_twist", "knee_flexion")]
 
 
-POSTURES = Postures(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), np.eye(21)]))
-"""Two: one that is narrow, and one that is not."""
+WIDE = np.eye(21) + 0.5
+POSTURES = Postures(np.array([0.3, 0.7]), np.outer([0.4, -0.2], np.ones(21)), np.array([0.04 * np.eye(21), WIDE]))
+"""Two: one that is narrow, and one whose angles go together."""
 
 
 def posed(**angles):
@@ -49,12 +50,12 @@ def test_slopes_lead_downhill_as_finite_differences_say(residual, seed):
 
 
 def test_a_posture_is_off_those_that_it_may_be_of_and_the_root_is_free():
-    near = posed(root_x=2.0)
-    near[4:] = 0.4  # the first part's mean
-    certain = 1e-6 * np.eye(25)
-    misses, slopes = posture_residual(POSTURES, near, certain, 0.25)(near + 0.1)
+    near, apart = posed(root_x=2.0), np.linspace(-0.1, 0.3, 21)
+    near[4:] = -0.2  # the second part's mean
+    moved = near + np.concatenate([np.ones(4), apart])
+    misses, slopes = posture_residual(POSTURES, near, 1e-6 * np.eye(25), 0.25)(moved)
     assert not slopes[:, :4].any()
-    assert 0.5 * misses @ misses == pytest.approx(0.25 * 0.5 * 21 * 0.1**2 / 0.04, rel=1e-3)
+    assert 0.5 * misses @ misses == pytest.approx(0.25 * 0.5 * apart @ np.linalg.solve(WIDE, apart), rel=1e-3)
 
 
 def test_balance_is_told_in_deviations_ahead_and_to_the_left():
