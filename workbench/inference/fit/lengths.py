@@ -27,7 +27,7 @@ class Lengths:
         """Tell by how much one deviation of each cause changes the residuals of frame t at a pose (P,), (K, G). slopes:
         (K, P), of the residuals, of which keypoints come first; a joint that moves is a root that moves for it alone.
 
-        Deviation: limits and habits are residuals of the pose, ground and balance too: the floor is found by the feet.
+        Deviation: balance and the height of the floor shift, too, which is left out: the feet tell the floor.
         """
         found = np.zeros((len(slopes), self.doubt.shape[2]))
         if views := self.seen[t].keypoints:
