@@ -152,12 +152,13 @@ def _numbers(measured: Measured) -> str:
 
 
 def _by_marks(measured: Measured) -> str:
-    """Tell the distance from joints marked to measure it by; empty where none are."""
-    px = measured.errors.get("error_px", np.full(1, np.nan))
+    """Tell the distance from joints marked to measure it by, but not in the first frame, whose marks a run may start
+    from; empty where none are."""
+    px, heights = measured.errors.get("error_px", np.full(1, np.nan))[1:], measured.mark_height_px[1:]
     if not _any(px):
         return ""
-    tall = np.isfinite(px) & np.isfinite(measured.mark_height_px) & (measured.mark_height_px > 0.0)
-    share = f", {np.mean(px[tall] / measured.mark_height_px[tall]):.1%} of the person's height" if tall.any() else ""
+    tall = np.isfinite(px) & np.isfinite(heights) & (heights > 0.0)
+    share = f", {np.mean(px[tall] / heights[tall]):.1%} of the person's height" if tall.any() else ""
     return f"{np.nanmean(px):.1f} px from the joints marked in {int(np.isfinite(px).sum())} frames{share}"
 
 

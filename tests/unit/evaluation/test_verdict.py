@@ -163,6 +163,15 @@ def test_marks_that_were_held_out_are_told_beside_the_keypoints_and_frames_witho
     assert [k for k, state in enumerate(found.states) if state == "held"] == [0, 3, 4, 20]
 
 
+def test_marks_of_the_first_frame_from_which_a_run_starts_are_not_counted():
+    px = np.where(np.isin(np.arange(N), [10, 20]), 30.0, np.nan)
+    px[0] = 2.0
+    marks = {"errors": {"error_px": px}, "mark_height_px": np.where(np.isfinite(px), 300.0, np.nan)}
+    assert "30.0 px from the joints marked in 2 frames, 10.0%" in verdict(measured(**marks), TOLD).sentence
+    px[1:] = np.nan
+    assert "marked" not in verdict(measured(**marks), TOLD).sentence
+
+
 def test_where_nothing_is_seen_nothing_is_judged():
     blind = {"marked": np.zeros(len(JOINT_NAMES), bool), "found": np.zeros((N, 2), bool), "cameras": ("a",),
              "joints": np.full((N, len(JOINT_NAMES), 3), np.nan), "apart": {}}  # fmt: skip
