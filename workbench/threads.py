@@ -8,7 +8,7 @@ from threading import Barrier
 
 import numba
 
-from workbench.signals import finishing
+from workbench.signals import deferred
 
 _PARTS = 4  # a thread, so that one that is held up does not hold up the others
 
@@ -48,7 +48,7 @@ def _others() -> ThreadPoolExecutor:
     """
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     others, begun = ThreadPoolExecutor(most, "over_threads"), Barrier(most + 1)
-    with finishing():
+    with deferred():
         try:
             for _ in range(most):
                 others.submit(begun.wait)

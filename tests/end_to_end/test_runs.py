@@ -59,14 +59,14 @@ def test_a_run_that_is_asked_to_end_is_interrupted_and_keeps_what_it_recorded(ru
     assert code == 128 + number, told
     assert told.strip().endswith(f"interrupted by {number.name}; what was recorded is kept")
     summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["status"], summary["error"]) == ("interrupted", f"Asked: {number.name}")
+    assert (summary["status"], summary["error"]) == ("interrupted", f"Interrupted: {number.name}")
     assert not (folder / "run.rrd").exists()
     assert read(folder / "run.rrd.part").poses[1].shape == (3, 25)
 
 
 @pytest.mark.slow
 def test_a_process_is_ended_well_in_its_first_seconds_and_while_it_compiles(tmp_path):
-    """Asked to end in imports, in composition and, with no kernels kept, a second after it has begun: it compiles."""
+    """Interrupted to end in imports, in composition and, with no kernels kept, a second after it has begun: it compiles."""
     number = signal.SIGTERM
     seen = set()
     for k, seconds in enumerate((0.5, 3.0, 5.5, None)):

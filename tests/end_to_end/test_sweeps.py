@@ -342,7 +342,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_goes_on_with_i
     assert time.monotonic() - asked < 30.0
     ended = summaries(sweep)
     assert not any(at_work(summary["pid"]) for summary in ended.values())
-    assert (ended[int(job)]["status"], ended[int(job)]["error"]) == ("interrupted", "Asked: SIGTERM")
+    assert (ended[int(job)]["status"], ended[int(job)]["error"]) == ("interrupted", "Interrupted: SIGTERM")
     assert {summary["status"] for summary in ended.values()} <= {"interrupted", "complete"}
     assert f"{sweep / job}: interrupted by SIGTERM" in told.read_text()
     assert all(f"{sweep / str(k)}: never begun" in told.read_text() for k in range(4) if k not in ended)

@@ -15,7 +15,7 @@ from workbench.experiment.folder import BEFORE, LOCK, RUN, earlier_runs, held, k
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.read.probe import read_sound_run
-from workbench.signals import finishing
+from workbench.signals import deferred
 
 BASELINES = "baselines"
 _REMOVED = ".removed-"
@@ -125,7 +125,7 @@ def _set_apart(path: Path, apart: Path) -> None:
         os.rename(path, apart)
         return
     apart.mkdir()
-    with finishing():
+    with deferred():
         for each in os.listdir(path):
             if each not in (BEFORE, LOCK):
                 os.rename(path / each, apart / each)

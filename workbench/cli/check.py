@@ -28,7 +28,7 @@ from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.reader import find_recordings
 from workbench.report.checks import Check, exit_code, moved, table, write_junit
 from workbench.report.tables import printable
-from workbench.signals import Asked, ending_as_interrupted
+from workbench.signals import Interrupted, interruptible
 
 MANY = ("seeds", "paired", "until", "calibrate", "bisect")
 """Options that run many recordings or seeds; one of them at a time."""
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Check recordings. Returns 0 when all passed, 1 when anything failed, 2 for bad input, 128 + n by signal n."""
     arguments = _parser().parse_intermixed_args(argv)
     tell_warnings()
-    with ending_as_interrupted():
+    with interruptible():
         return _main(arguments)
 
 
@@ -54,7 +54,7 @@ def _main(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except Asked as error:
+    except Interrupted as error:
         print(f"workbench-check: interrupted by {error}", file=sys.stderr)
         return 128 + error.number
 

@@ -25,7 +25,7 @@ from workbench.cli.told import lines, tell_warnings
 from workbench.errors import InputError, shortened
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.experiment.schema import prepare_hydra
-from workbench.signals import Asked, ending_as_interrupted
+from workbench.signals import Interrupted, interruptible
 from workbench.sweep.halving import KEY, best_third, frames_of, metrics_of, round_of
 from workbench.sweep.plan import metric_of, run_job
 from workbench.sweep.progress import Watch, close, rest_of
@@ -79,7 +79,7 @@ def main() -> int:
     """
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
     logging.raiseExceptions = False  # on a full disk, every line of run.log would bring a traceback
-    with ending_as_interrupted(first=Watch.end):
+    with interruptible(first=Watch.end):
         return _main()
 
 
@@ -228,7 +228,7 @@ def _degenerate_weights() -> type[Exception]:
 def _tell(error: BaseException) -> int:
     """Print the error as one sentence; the exit code it stands for."""
     if isinstance(error, KeyboardInterrupt):
-        number = error.number if isinstance(error, Asked) else signal.SIGINT
+        number = error.number if isinstance(error, Interrupted) else signal.SIGINT
         by = signal.Signals(number).name
         print(f"workbench: interrupted by {by}; what was recorded is kept", file=sys.stderr)
         return 128 + number

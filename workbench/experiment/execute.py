@@ -17,7 +17,7 @@ from workbench.experiment.lacking import what_lacks
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary
 from workbench.limits import check_products, check_sizes
-from workbench.signals import finishing
+from workbench.signals import deferred
 from workbench.streams import rng_streams
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def ending(summary: Summary) -> Iterator[None]:
 
 
 def _end(summary: Summary, told: Path, error: BaseException | None) -> None:
-    with finishing():
+    with deferred():
         summary.end(error)
         summary.write(told)
 

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from workbench.errors import InputError
-from workbench.signals import finishing
+from workbench.signals import deferred
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +96,7 @@ def _set_aside(folder: Path) -> None:
     if (folder / RUN[0]).is_file():
         aside = next(place for k in count(1) if not (place := folder / BEFORE / str(k)).exists())
         aside.mkdir(parents=True)
-        with finishing():
+        with deferred():
             for name in reversed(RUN):
                 if (folder / name).is_file():
                     os.replace(folder / name, aside / name)

@@ -17,7 +17,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.files import replace_text
-from workbench.signals import ASKING, Asked, held_back
+from workbench.signals import SIGNALS, Interrupted, held_back
 from workbench.sweep.process import BEFORE, CONFIG, STOP_WHEN, WARNING, process_for
 
 ENDED = ("complete", "stopped", "failed", "interrupted")
@@ -74,7 +74,7 @@ def run_apart(
             release()
             code = process.wait()
         except KeyboardInterrupt as error:
-            process.end(error.number if isinstance(error, Asked) and error.number != signal.SIGINT else None)
+            process.end(error.number if isinstance(error, Interrupted) and error.number != signal.SIGINT else None)
             raise
     summary = read_summary(folder) or {"experiment": experiment, "metrics": {}}
     if summary.get("status") not in ENDED:
@@ -83,8 +83,8 @@ def run_apart(
 
 def _write_end(folder: Path, code: int, output: str, summary: dict[str, Any]) -> None:
     """Write what became of a job that could not say so itself, or was asked to end before it began."""
-    if code in (asked := {128 + number: number for number in (*ASKING, WARNING)}):
-        _write(folder, {**summary, "status": "interrupted", "error": f"Asked: {Asked(asked[code])}"})
+    if code in (asked := {128 + number: number for number in (*SIGNALS, WARNING)}):
+        _write(folder, {**summary, "status": "interrupted", "error": f"Interrupted: {Interrupted(asked[code])}"})
     else:
         cause = f"{KILLED} {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output}"
         write_failure(folder, cause, summary)

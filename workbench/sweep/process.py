@@ -24,7 +24,7 @@ from typing import Any, BinaryIO
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.experiment.parts import name_parts, packages
-from workbench.signals import ASKING, Asked, ending_as_interrupted
+from workbench.signals import SIGNALS, Interrupted, interruptible
 from workbench.sweep.stopping import stop_when
 
 WARNING = signal.SIGUSR2
@@ -153,7 +153,7 @@ def _run(experiment: str, folder: Path) -> None:
     stop = (folder / STOP_WHEN).read_text()
     command, condition = command_of(folder), stop_when(stop) if stop else None
     try:
-        with ending_as_interrupted(WARNING), warnings.catch_warnings():  # which tells every job's warnings anew
+        with interruptible(WARNING), warnings.catch_warnings():  # which tells every job's warnings anew
             attempts = list((folder / BEFORE).glob("*.rrd.part"))
             found = resumed(config, attempts)
             goes_on, anew = (None, found) if isinstance(found, str) else (found, None)
@@ -162,9 +162,9 @@ def _run(experiment: str, folder: Path) -> None:
                     attempt.unlink()
             execute(config, experiment, folder, True, command, continued=goes_on, stop=condition, anew=anew)
             shutil.rmtree(folder / BEFORE, ignore_errors=True)
-    except Asked as error:
+    except Interrupted as error:
         sys.exit(128 + error.number)
-    signal.pthread_sigmask(signal.SIG_BLOCK, (*ASKING, WARNING))
+    signal.pthread_sigmask(signal.SIG_BLOCK, (*SIGNALS, WARNING))
 
 
 def _interrupt_when_orphaned() -> None:

@@ -31,7 +31,7 @@ LONGEST_END_S = 20.0
 """That jobs have to end in when asked to, before their launcher kills them."""
 _ELSEWHERE = ("BasicLauncher", SLURM)
 """Ends of the names of launchers whose jobs are told by who waits for them, or that go on by themselves."""
-_ORPHANED = f"Asked: {signal.SIGINT.name}"
+_ORPHANED = f"Interrupted: {signal.SIGINT.name}"
 """What a job's summary says that ended because the process that had started it is gone, see `process.main`."""
 
 

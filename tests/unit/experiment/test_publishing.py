@@ -14,7 +14,7 @@ from workbench.experiment.summary import Summary
 from workbench.recording.read.reader import read
 from workbench.recording.write import file as files
 from workbench.recording.write.file import RecordingFile
-from workbench.signals import Asked, ending_as_interrupted
+from workbench.signals import Interrupted, interruptible
 
 STEPS = [module.__file__ for module in (files, execute, summary, signals)]
 
@@ -33,11 +33,11 @@ def publish(folder, number=None, at=None):
             signal.raise_signal(number)
         return step
 
-    with ending_as_interrupted():
+    with interruptible():
         try:
             with ending(run), RecordingFile(run.recording, run_id="a", config_yaml="seed: 0", provenance={"seed": 0}):
                 sys.settrace(step)
-        except Asked:
+        except Interrupted:
             pass
         finally:
             sys.settrace(None)

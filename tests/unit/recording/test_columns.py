@@ -9,7 +9,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from workbench.recording.write.columns import Columns, Row, curves
-from workbench.signals import Asked, ending_as_interrupted
+from workbench.signals import Interrupted, interruptible
 
 RNG = np.random.default_rng(0)
 
@@ -120,7 +120,7 @@ def test_what_was_being_written_when_asked_to_end_is_there_once(kind):
             columns.add_numbers(frame, time, dict.fromkeys(paths, 1.0))
         else:
             columns.add(frame, time, curves(dict.fromkeys(paths, 1.0)))
-    with pytest.raises(Asked), ending_as_interrupted():
+    with pytest.raises(Interrupted), interruptible():
         columns.write_large(stream, 1) if kind == "large rows" else columns.write(stream)
     columns.write(stream)
     assert sorted(stream.sent) == paths

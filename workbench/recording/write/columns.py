@@ -1,7 +1,6 @@
 """Collect what the frames show and write it as columns: an archetype takes longer to make than the numbers in it.
 
-What asks the process to end waits while they are written: what had been sent of them would be sent again by whoever
-closes the recording.
+Rows leave the buffer before they are sent, so that an interrupted write loses rows and never sends any twice.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +14,6 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
 from workbench.arrays import AnyArray, FloatArray
-from workbench.signals import finishing
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 """Pairs (entity path, archetype), to be logged one by one."""
@@ -71,39 +69,37 @@ class Columns:
     def write_large(self, stream: rr.RecordingStream, least_bytes: int) -> None:
         """Send the rows of paths, such as images, that take at least so many bytes."""
         for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= least_bytes]:
-            with finishing():
-                large = Columns()
-                large._waiting[path] = self._waiting.pop(path)
-                large.write(stream)
-                del self._n_bytes[path]
+            large = Columns()
+            large._waiting[path] = self._waiting.pop(path)
+            del self._n_bytes[path]
+            large.write(stream)
 
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits on the timelines `frame` and `time`."""
-        with finishing():
-            self._write_rows(stream)
-            self._write_numbers(stream)
+        self._write_rows(stream)
+        self._write_numbers(stream)
 
     def _write_rows(self, stream: rr.RecordingStream) -> None:
         indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most entities have rows in all frames
-        for path, waiting in self._waiting.items():
+        rows_by_path, self._waiting = self._waiting, {}
+        self._n_bytes.clear()
+        for path, waiting in rows_by_path.items():
             frames, times, rows = zip(*waiting, strict=True)
             if frames not in indexes:
                 indexes[frames] = _index(frames, times)
             stream.send_columns(path, indexes=indexes[frames], columns=_columns(rows))
-        self._n_bytes.clear()
-        self._waiting.clear()
 
     def _write_numbers(self, stream: rr.RecordingStream) -> None:
         """Send what was taken in by `add_numbers` alone."""
-        for paths, found in self._numbers.items():
-            frames, times, values = zip(*found, strict=True)
+        numbers, self._numbers = self._numbers, {}
+        for paths, rows in numbers.items():
+            frames, times, values = zip(*rows, strict=True)
             index, n = _index(frames, times), len(frames)
             ends, flat = pa.array(np.arange(n + 1, dtype=np.int32)), pa.array(np.stack(values, axis=1).ravel())
             descriptor, _ = _component(rr.Scalars, "scalars")
             for k, path in enumerate(paths):
                 scalars: Any = _Column(descriptor, pa.ListArray.from_arrays(ends, flat.slice(k * n, n)))
                 stream.send_columns(path, indexes=index, columns=[scalars])
-        self._numbers.clear()
 
 
 @dataclass(frozen=True)

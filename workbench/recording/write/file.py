@@ -28,7 +28,7 @@ from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.stream import abandon, new_stream
 from workbench.recording.write.viewer import Viewer
-from workbench.signals import finishing
+from workbench.signals import deferred
 
 logger = logging.getLogger(__name__)
 
@@ -120,7 +120,7 @@ class RecordingFile:
     def _publish(self) -> None:
         """Give the file its name. What it says of itself agrees with that, whenever a signal arrives."""
         self.flush()  # what may take long
-        with finishing():
+        with deferred():
             self._close(self.status)
             _check_end(self.part)
             os.replace(self.part, self.path)

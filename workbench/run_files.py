@@ -1,0 +1,12 @@
+"""Names of the files in a run's folder."""
+
+RECORDING = "run.rrd"
+PART = "run.rrd.part"
+"""The recording while the run is at work, and what is kept of one that was interrupted or failed."""
+
+SUMMARY = "summary.json"
+LOCK = ".lock"
+"""Locked by the process at work in the folder; see `run_lock`."""
+
+EARLIER = ".earlier"
+"""Folder of the runs and attempts that the folder held before, hidden from readers of recordings."""
