@@ -24,7 +24,7 @@ def publish(folder, number=None, at=None):
     run, reached = Summary("walk", 0, folder / "run.rrd"), set()
 
     def step(frame, event, _):
-        if frame.f_code.co_filename not in STEPS or frame.f_code.co_name in ("metrics", "cost", "ask", "raise_soon"):
+        if frame.f_code.co_filename not in STEPS or frame.f_code.co_name in ("metrics", "cost", "handle"):
             return None
         before = len(reached)
         reached.add((frame, frame.f_lineno))

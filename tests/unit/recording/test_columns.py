@@ -98,7 +98,7 @@ def test_numbers_are_the_curves_that_they_would_have_been(tmp_path):
     assert repr(sorted(found.items())) == repr(sorted(expected.items()))  # where NaN is NaN
 
 
-class Interrupted:
+class InterruptedStream:
     """A stream that is told nothing but what paths are sent, in whose second a signal asks the process to end."""
 
     def __init__(self):
@@ -113,7 +113,7 @@ class Interrupted:
 @pytest.mark.parametrize("kind", ["rows", "numbers", "large rows"])
 def test_what_was_being_written_when_asked_to_end_is_there_once(kind):
     """Whoever closes a recording writes what waits: a run that goes on with it would count a frame twice."""
-    columns, stream, paths = Columns(), Interrupted(), ["a", "b", "c"]
+    columns, stream, paths = Columns(), InterruptedStream(), ["a", "b", "c"]
     for frame in range(2):
         time = np.timedelta64(frame, "s")
         if kind == "numbers":

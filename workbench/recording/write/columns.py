@@ -1,6 +1,6 @@
 """Collect what the frames show and write it as columns: an archetype takes longer to make than the numbers in it.
 
-Rows leave the buffer before they are sent, so that an interrupted write loses rows and never sends any twice.
+Interruptions wait while rows are sent: frames are then whole in the file, and nothing is sent twice.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,6 +14,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
 from workbench.arrays import AnyArray, FloatArray
+from workbench.signals import deferred
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 """Pairs (entity path, archetype), to be logged one by one."""
@@ -69,15 +70,17 @@ class Columns:
     def write_large(self, stream: rr.RecordingStream, least_bytes: int) -> None:
         """Send the rows of paths, such as images, that take at least so many bytes."""
         for path in [path for path, n_bytes in self._n_bytes.items() if n_bytes >= least_bytes]:
-            large = Columns()
-            large._waiting[path] = self._waiting.pop(path)
-            del self._n_bytes[path]
-            large.write(stream)
+            with deferred():
+                large = Columns()
+                large._waiting[path] = self._waiting.pop(path)
+                del self._n_bytes[path]
+                large.write(stream)
 
     def write(self, stream: rr.RecordingStream) -> None:
         """Send what waits on the timelines `frame` and `time`."""
-        self._write_rows(stream)
-        self._write_numbers(stream)
+        with deferred():
+            self._write_rows(stream)
+            self._write_numbers(stream)
 
     def _write_rows(self, stream: rr.RecordingStream) -> None:
         indexes: dict[tuple[int, ...], list[rr.TimeColumn]] = {}  # most entities have rows in all frames
