@@ -1,29 +1,14 @@
-"""A workbench for tracking articulated people in 3-D."""
+"""A workbench for tracking articulated people in 3-D.
 
-import workbench.starting  # noqa: F401 (before anything that takes long)
+Importing it changes nothing in the process: no environment variables, signal handlers or settings of other packages.
+"""
 
-# isort: split
-import os
 from importlib import import_module
-from pathlib import Path
 from typing import Any
-
-from workbench.blas import use_one_code_path
-from workbench.kernel_cache import use_kernel_cache
 
 __version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
-use_kernel_cache(Path(__file__).parent)  # before any kernel is defined
-
-# Read when numba is imported. Its own 3 compiles kernels a fifth longer, to the same bits, which then run no faster
-# but for image motion, by a twentieth.
-os.environ.setdefault("NUMBA_OPT", "2")
-
-use_one_code_path()  # before NumPy is loaded
-
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 27))  # of an image file, which OpenCV asks when it loads
-
-_HOMES = {
+_MODULES = {
     "Clip": "core.clip",
     "Cyclic": "priors.cyclic",
     "ImageMotion": "likelihoods.image_motion",
@@ -40,12 +25,12 @@ _HOMES = {
     "track": "experiment.tracking",
     "walking_model": "learning.training",
 }
-"""What `from workbench import …` gives, and the module it is from, which is imported when it is asked for."""
+"""What `from workbench import …` offers, and the module it is from, which is imported on first use."""
 
-__all__ = list(_HOMES)
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'workbench' has no attribute {name!r}")
-    return getattr(import_module(f"workbench.{_HOMES[name]}"), name)
+    return getattr(import_module(f"workbench.{_MODULES[name]}"), name)

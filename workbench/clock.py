@@ -1,37 +1,72 @@
-"""A clock that stands still while kernels are compiled, so that equal runs take equal times on a fresh machine, too."""
+"""A clock that stands still while kernels compile, so that equal runs take equal times on a fresh machine, too."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import get_ident
 from time import perf_counter
 from typing import Any
 
 from numba.core import event
 
+from workbench.signals import defer, resume
 
-class _Compiled(event.Listener):
-    """seconds: spent on compiling since this process began, kernels within kernels counted once. What is read from the
-    cache is not compiled."""
 
-    def __init__(self) -> None:
-        self.seconds, self._depth, self._began = 0.0, 0, 0.0
+class _Total:
+    """seconds: spent compiling inside `measured_compilation` since the process began."""
+
+    seconds = 0.0
+
+
+class _Compilation(event.Listener):
+    """Measures compilation; a kernel's helpers are compiled within it and count as part of it.
+
+    Interruptions wait until a kernel is compiled: LLVM calls back into Python, where an exception would be lost.
+    """
+
+    def __init__(self, started: Callable[[str], None], ended: Callable[[], None]) -> None:
+        self._started, self._ended = started, ended
+        self._depths: dict[int, int] = {}  # by thread
+        self._began = 0.0
 
     def on_start(self, event: Any) -> None:
-        self._began = perf_counter() if self._depth == 0 else self._began
-        self._depth += 1
+        thread = get_ident()
+        depth = self._depths[thread] = self._depths.get(thread, 0) + 1
+        if depth == 1:
+            defer()
+            self._began = perf_counter()
+            self._started(event.data["dispatcher"].py_func.__qualname__)
 
-    def on_end(self, event: Any) -> None:
-        self._depth -= 1
-        if self._depth == 0:
-            self.seconds += perf_counter() - self._began
+    def on_end(self, _event: Any) -> None:
+        thread = get_ident()
+        if not self._depths.get(thread):  # it began before this listener was there
+            return
+        self._depths[thread] -= 1
+        if self._depths[thread] == 0:
+            _Total.seconds += perf_counter() - self._began
+            self._ended()
+            resume()
 
 
-_COMPILED = _Compiled()
-event.register("numba:compile", _COMPILED)  # type: ignore[no-untyped-call]
+@contextmanager
+def measured_compilation(started: Callable[[str], None], ended: Callable[[], None]) -> Iterator[None]:
+    """Count the time of compilation in the block, which `working_s` leaves out.
+
+    Parameters
+    ----------
+    started
+        Called with a kernel's name when its compilation begins. Kernels read from the cache are not compiled.
+    ended
+        Called when it ends.
+    """
+    with event.install_listener("numba:compile", _Compilation(started, ended)):
+        yield
 
 
 def compiled_s() -> float:
-    """Tell how long this process has compiled kernels so far, s."""
-    return _COMPILED.seconds
+    """Return the time spent compiling kernels so far, s."""
+    return _Total.seconds
 
 
 def working_s() -> float:
-    """Tell the time, s, since some moment in the past, without what went into compiling."""
-    return perf_counter() - _COMPILED.seconds
+    """Return the time since some moment in the past without compilation, s."""
+    return perf_counter() - _Total.seconds

@@ -1,7 +1,8 @@
-"""Tell whether what a cache holds was made by the code that asks for it."""
+"""Hashes of source code: whether a cache was made by the code that reads it."""
 
 import hashlib
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -13,11 +14,15 @@ _PACKAGE = Path(__file__).parent
 
 
 def code_digest(*modules: ModuleType) -> str:
-    """Hash the source of modules and of all that they import from the workbench, directly or not, by SHA-256.
+    """Return the SHA-256 of the sources of modules and of all that they import from the workbench, directly or not."""
+    return source_digest(*sorted(module.__name__ for module in modules))
 
-    Without a module: of the whole workbench.
-    """
-    return _digest_of(frozenset(module.__name__ for module in modules))
+
+@cache
+def source_digest(*modules: str) -> str:
+    """Return the same by the modules' names; a module outside the workbench counts by its own file alone."""
+    sources = _sources()
+    return digest_of(sources, modules) if all(name in sources for name in modules) else _own_file(modules)
 
 
 def read_sources(package: Path) -> dict[str, bytes]:
@@ -27,23 +32,25 @@ def read_sources(package: Path) -> dict[str, bytes]:
 
 
 def digest_of(sources: Mapping[str, bytes], modules: Iterable[str]) -> str:
-    """Hash the sources of modules and of all that they import, directly or not, by SHA-256."""
-    found: set[str] = set()
+    """Return the SHA-256 of the sources of modules and of all that they import, directly or not."""
+    reached: set[str] = set()
     pending = set(modules)
     while pending:
-        found |= pending
-        if len(found) == len(sources):
-            break
-        pending = {name for module in pending for name in _imported(sources[module]) if name in sources} - found
+        reached |= pending
+        pending = {name for module in pending for name in _imports(sources, module)} - reached
     digest = hashlib.sha256()
-    for module in sorted(found):
+    for module in sorted(reached):
         digest.update(module.encode() + b"\0" + hashlib.sha256(sources[module]).digest())
     return digest.hexdigest()
 
 
-@cache
-def _digest_of(modules: frozenset[str]) -> str:
-    return digest_of(_sources(), modules or _sources())
+def _imports(sources: Mapping[str, bytes], module: str) -> set[str]:
+    """Name the modules of `sources` that a module takes names from, and what it takes, which may be modules too."""
+    names = set()
+    for source, taken, whole in _IMPORT.findall(sources[module]):
+        parent = (source or whole).decode()
+        names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(taken))}
+    return names & sources.keys()
 
 
 @cache
@@ -51,10 +58,6 @@ def _sources() -> dict[str, bytes]:
     return read_sources(_PACKAGE)
 
 
-def _imported(source: bytes) -> set[str]:
-    """Name the modules that a source takes names from, and what it takes, which may be modules too."""
-    names = set()
-    for module, taken, whole in _IMPORT.findall(source):
-        parent = (module or whole).decode()
-        names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(taken))}
-    return names
+def _own_file(modules: Iterable[str]) -> str:
+    files = [sys.modules[name].__file__ for name in modules]
+    return hashlib.sha256(b"\0".join(Path(file).read_bytes() for file in files if file)).hexdigest()

@@ -1,79 +1,93 @@
-"""Keep compiled kernels between runs.
+"""Compiled kernels, cached on disk in one folder and recompiled when any source they depend on changes.
 
-Numba keeps a compiled function as long as the file that it is written in stays the same. It holds the machine code of
-whatever it calls, too, and the values of constants, so that an edit of these in another file would go unnoticed. So
-kernels are kept in a folder named for everything that can have got into them.
+Numba's own cache notices edits of the file that a kernel is written in, but not of the functions and constants that it
+takes from other files. Here the stamp of a cached kernel is a hash of its module and of everything that this imports
+from the workbench, so an edit replaces the cached kernel.
+
+Numba has no public way to choose the folder or the stamp for one kernel. This file therefore gives its own kernels
+(no others) a cache of the class below; it was tested with numba 0.61 to 0.68.
 """
 
 import logging
 import os
-import shutil
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any, TypeVar
 
-from workbench.digest import digest_of, read_sources
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-_FOLDER = "kernels-"
-_VARIABLE = "NUMBA_CACHE_DIR"
-_in_use: Path | None = None
+from workbench.digest import source_digest
 
-
-def use_kernel_cache(package: Path) -> Path:
-    """Have numba keep the kernels of a package, from now on, where `kernel_folder` says; the same folder."""
-    global _in_use
-    _in_use = folder = kernel_folder(package)
-    if folder.parent == package / "__pycache__" and not folder.exists():
-        for outdated in folder.parent.glob(f"{_FOLDER}*"):
-            shutil.rmtree(outdated, ignore_errors=True)  # another process may be doing the same
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = str(folder)
-    else:  # it reads this when it is imported, which takes long and which not every command needs
-        os.environ[_VARIABLE] = str(folder)
-    return folder
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_PACKAGE = Path(__file__).parent
 
 
-def is_kept(module: str, kernel: str) -> bool:
-    """Tell whether the folder in use has a kernel of a module, by its full name, for whatever arguments."""
-    *_, room, file = module.split(".")
-    return _in_use is not None and any(_in_use.glob(f"{room}_*/{file}.{kernel}-*.nbi"))
+def kernel(**options: Any) -> Callable[[_Function], _Function]:
+    """Return a decorator that compiles a function with `numba.njit`, without the interpreter's lock, and caches it.
 
+    Parameters
+    ----------
+    options
+        Of `numba.njit`.
+    """
 
-def go_on_without_room() -> None:
-    """Have numba keep kernels in memory only where their folder cannot take them, as on a full disk; told once."""
-    from numba.core.caching import Cache
+    def decorate(function: _Function) -> _Function:
+        compiled: Any = numba.njit(nogil=True, **options)(function)
+        compiled._cache = _KernelCache(function)  # as `enable_caching()` does with a cache of numba's own kind
+        return compiled
 
-    @contextmanager
-    def guard(cache: object) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            _tell_once(f"kernels are not kept, and compiled again by the next run: {error.strerror or error}")
-
-    setattr(Cache, "_guard_against_spurious_io_errors", guard)  # noqa: B010 (numba's own does nothing but on Windows)
+    return decorate
 
 
 @cache
-def _tell_once(sentence: str) -> None:
+def kernel_folder() -> Path:
+    """Return the folder of cached kernels: with the package's byte code, or in ~/.cache where that is read-only."""
+    own = _PACKAGE / "__pycache__"
+    writable = os.access(own if own.is_dir() else _PACKAGE, os.W_OK)
+    return own / "kernels" if writable else Path("~/.cache/workbench/kernels").expanduser()
+
+
+class _Locator:
+    """Tells numba where a kernel is cached and which sources it was compiled from."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._module, self._line = function.__module__, function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], _file: str) -> "_Locator":
+        return cls(function)
+
+    def get_cache_path(self) -> str:
+        return str(kernel_folder() / self._module)
+
+    def ensure_cache_path(self) -> None:
+        os.makedirs(self.get_cache_path(), exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        return source_digest(self._module)
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _KernelFiles(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache of a function. Where it cannot be written, as on a full disk, kernels stay in memory only."""
+
+    _impl_class = _KernelFiles
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        try:
+            super().save_overload(signature, data)
+        except OSError as error:
+            _warn(f"compiled kernels cannot be cached in {self.cache_path}: {error.strerror or error}")
+
+
+@cache
+def _warn(sentence: str) -> None:
     logging.getLogger(__name__).warning(sentence)
-
-
-def kernel_folder(package: Path) -> Path:
-    """The folder for the package as it is, in `kept_folder`."""
-    return kept_folder(package) / f"{_FOLDER}{source_key(package)}"
-
-
-def kept_folder(package: Path) -> Path:
-    """Where what follows from the package's sources is kept: $NUMBA_CACHE_DIR, else with its byte code, else in
-    ~/.cache."""
-    own = package / "__pycache__" if os.access(package, os.W_OK) else Path("~/.cache/workbench").expanduser()
-    given = Path(os.environ.get(_VARIABLE) or own)
-    return given.parent if given.name.startswith(_FOLDER) else given  # as the process that started this one set it
-
-
-def source_key(package: Path) -> str:
-    """Hash the sources that define kernels and all that they import from the package, directly or not."""
-    sources = read_sources(package)
-    return digest_of(sources, (name for name, source in sources.items() if b"njit" in source))[:16]

@@ -23,7 +23,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Request:
-    """received: the last signal; pending: the same while it waits for a deferred block to end; depth: of such blocks."""
+    """received: the last signal; pending: the same while a deferred block has not ended; depth: number of such."""
 
     received: int | None = None
     pending: int | None = None

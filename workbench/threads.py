@@ -31,7 +31,7 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
         for first in parts:
             work(first, min(first + size, n))
 
-    helpers = [_others().submit(take) for _ in range(threads - 1)]
+    helpers = [_helpers(os.getpid()).submit(take) for _ in range(threads - 1)]
     try:
         take()
     finally:
@@ -41,10 +41,10 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
 
 
 @cache
-def _others() -> ThreadPoolExecutor:
-    """The threads beside the caller's, kept from call to call: starting them takes as long as a part of the work.
+def _helpers(_process: int) -> ThreadPoolExecutor:
+    """Return the threads that help the caller's, one pool for each process: a forked child has none of its parent's.
 
-    All are begun here, while nothing is raised: one that is begun but not yet noted would be waited for in the end.
+    All are started here, while interruptions wait: Python would wait for ever for one that is started but not listed.
     """
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     others, begun = ThreadPoolExecutor(most, "over_threads"), Barrier(most + 1)
@@ -57,6 +57,3 @@ def _others() -> ThreadPoolExecutor:
             raise
         begun.wait()
     return others
-
-
-os.register_at_fork(after_in_child=_others.cache_clear)  # a child has none of its parent's threads

@@ -4,12 +4,13 @@ from time import perf_counter
 
 import numba
 
-from workbench.clock import compiled_s, working_s
+from workbench.clock import compiled_s, measured_compilation, working_s
 
 
 def test_compiling_takes_no_time_on_this_clock():
     wall, working, compiled = perf_counter(), working_s(), compiled_s()
-    numba.njit(lambda x: x + 1.0)(2.0)
+    with measured_compilation(lambda name: None, lambda: None):
+        numba.njit(lambda x: x + 1.0)(2.0)
     wall, working, compiled = perf_counter() - wall, working_s() - working, compiled_s() - compiled
     assert compiled > 0.0
     assert abs(wall - working - compiled) < 0.005

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from workbench import threads
+from workbench.signals import Interrupted, interruptible
 from workbench.threads import over_threads
 
 
@@ -69,25 +70,18 @@ def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
     assert (counts == 2).all()
 
 
-def test_whoever_is_asked_to_end_while_threads_begin_waits_for_none_of_them_in_the_end(monkeypatch):
-    """Python waits at its end for a thread that a pool has begun; where the pool has not noted it, for ever."""
+def test_an_interruption_while_threads_start_leaves_none_that_python_would_wait_for(monkeypatch):
+    """Python waits at its end for a thread that a pool has started; where the pool has not listed it, for ever."""
 
-    def begin(thread, start=Thread.start):
+    def start_and_interrupt(thread, start=Thread.start):
         start(thread)
-        signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGTERM)
 
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    threads._others.cache_clear()
-    monkeypatch.setattr(Thread, "start", begin)
-    before = signal.signal(signal.SIGUSR1, interrupt)
-    others = set(all_threads())
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            over_threads(lambda first, last: None, 100, 1)
-        assert all(each in pools._threads_queues for each in set(all_threads()) - others)
-    finally:
-        signal.signal(signal.SIGUSR1, before)
+    threads._helpers.cache_clear()
+    monkeypatch.setattr(Thread, "start", start_and_interrupt)
+    before = set(all_threads())
+    with pytest.raises(Interrupted), interruptible():
+        over_threads(lambda first, last: None, 100, 1)
+    assert all(each in pools._threads_queues for each in set(all_threads()) - before)
     monkeypatch.undo()
     over_threads(lambda first, last: None, 100, 1)

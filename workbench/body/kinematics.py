@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray
 from workbench.body.skeleton import Skeleton
+from workbench.kernel_cache import kernel
 from workbench.threads import over_threads
 
 _TOGETHER = 256  # poses at least that one thread takes
@@ -118,7 +118,7 @@ def _checked(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     return poses
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _forward(
     poses: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any, rotations: Any, positions: Any
 ) -> None:
@@ -151,7 +151,7 @@ def _forward(
                 p += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _axis_rotation(axis: Any, angle: float, out: Any) -> None:
     x, y, z = axis[0], axis[1], axis[2]
     s, c = np.sin(angle), np.cos(angle)

@@ -21,10 +21,6 @@ inlined: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-ove
 """Compiles what only kernels call. It is put into its callers: where a call is left, the copy that was compiled on its
 own may be taken or that beside the caller, whose sums round otherwise, depending on which is in memory. It is not
 callable from Python, which spares compiling what would make it so."""
-inlined_and_kept: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
-    error_model="numpy", fastmath=FAST, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=True
-)
-"""The same of what takes so long to compile that another process does."""
 inlined_exactly: Callable[[_Function], _Function] = numba.njit(  # type: ignore[call-overload]
     error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )

@@ -9,10 +9,10 @@ with zeros for the others: a row of the Jacobian is one pass over contiguous mem
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.body.lanes import FAST, inlined
+from workbench.kernel_cache import kernel
 
 FIELD, DISTANCE = 0, 1
 MARGIN = 1e-9  # bounds may be above the nearest by this part, so that rounding never hides a part
@@ -30,7 +30,7 @@ Q, D, SHARE = 0, 3, 4
 N_TERMS = 5
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def attach(
     table: Any, joints: Any, parts: Any, sharpness: float, kind: int, rotations: Any, positions: Any,
     points: Any, attachment: Any,
@@ -46,7 +46,7 @@ def attach(
         attachment[k] = _nearest(world, parts, least, k % POINTS, points[k], sharpness, kind, terms)[0]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def residuals(
     pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
     table: Any, joints: Any, parts: Any, sharpness: float, level: float, kind: int,
@@ -62,7 +62,7 @@ def residuals(
         found[k] = level * math.expm1(log_field) if kind == FIELD else _steps(log_field, sharpness) * scale
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def residual_jacobian(
     pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
     table: Any, joints: Any, parts: Any, sharpness: float, level: float, kind: int,
@@ -80,7 +80,7 @@ def residual_jacobian(
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def nearest_residual_jacobian(
     pose: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
     table: Any, joints: Any, parts: Any, sharpness: float, level: float, kind: int,
@@ -101,7 +101,7 @@ def nearest_residual_jacobian(
         )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def nearest_distances(
     first: int, last: int, poses: Any, parents: Any, offsets: Any, dof_joints: Any, dof_axes: Any,
     table: Any, joints: Any, parts: Any, sharpness: float, points: Any, found: Any,

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.arrays import FloatArray
+from workbench.kernel_cache import kernel
 
 N_POSITION = 3
 """Numbers of a pose that are lengths, which come first; all others are angles."""
@@ -22,7 +22,7 @@ def nearest_turn(poses: FloatArray, reference: FloatArray) -> FloatArray:
     return moved
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _far(poses: Any, reference: Any) -> Any:
     """Count the poses (N, P) of which a number (P,) is an angle that is not within half a turn of the reference's.
     NumPy's maximum over so many short rows takes ten times as long."""

@@ -7,11 +7,11 @@ scores, which are proper, are smallest in the mean (Gneiting & Raftery, JASA 102
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.lanes import inlined_exactly
+from workbench.kernel_cache import kernel
 from workbench.threads import over_threads
 
 _ROUNDING = 1e-12
@@ -86,7 +86,7 @@ def log_score(mean: FloatArray, variance: FloatArray, truth: FloatArray) -> Floa
     return np.where(variance > 0.0, score, np.where(truth == mean, -np.inf, np.inf))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_moments(first: int, last: int, columns: Any, weights: Any, found: Any) -> None:
     for d in range(first, last):
         mean, variance, column = 0.0, 0.0, columns[d]
@@ -97,7 +97,7 @@ def _add_moments(first: int, last: int, columns: Any, weights: Any, found: Any) 
         found[0, d], found[1, d] = mean, variance
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_scores(
     first: int, last: int, columns: Any, weights: Any, truth: Any, orders: Any, digits: Any, starts: Any, score: Any
 ) -> None:
@@ -139,7 +139,7 @@ def _order(column: Any, digits: Any, starts: Any, other: Any, order: Any) -> Non
         order[place] = k
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_shares(first: int, last: int, columns: Any, weights: Any, truth: Any, shares: Any) -> None:
     for d in range(first, last):
         below, equal, true = 0.0, 0.0, truth[d]

@@ -8,7 +8,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.traits import EVIDENCE, Traits
 from workbench.experiment.build import resolved
-from workbench.experiment.kept_keys import kept_traits
 
 GROUPS = ("dataset", "prior", "likelihood", "inference")
 
@@ -76,13 +75,11 @@ def traits_of(node: DictConfig) -> Traits:
 def _declared(node: DictConfig) -> Traits | None:
     """As `traits_of`; None where the class declares nothing."""
     target = str(node["_target_"])
-
-    def declare(keys: Mapping[str, Any]) -> Traits | None:
-        declared = getattr(resolved(target), "traits", None)
-        found: Traits | None = declared if declared is None or isinstance(declared, Traits) else declared(keys)
-        return found
-
-    return kept_traits(target, {str(key): _value(node, str(key)) for key in node if key != "_target_"}, declare)
+    declared = getattr(resolved(target), "traits", None)
+    if declared is None or isinstance(declared, Traits):
+        return declared
+    traits: Traits = declared({str(key): _value(node, str(key)) for key in node if key != "_target_"})
+    return traits
 
 
 def _value(node: DictConfig, key: str) -> Any:

@@ -10,7 +10,6 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.errors import InputError
 from workbench.experiment.build import check_names, check_targets, targets_in
 from workbench.experiment.compatibility import incompatibility
-from workbench.experiment.compiling_ahead import compile_ahead
 from workbench.experiment.folder import taken
 from workbench.experiment.identity import identity
 from workbench.experiment.lacking import what_lacks
@@ -80,8 +79,6 @@ def _execute(
     if sentence := _refused(config, command.choices):
         raise InputError(sentence)
     check_targets(config)
-    if not quiet:  # jobs of a sweep share the cores as it is
-        compile_ahead(config)
     summary.identity, summary.provenance = identity(config), provenance(config, command)
     if continued is not None:
         summary.identity = continued.identity(summary.identity)

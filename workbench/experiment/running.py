@@ -14,7 +14,6 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from workbench.clock import compiled_s, working_s
-from workbench.compiled_beside import wait_for_kernels
 from workbench.core.prior import Prior
 from workbench.core.step import continues
 from workbench.core.study import Study
@@ -31,9 +30,7 @@ from workbench.experiment.given import givens
 from workbench.experiment.judging import constant, told
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, track
-from workbench.kernel_cache import go_on_without_room
 from workbench.recording.write.recorder import Recorder
-from workbench.starting import collect_as_usual
 from workbench.streams import rng_streams
 
 if TYPE_CHECKING:
@@ -51,8 +48,6 @@ def run(
     """Run a configuration that `execute` has checked, and count it in the summary; names: the options chosen, by
     group. The rest as there."""
     _set_threads(config.threads)
-    go_on_without_room()
-    wait_for_kernels()
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
     with threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
@@ -93,7 +88,6 @@ def _track(
     evidence = Evidence(parts.body, parts.clip.known.scale)
     with recorder_of(config, parts, summary) as recorder:
         recorder.set_departures(parts.clip.known.departures)
-        collect_as_usual()
         before_s = compiled_s()
         record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
         summary.compiling_s = compiled_s() - before_s
@@ -113,7 +107,6 @@ def _study(config: DictConfig, summary: Summary) -> None:
         with _timed(summary, "prior_learning"):
             prior = build(config.prior)
     study: Study = build(config.study, prior=prior)
-    collect_as_usual()
     with RecordingFile(summary.recording, **_labels(config, summary)) as file:
         before_s = compiled_s()
         with _timed(summary, "study"):

@@ -25,10 +25,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
 from workbench.experiment import parts, strangers
-from workbench.experiment.admission import admit_checked_only
 from workbench.experiment.build import resolved
-from workbench.experiment.kept_keys import kept_keys
-from workbench.experiment.references import bound_references
 from workbench.mocap.names import left_out
 
 LIVE = frozenset(
@@ -158,8 +155,6 @@ def prepare_hydra() -> None:
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
     for plugin in (PartsConfigSource, PartsSearchPath):
         Plugins.instance().register(plugin)
-    admit_checked_only()
-    bound_references()
     OmegaConf.register_new_resolver("given", _given, replace=True)
     OmegaConf.register_new_resolver("performers", _performers, replace=True)
     OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
@@ -168,35 +163,33 @@ def prepare_hydra() -> None:
         OmegaConf.register_new_resolver(each.__name__, each, replace=True)
 
 
+@lru_cache(maxsize=256)
 def schema_of(target: str, with_defaults: bool = False) -> type:
-    """A dataclass with `_target_` and one typed field per parameter of a part, by its dotted name, that is not live.
+    """Return a dataclass with `_target_` and a typed field for each configurable parameter of a component.
 
-    with_defaults: and a field for Hydra's own list of that name, which it takes out again.
-    Raises InputError as `resolved`, of which only the name is looked at where the keys are known from before.
+    Parameters
+    ----------
+    target
+        The component's dotted name.
+    with_defaults
+        Add a field for Hydra's own list `defaults`, which Hydra takes out again.
+
+    Raises
+    ------
+    InputError
+        As `resolved`.
     """
-    told = _told(target)
-    columns: list[tuple[str, Any, Any]] = [("_target_", str, told["name"])]
+    component = resolved(target)
+    columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{component.__module__}.{component.__qualname__}")]
     if with_defaults:
         columns.append(("defaults", list[Any], field(default_factory=list)))
-    columns += [(key, _TYPES[hint], _field(*default)) for key, (hint, *default) in told["keys"].items()]
-    return make_dataclass(f"{told['name'].rpartition('.')[2]}_keys", columns)
+    columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
+    return make_dataclass(f"{component.__name__}_keys", columns)
 
 
 def keys_without_default(target: str) -> list[str]:
-    """Name what a part, by its dotted name, must be given; raises InputError as `resolved`."""
-    return [key for key, (_, *default) in _told(target)["keys"].items() if not default]
-
-
-def _told(target: str) -> Mapping[str, Any]:
-    """What `_described` says of a part by its dotted name, now or to an earlier run."""
-    known = target in parts.targets()
-    return kept_keys(target, lambda: _described(resolved(target))) if known else _described(resolved(target))
-
-
-def _described(target: Callable[..., object]) -> dict[str, Any]:
-    """Tell a part's name and of each key the type, by name, and the default in a list, empty where there is none."""
-    keys = {key: [_name(_schema_type(hint)), *_default(value)] for key, (hint, value) in keys_of(target).items()}
-    return {"name": f"{target.__module__}.{target.__qualname__}", "keys": keys}
+    """Name the keys that a component must be given, by its dotted name; raises InputError as `resolved`."""
+    return [key for key, (_, default) in keys_of(resolved(target)).items() if default is inspect.Parameter.empty]
 
 
 def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
@@ -215,20 +208,15 @@ def _is_live(hint: Any) -> bool:
     return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
-def _default(value: object) -> list[Any]:
-    if value is inspect.Parameter.empty:
-        return []
-    if isinstance(value, tuple | list):
-        return [list(value)]
-    if isinstance(value, Mapping):
-        return [dict(value)]
-    return [value if isinstance(value, (*_PLAIN, NoneType)) else None]  # a part, which the class makes itself
-
-
-def _field(*default: Any) -> Any:
-    if not default:
+def _field(default: object) -> Any:
+    """Return the dataclass field of a parameter with this default; of a component, which the class makes, None."""
+    if default is inspect.Parameter.empty:
         return MISSING
-    return field(default_factory=lambda: deepcopy(default[0])) if isinstance(default[0], list | dict) else default[0]
+    if isinstance(default, Mapping):
+        return field(default_factory=lambda: deepcopy(dict(default)))
+    if isinstance(default, tuple | list):
+        return field(default_factory=lambda: deepcopy(list(default)))
+    return default if isinstance(default, (*_PLAIN, NoneType)) else None
 
 
 def _schema_type(hint: Any) -> Any:
@@ -249,15 +237,6 @@ def _schema_type(hint: Any) -> Any:
     if origin in (dict, Mapping):
         return dict[str, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
     return Any
-
-
-def _name(kind: Any) -> str:
-    return inspect.formatannotation(kind)
-
-
-_LISTED: list[Any] = [list[kind] for kind in (*_PLAIN, Any)] + [dict[str, kind] for kind in (*_PLAIN, Any)]  # type: ignore[valid-type]
-_TYPES = {_name(kind): kind for one in (*_PLAIN, *_LISTED) for kind in (one, one | None)} | {_name(Any): Any}
-"""What `_schema_type` gives, by name."""
 
 
 class PartsConfigSource(ConfigSource):

@@ -13,12 +13,12 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, parameters
 from workbench.errors import InputError
+from workbench.kernel_cache import kernel
 from workbench.mocap.motion import Motion
 
 log = logging.getLogger(__name__)
@@ -193,7 +193,7 @@ def advance(memory: FloatArray, rows: FloatArray, filters: FloatArray, offset: F
     return moved
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _advance(memory: Any, rows: Any, filters: Any, offset: Any, b: int, moved: Any) -> None:
     # not a matrix product, whose order of addition depends on the number of BLAS threads
     n, size = memory.shape

@@ -18,6 +18,7 @@ from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
+from workbench.kernel_cache import kernel
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
@@ -201,7 +202,7 @@ def heights(template: Template, sigma: float, epsilon: float) -> tuple[FloatArra
     return peak, -0.5 / variance
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _template_sums(
     image: Any, pixels: Any, counts: Any, turns: Any, along: Any, offsets: Any,
     mean: Any, peak: Any, slope: Any, epsilon: float, sums: Any,

@@ -9,11 +9,11 @@ import numba
 import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
-from workbench.body.camera import Camera, plain_camera
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, LANES, inlined
-from workbench.body.limbs import Body, person
-from workbench.body.shape import from_height
+from workbench.body.limbs import Body
+from workbench.kernel_cache import kernel
 from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows
 from workbench.threads import over_threads
 
@@ -59,15 +59,6 @@ def limb_points_of_all(
     ]
 
 
-def compile_ahead() -> None:
-    """Have what places points compiled, and kept."""
-    camera = plain_camera(width=8, height=8, focal_px=8.0, position=(0.0, -4.0, 1.0), look_at=(0.0, 0.0, 1.0))
-    body = person(from_height(1.75))
-    n_joints = len(body.skeleton.names)
-    frames = JointFrames(np.zeros((1, n_joints, 3, 3)), np.zeros((1, n_joints, 3)))
-    limb_points(body, np.zeros((1, 2)), camera, frames)
-
-
 def patch_grid(u: FloatArray, v: FloatArray) -> FloatArray:
     """The points (U·V, 2) of a grid on the patch, v running fastest."""
     return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -96,7 +87,7 @@ def looked_up(points: LimbPoints) -> Box:
     return left, top, right, bottom
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
     for i in numba.prange(counts.shape[0]):
         for limb in range(counts.shape[1]):
@@ -107,7 +98,7 @@ def _sum_at(image: Any, pixels: Any, counts: Any, sums: Any) -> None:
             sums[i, limb] = total
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _bounds(pixels: Any, counts: Any, bounds: Any) -> None:
     for i in numba.prange(counts.shape[0]):
         left = top = np.float32(np.inf)
@@ -120,7 +111,7 @@ def _bounds(pixels: Any, counts: Any, bounds: Any) -> None:
         bounds[0, i], bounds[1, i], bounds[2, i], bounds[3, i] = left, top, right, bottom
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _levels_at(image: Any, pixels: Any, levels: Any) -> None:
     for i in range(levels.shape[0]):
         levels[i] = bilinear(image, pixels[i, 0], pixels[i, 1])

@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import FAST, inlined
+from workbench.kernel_cache import kernel
 from workbench.threads import over_threads
 
 CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
@@ -88,7 +89,7 @@ def _span_reference(corners: FloatArray, sphere: bool, rim_px: float, y: float) 
     return (min(met), max(met)) if len(met) > 1 else None
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _add_up(image: Any, reached: Any) -> None:
     for row in range(image.shape[0]):
         total = 0.0
@@ -98,7 +99,7 @@ def _add_up(image: Any, reached: Any) -> None:
             reached[row, column + 1] = total
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
     height, width = reached.shape[0], reached.shape[1] - 1
     n_limbs = corners.shape[1]

@@ -6,7 +6,6 @@ Papers A (section 6.2, eq. 14–17) and B (section 3): `θ(t) = μ(ψ_t) + Σ_k 
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.arrays import FloatArray
@@ -17,6 +16,7 @@ from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
 from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.errors import InputError
+from workbench.kernel_cache import kernel
 from workbench.learning.activities import ActivityModel
 from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
@@ -249,7 +249,7 @@ def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatAr
     return curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _decode(first: int, last: int, table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
     n_phases, n_curves, n_channels = table.shape
     for n in range(first, last):

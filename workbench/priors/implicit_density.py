@@ -11,6 +11,7 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.lanes import inlined
 from workbench.errors import InputError
+from workbench.kernel_cache import kernel
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, Prediction
 from workbench.priors.implicit_search import (
@@ -174,7 +175,7 @@ def log_mixture_reference(
     return terms
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@kernel(parallel=True, error_model="numpy")
 def _log_mixture(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
     epsilon: float, ways: Any, n_noisy: int, white: Any, uniforms: Any, density: Any, entries: Any,
@@ -201,7 +202,7 @@ def _log_mixture(
                     entries[i] = found[min(place, n_found - 1)]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gathered(ways: Any, found: Any) -> Any:
     """The ways of the entries found, (K, F), side by side for the vectors."""
     near = np.empty((ways.shape[1], found.shape[0]))
@@ -228,7 +229,7 @@ def _fill_terms(near: Any, n_noisy: int, white: Any, log_prob: Any, terms: Any) 
                 terms[j] = -np.inf
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_up(terms: Any, largest: float) -> float:
     """Replace log terms by the running sums of their exponentials, over that of the largest; return the last."""
     total = 0.0

@@ -28,6 +28,7 @@ import scipy
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.lanes import FAST, inlined, inlined_exactly
 from workbench.errors import InputError
+from workbench.kernel_cache import kernel
 
 LANES = 32
 """Entries of a leaf and leaves of a group: enough to fill the vectors, few enough to pass most of them over whole."""
@@ -235,7 +236,7 @@ def check_probes(tree: KdTree, probes: FloatArray, beta: float, epsilon: float) 
         raise InputError(f"prior: epsilon must lie between 0 and 1, found {epsilon}")
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@kernel(parallel=True, error_model="numpy")
 def _search(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, ends: Any, beta: float,
     epsilon: float, uniforms: Any, entries: Any, visited: Any, log_mass: Any,
@@ -257,7 +258,7 @@ def _search(
                 entries[i] = order[found[min(place, n_found - 1)]]
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@kernel(parallel=True, error_model="numpy")
 def _nearest(
     coefficients: Any, order: Any, leaf_boxes: Any, group_boxes: Any, probes: Any, beta: float, epsilon: float,
     entries: Any,
@@ -287,7 +288,7 @@ def found_entries(
     return n_found
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _open_one(
     coefficients: Any, leaf_boxes: Any, group_boxes: Any, probe: Any, n: int, beta: float, epsilon: float,
     weights: Any, found: Any,
@@ -421,6 +422,6 @@ def _box_squares(boxes: Any, group: Any, probe: Any, squares: Any) -> None:
             squares[lane] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+@kernel(fastmath=FAST, error_model="numpy", inline="always")
 def _gap(low: Any, value: Any, high: Any) -> Any:
     return max(max(low - value, value - high), np.float32(0.0))

@@ -9,13 +9,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 import scipy
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.lanes import inlined
 from workbench.errors import InputError
+from workbench.kernel_cache import kernel
 from workbench.priors.implicit_search import exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
@@ -153,7 +153,7 @@ def _check_search(tree: Tree, probes: FloatArray, beta: float, leaf: str) -> Non
         raise InputError(f"prior: leaf must be one of {', '.join(LEAVES)}, found {leaf!r}")
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, leaves: Any) -> None:
     n_levels = probes.shape[1]
     deviation = math.sqrt(beta)
@@ -172,7 +172,7 @@ def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, 
         leaves[i] = low
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _is_below(uniform: float, x: float) -> Any:
     """Tell whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
     cell = (min(max(x, -TABLE_END), TABLE_END) + TABLE_END) * (TABLE.shape[0] - 1) / (2.0 * TABLE_END)
@@ -183,7 +183,7 @@ def _is_below(uniform: float, x: float) -> Any:
     return uniform < 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _pick(rows: Any, probes: Any, firsts: Any, sizes: Any, turns: Any, beta: float, uniforms: Any, places: Any) -> None:
     """The place in its leaf of every draw, by p(c_i | c_t) among the leaf's entries; in the order of `turns`."""
     odds, before = np.empty(sizes.max()), -1
@@ -194,7 +194,7 @@ def _pick(rows: Any, probes: Any, firsts: Any, sizes: Any, turns: Any, beta: flo
         places[i] = np.searchsorted(odds[:last], uniforms[i] * odds[last], side="right")
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _equal(a: Any, b: Any) -> bool:
     same = True
     for k in range(a.shape[0]):  # an array of what differs would cost more than the rest of a draw
@@ -220,7 +220,7 @@ def _leaf_odds(rows: Any, first: int, size: int, probe: Any, beta: float, odds: 
         odds[j] = total
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _sort_by_halves(coefficients: Any, starts: Any, order: Any, splits: Any) -> None:
     """Level by level, sort every node's entries by the level's component, so that `starts` cuts it in halves."""
     n_leaves = starts.shape[0] - 1

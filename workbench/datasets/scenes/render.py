@@ -10,7 +10,6 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 import scipy
 
@@ -18,6 +17,7 @@ from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
+from workbench.kernel_cache import kernel
 
 TEXTURE_GREY = 24.0  # standard deviation of the clothes' texture at contrast 1, grey levels before shading
 CLUTTER_GREY = 35.0  # standard deviation of the background at clutter 1, grey levels
@@ -301,7 +301,7 @@ def _depths_reference(eye: FloatArray, direction: FloatArray, size: FloatArray) 
     return np.where(settled & (z >= 0.0) & (z <= length), np.minimum(depth, s), depth)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _cast(
     directions: Any, rotations: Any, eyes: Any, sizes: Any, boxes: Any, top: int, left: int, depth: Any, limb: Any
 ) -> None:
@@ -319,7 +319,7 @@ def _cast(
                     limb[row - top, column - left] = k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _limb_depth(eye: Any, dx: float, dy: float, dz: float, size: Any) -> float:
     ox, oy, oz = eye[0], eye[1], eye[2]
     length, ax, ay, bx, by = size[0], size[1], size[2], size[3], size[4]
@@ -353,14 +353,14 @@ def _limb_depth(eye: Any, dx: float, dy: float, dz: float, size: Any) -> float:
     return min(s, depth) if settled and 0.0 <= z <= length else depth
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _cap_depth(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, rx: float, ry: float) -> float:
     rz = min(rx, ry)
     ox, oy, oz, dx, dy, dz = ox / rx, oy / ry, oz / rz, dx / rx, dy / ry, dz / rz
     return _entry(dx * dx + dy * dy + dz * dz, ox * dx + oy * dy + oz * dz, ox * ox + oy * oy + oz * oz - 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _entry(a: float, b: float, c: float) -> float:
     square = b * b - a * c
     if square < 0.0:

@@ -4,10 +4,10 @@
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.kernel_cache import kernel
 
 
 class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
@@ -88,7 +88,7 @@ def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     return np.minimum(np.searchsorted(edges, positions * edges[-1], side="right"), last)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _walk(weights: Any, first: float, n: int) -> Any:
     """Do `_pick` at the n rising positions (i + first) / n, in one walk along the edges."""
     edges, found = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)

@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import numba
 import numpy as np
-from numba import boolean, float64, int64
 
 from workbench.body.lanes import inlined_exactly
+from workbench.kernel_cache import kernel
 
 MARGIN_PX = 3
 """Points nearer to the image's edges are not looked at."""
@@ -16,7 +15,7 @@ THICK_M = 0.12
 """A cell is hidden by what lies so much nearer to the camera: less is the limb itself."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def place(
     points: Any, normals: Any, joints: Any, rotations: Any, positions: Any, eye: Any, camera: Any,
     places: Any, facing: Any, depth: Any, pixels: Any,
@@ -44,7 +43,7 @@ def place(
         pixels[s, 0], pixels[s, 1] = bent_u * camera[12] + camera[14], bent_v * camera[13] + camera[15]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def see(pixels: Any, depth: Any, facing: Any, height: int, width: int, least_facing: float) -> Any:
     """List the cells that are seen, see `cells.visible`."""
     front, n = np.empty(len(depth), dtype=np.int64), 0
@@ -72,7 +71,7 @@ def see(pixels: Any, depth: Any, facing: Any, height: int, width: int, least_fac
     return seen[:k]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def place_beside(
     starts: Any, ends: Any, radii: Any, spheres: Any, eye: Any, focal_px: float, distances_px: Any, along: int,
     points: Any,
@@ -121,7 +120,7 @@ def _to_unit(vector: Any) -> None:
         vector[a] /= length
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def ratio_to_scene(
     first: int, last: int, image: Any, level: Any, n: Any, noise: float, epsilon: float, found: Any
 ) -> None:
@@ -136,7 +135,7 @@ def ratio_to_scene(
                 found[y, x] = -np.log(epsilon + (1.0 - epsilon) * normal)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def learn_scene(first: int, last: int, image: Any, near: Any, most: float, least: float, level: Any, n: Any) -> None:
     """Learn rows `first` to `last` of a scene in place, see `scene.Scene.seen`."""
     for y in range(first, last):
@@ -148,7 +147,7 @@ def learn_scene(first: int, last: int, image: Any, near: Any, most: float, least
                 level[y, x] += apart / n[y, x]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sample(image: Any, pixels: Any, values: Any, gradients: Any) -> None:
     """Write values (K,) and gradients (K, 2) of an image at pixels (K, 2), see `pictures.Picture.at`."""
     for i in range(len(pixels)):
@@ -166,7 +165,7 @@ def _between(image: Any, row: int, column: int, u: float, v: float) -> float:
     return float((1.0 - v) * upper + v * lower)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turn_axes(pose: Any, parents: Any, dof_joints: Any, dof_axes: Any, rotations: Any, axes: Any) -> None:
     """Write the world directions (P, 3) of a pose's axes, as `kinematics.world_axes`, from its joints' rotations."""
     turned = np.empty((3, 3))
@@ -190,7 +189,7 @@ def turn_axes(pose: Any, parents: Any, dof_joints: Any, dof_axes: Any, rotations
             turned[a, 2] = r0 * (t * ax * az + s * ay) + r1 * (t * ay * az - s * ax) + r2 * (c + t * az * az)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def add_normal(
     misses: Any, gradients: Any, points: Any, joints: Any, counts: Any, bend: float, camera: Any, axes: Any,
     moments: Any, moves: Any, gradient: Any, curvature: Any,
@@ -233,16 +232,3 @@ def add_normal(
     for a in range(n):
         for b in range(a):
             curvature[b, a] = curvature[a, b]
-
-
-def compile_ahead() -> None:
-    """Have what takes longest compiled, and kept, for what it is called with, in the order in which it is."""
-    row, rows, blocks, whole = float64[::1], float64[:, ::1], float64[:, :, ::1], int64[::1]
-    for kernel, types in (
-        (place, (rows, rows, whole, blocks, rows, row, row, rows, row, row, rows)),
-        (see, (rows, row, row, int64, int64, float64)),
-        (place_beside, (rows, rows, rows, boolean[::1], row, float64, row, int64, blocks)),
-        (turn_axes, (row, whole, whole, rows, blocks, rows)),
-        (add_normal, (row, rows, rows, whole, row, float64, row, rows, rows, float64[::1, :], row, rows)),
-    ):
-        kernel.compile(types)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
-import numba
 import numpy as np
-from numba import boolean, float32, float64, int64
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import inlined_exactly
 from workbench.body.limbs import Limbs
+from workbench.kernel_cache import kernel
 from workbench.likelihoods.alignment.cells import ALONG, AROUND, Cells
 from workbench.threads import over_threads
 
@@ -249,7 +248,7 @@ def _likelihood(cell: int, level: float, texture: Any, sigma: Any, peak: Any) ->
     return ODD + (1.0 - ODD) * (peak[cell] * np.exp(-0.5 * miss * miss))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _draw_all(
     points: Any, stretches: Any, corners: Any, of: Any, rotations: Any, positions: Any, camera: Any, cells: Any,
     depths: Any,
@@ -261,7 +260,7 @@ def _draw_all(
         _draw(corners[k], places, boxes[f], own[f], of[k], 0, 0, cells, depths)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _log_ratios(
     first: int, last: int, behind_depths: Any, points: Any, stretches: Any, corners: Any, of: Any,
     rotations: Any, positions: Any, camera: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any,
@@ -293,21 +292,10 @@ def _log_ratios(
         found[i] = total + np.log(product)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _judge(cells: Any, image: Any, ratio: Any, free: Any, texture: Any, sigma: Any, peak: Any, found: Any) -> None:
     """Write the log ratio of every pixel of a layer to the scene."""
     for y in range(cells.shape[0]):
         for x in range(cells.shape[1]):
             if cells[y, x] >= 0 and free[y, x]:
                 found[y, x] = ratio[y, x] + np.log(_likelihood(cells[y, x], image[y, x], texture, sigma, peak))
-
-
-def compile_ahead() -> None:
-    """Have what takes longest compiled, and kept, for what it is called with, in the order in which it is."""
-    row, rows, whole, table, image = float64[::1], float64[:, ::1], int64[::1], int64[:, ::1], float32[:, ::1]
-    placed, seen = (float64[:, :, :, ::1], float64[:, :, ::1], row), (image, image, boolean[:, ::1])
-    for kernel, types in (
-        (_draw_all, (rows, table, table, whole, float64[:, :, ::1], rows, row, table, rows)),
-        (_log_ratios, (int64, int64, rows, rows, table, table, whole, *placed, *seen, row, row, row, rows, row)),
-    ):
-        kernel.compile(types)

@@ -13,6 +13,7 @@ from workbench.body.limbs import Body
 from workbench.core.checks import POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.traits import IMAGES, Traits, offering
+from workbench.kernel_cache import kernel
 from workbench.likelihoods.edges.filters import (
     ALONG,
     LEAST_PX,
@@ -105,7 +106,7 @@ def _bins(values: FloatArray, low: float, high: float) -> Any:
     return np.clip((values - low) / (high - low) * BINS, 0, BINS - 1).astype(np.int64)
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy", fastmath=FAST)
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
 def _response_sums(
     gradient: Any, ridges: Any, left: int, top: int, pixels: Any, counts: Any, table: Any, scales: Any, sums: Any
 ) -> None:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 
 from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import inlined_exactly
 from workbench.core.frame import View
+from workbench.kernel_cache import kernel
 from workbench.likelihoods import image_levels
 from workbench.likelihoods.image_motion.reference import grey_levels
 from workbench.likelihoods.limb_points import Box, LimbPoints, patch_grid
@@ -175,7 +175,7 @@ def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatAr
     return edges, np.abs(across) - np.abs(along), counts
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _differentiate(
     first: int, last: int, levels: Any, contrast: Any, squares: Any, left: int, top: int, gradient: Any, ridges: Any
 ) -> None:

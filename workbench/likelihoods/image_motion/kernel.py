@@ -22,17 +22,15 @@ The inner functions take plain arrays, with named rows: an array in a tuple is r
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.camera import Camera, plain_camera
+from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
-from workbench.body.limbs import Body, Limbs, person
-from workbench.body.shape import from_height
-from workbench.compiled_beside import compile_beside
+from workbench.body.limbs import Body, Limbs
+from workbench.kernel_cache import kernel
 from workbench.likelihoods.image_motion.patches import (
     ACROSS,
     AX,
@@ -142,15 +140,6 @@ def view_log_prob(
     return log_prob, outside
 
 
-def compile_ahead() -> None:
-    """Have what `view_log_prob` calls compiled, and kept."""
-    compile_beside(patch.__module__, "patch", "cover", "mark_hidden")
-    camera = plain_camera(width=8, height=8, focal_px=8.0, position=(0.0, -4.0, 1.0), look_at=(0.0, 0.0, 1.0))
-    body = person(from_height(1.75))
-    view = PackedView(camera, packed(np.zeros((8, 8), dtype=np.float32)), np.zeros((1, len(body.skeleton.dof_names))))
-    view_log_prob(body, np.zeros((1, 2)), LimbModel(1.0, 0.0, 0.5, "mean", 1.0, "sample", "none"), view, view)
-
-
 def packed(image: Float32Array) -> Packed:
     """Words (height, width) of four grey levels 0..255, 16 bits each, lowest first: the pixel, its right neighbour,
     the one below, and that one's right neighbour. The last row and column are their own neighbours."""
@@ -170,7 +159,7 @@ def limb_table(limbs: Limbs) -> FloatArray:
     return np.column_stack([limbs.starts, limbs.ends, radii, limbs.spheres.astype(np.float64), thickness])
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _pack(image: Any, words: Any) -> None:
     height, width = image.shape
     levels = np.empty((2, width + 1), dtype=np.uint64)  # of two lines
@@ -187,7 +176,7 @@ def _pack(image: Any, words: Any) -> None:
                 words[row - 1, column] = upper | (lower << np.uint64(32))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def _run(
     first: int, last: int, skeleton: Any, table: Any, joints: Any, samples: Any, samples32: Any, model: Any,
     cameras: Any, image_before: Any, poses_before: Any, image_now: Any, poses_now: Any, log_prob: Any, outside: Any,
@@ -477,7 +466,7 @@ def _multiply(p: float, i: int, sums: Any) -> None:
     sums[i] += np.log(p)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(error_model="numpy", fastmath=FAST)
 def place_points(
     first: int, last: int, table: Any, joints: Any, samples: Any, ends: Any, camera: Any, rotations: Any,
     positions: Any, beside: bool, pixels: Any, counts: Any, turns: Any,

@@ -7,9 +7,8 @@ that kernel and reference agree on which side of an edge a point lies. Rows and 
 from typing import Any
 
 import numpy as np
-from numba import boolean, float64, int32, int64
 
-from workbench.body.lanes import LANES, POSITION, inlined, inlined_and_kept
+from workbench.body.lanes import LANES, POSITION, inlined
 
 MIN_DEPTH = 1e-3  # a patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared
 MIN_SINE = 1e-3  # a limb that points at the camera more closely than this, rad, has no patch and is not compared
@@ -32,7 +31,7 @@ UX, UY, U0, VX, VY, V0, H, DH, SURFACE, LEFT, RIGHT, TOP, BOTTOM, COVER = range(
 S, SU, SV, SE, T, TU, TV, TE, W, WS, D, DS, DU, PAIR = range(0, 14 * LANES, LANES)
 
 
-@inlined_and_kept
+@inlined
 def patch(limb: Any, camera: Any, frame: Any, out: Any) -> None:
     """Write a limb's patch (PATCH,), given its row of the table and its joint's frame. See `limb_patches`."""
     sphere, radius = limb[SPHERE] > 0.0, limb[START_RADII] / np.sqrt(2.0)
@@ -84,7 +83,7 @@ def _write(out: Any, i: int, a: float, b: float, c: float, d: float, usable: boo
     out[i + WX], out[i + EX] = (b - a) / 2.0 if usable else 0.0, (d - c - b + a) / 2.0 if usable else 0.0
 
 
-@inlined_and_kept
+@inlined
 def cover(limb: Any, patch: Any, out: Any, box: Any) -> None:
     """Write what a patch (a sphere's disc) covers, (COVER,): the inverse of its affine part, bounding box, depth;
     and a box (6,) that holds it in every lane."""
@@ -141,15 +140,7 @@ def mark_outside(patch: Any, samples: Any, width: float, height: float, marks: A
             marks[k * LANES + i] |= 0 if inside else OUTSIDE
 
 
-def compile_ahead() -> None:
-    """Have what takes longest compiled, and kept, for what kernels call it with, in the order in which they do."""
-    rows, row, marks = float64[:, ::1], float64[::1], int32[::1]
-    patch.compile((row, row, row, row))  # type: ignore[attr-defined]
-    cover.compile((row, row, row, row))  # type: ignore[attr-defined]
-    mark_hidden.compile((rows, int64, rows, rows, rows, rows, boolean, row, marks))  # type: ignore[attr-defined]
-
-
-@inlined_and_kept
+@inlined
 def mark_hidden(
     table: Any, limb: int, samples: Any, patches: Any, covers: Any, boxes: Any, whole: bool, pair: Any, marks: Any
 ) -> bool:

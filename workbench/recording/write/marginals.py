@@ -2,11 +2,11 @@
 
 from typing import Any
 
-import numba
 import numpy as np
 from scipy import sparse
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.kernel_cache import kernel
 
 LOWEST_LOG_MASS = float(np.log(1e-4))
 """What an empty bin of a marginal shows."""
@@ -151,7 +151,7 @@ def masses(values: FloatArray, weights: FloatArray, low: FloatArray, per_unit: F
     return found
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_masses(columns: Any, weights: Any, low: Any, per_unit: Any, found: Any) -> None:
     last = found.shape[1] - 1
     for k in range(columns.shape[0]):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import rerun as rr
 
 from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
@@ -20,41 +21,27 @@ from workbench.core.frame import true_cameras
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
-from workbench.lazily import lazily
+from workbench.recording.write import (
+    blueprint,
+    columns,
+    file,
+    images,
+    marginals,
+    posterior,
+    residuals,
+    scene,
+    trails,
+    verdict_view,
+)
+from workbench.recording.write import checkpoints as stored
+from workbench.recording.write import point_fit_views as fit
+from workbench.recording.write import series_styles as styles
 
 if TYPE_CHECKING:
-    import rerun as rr
     from rerun.chunk import Chunk
 
     from workbench.evaluation.evidence import Measured
     from workbench.evaluation.verdict import Verdict
-    from workbench.recording.write import (
-        blueprint,
-        columns,
-        file,
-        images,
-        marginals,
-        posterior,
-        residuals,
-        scene,
-        trails,
-        verdict_view,
-    )
-    from workbench.recording.write import checkpoints as stored
-    from workbench.recording.write import point_fit_views as fit
-    from workbench.recording.write import series_styles as styles
-else:  # Rerun takes half a second to import, which a configuration that is refused does without
-    rr = lazily("rerun")
-    (
-        blueprint, columns, file, images, marginals, posterior, residuals, scene, trails, verdict_view, stored, fit,
-        styles,
-    ) = (
-        lazily(f"workbench.recording.write.{name}")
-        for name in (
-            "blueprint", "columns", "file", "images", "marginals", "posterior", "residuals", "scene", "trails",
-            "verdict_view", "checkpoints", "point_fit_views", "series_styles",
-        )
-    )  # fmt: skip
 
 FLUSH_EVERY = 3
 """Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
