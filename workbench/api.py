@@ -8,20 +8,20 @@ from inspect import isclass
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from threadpoolctl import threadpool_limits
 
 from workbench.errors import InputError
+from workbench.experiment.composition import composed
 from workbench.experiment.described import PYTHON, settings_of
 from workbench.experiment.execute import ending, execute
 from workbench.experiment.parts import GROUPS, name_parts, parts_in
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.running import record as record_steps
 from workbench.experiment.running import recorder_of
-from workbench.experiment.schema import prepare_hydra, typed
+from workbench.experiment.schema import typed
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts
 from workbench.recording.read.reader import Run, read
@@ -79,11 +79,9 @@ def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, qui
 
 def _composed(experiment: str, overrides: tuple[str, ...]) -> tuple[DictConfig, dict[str, str]]:
     """Compose the configuration as the command does; returns it with the option chosen by group."""
-    prepare_hydra()
     name_parts(parts_in(overrides))
     try:
-        with initialize_config_module("workbench.conf", version_base="1.3"):
-            config = compose("config", [f"experiment={experiment}", *overrides], return_hydra_config=True)
+        config = composed([f"experiment={experiment}", *overrides], with_hydra=True)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(" ".join(str(error).split())) from error
     choices = {str(group): str(option) for group, option in config.hydra.runtime.choices.items()}

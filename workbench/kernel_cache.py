@@ -10,7 +10,8 @@ Numba has no public way to choose the folder or the stamp for one kernel. This f
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,15 +78,25 @@ class _KernelFiles(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _KernelCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of a function. Where it cannot be written, as on a full disk, kernels stay in memory only."""
+    """Numba's cache of a function. Where it cannot be used, as on a full disk, kernels stay in memory only."""
 
     _impl_class = _KernelFiles
 
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        with _in_memory_only():
+            return super().load_overload(signature, context)
+
     def save_overload(self, signature: Any, data: Any) -> None:
-        try:
+        with _in_memory_only():
             super().save_overload(signature, data)
-        except OSError as error:
-            _warn(f"compiled kernels cannot be cached in {self.cache_path}: {error.strerror or error}")
+
+
+@contextmanager
+def _in_memory_only() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        _warn(f"compiled kernels cannot be cached in {kernel_folder()}: {error.strerror or error}")
 
 
 @cache

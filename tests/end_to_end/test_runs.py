@@ -66,7 +66,7 @@ def test_a_run_that_is_asked_to_end_is_interrupted_and_keeps_what_it_recorded(ru
 
 @pytest.mark.slow
 def test_a_process_is_ended_well_in_its_first_seconds_and_while_it_compiles(tmp_path):
-    """Interrupted to end in imports, in composition and, with no kernels kept, a second after it has begun: it compiles."""
+    """In imports, in composition and, without cached kernels, a second after its start, while it compiles."""
     number = signal.SIGTERM
     seen = set()
     for k, seconds in enumerate((0.5, 3.0, 5.5, None)):

@@ -30,16 +30,21 @@ def test_a_signal_interrupts_once_and_handlers_are_restored(number):
 
 def test_an_interruption_waits_for_the_outermost_deferred_block():
     reached = []
-    with pytest.raises(Interrupted, match="SIGTERM"), interruptible():
+
+    def work():
         with deferred():
             with deferred():
                 os.kill(os.getpid(), signal.SIGTERM)
             reached.append("inner block ended")
         reached.append("never")
+
+    with pytest.raises(Interrupted, match="SIGTERM"), interruptible():
+        work()
     assert reached == ["inner block ended"]
 
 
-def test_an_interruption_lost_in_a_callback_is_raised_at_the_next_check(recwarn):
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interruption_lost_in_a_callback_is_raised_at_the_next_check():
     """Python prints and drops what a weak reference's callback raises."""
 
     class Thing:
@@ -48,10 +53,15 @@ def test_an_interruption_lost_in_a_callback_is_raised_at_the_next_check(recwarn)
     thing = Thing()
     _reference = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     reached = []
-    with pytest.raises(Interrupted, match="SIGTERM"), interruptible():
-        del thing
+
+    def work():
+        nonlocal thing
+        thing = None
         reached.append("after the callback")
         check_interrupted()
+
+    with pytest.raises(Interrupted, match="SIGTERM"), interruptible():
+        work()
     assert reached == ["after the callback"]
     check_interrupted()  # nothing is left of it outside the block
 

@@ -13,15 +13,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
+from workbench.experiment import composition
 from workbench.experiment.build import build
 from workbench.experiment.parts import name_parts, parts_in
-from workbench.experiment.schema import prepare_hydra
 from workbench.files import whole_file
 from workbench.looking.drawing import drawn
 from workbench.looking.findings import Finding, Looked, fits, look
@@ -65,9 +64,7 @@ def composed(words: Sequence[str]) -> DictConfig:
     chosen = {word.partition("=")[0] for word in words}
     if not chosen & {"dataset", "experiment"}:
         raise InputError("expected a dataset, such as dataset=video dataset.source=walk.mp4, or an experiment")
-    prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=[*([] if "experiment" in chosen else ["experiment=custom"]), *words])
+    config = composition.composed([*([] if "experiment" in chosen else ["experiment=custom"]), *words])
     if config.dataset is None:
         raise InputError("expected an experiment with a dataset, found none")
     if lacking := sorted(OmegaConf.missing_keys(config.dataset)):

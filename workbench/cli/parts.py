@@ -41,21 +41,16 @@ def listing() -> str:
 
 def _combinations() -> str:
     """Which options go with which, and what the others lack; wrappers as they stand, with the parts they begin with."""
-    from hydra import compose, initialize_config_module
-
     from workbench.experiment.compatibility import PAIRS, table, traits_of
-    from workbench.experiment.schema import prepare_hydra
+    from workbench.experiment.composition import composed
 
-    prepare_hydra()
     named, groups = f"parts=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        traits = {
-            group: {
-                name: traits_of(compose("config", overrides=["experiment=custom", named, f"{group}={name}"])[group])
-                for name in options(group)
-            }
-            for group in groups
+    traits = {
+        group: {
+            name: traits_of(composed(["experiment=custom", named, f"{group}={name}"])[group]) for name in options(group)
         }
+        for group in groups
+    }
     told = "\n\n".join(f"{title}\n{_table(rows)}" for title, rows in table(traits).items())
     return f"{told}\n\nOptions as they stand; a video with marks or joints, for example, has a start and 2-D joints."
 

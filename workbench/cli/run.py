@@ -54,8 +54,8 @@ ENVIRONMENT = {
     "MIMALLOC_PURGE_DELAY": "0",  # Rerun returns free memory at once: a third less for a long run
     "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 27),  # of an image file
 }
-"""What the command sets, for itself and for the workers of its launcher, unless the user has; read when Rerun and OpenCV
-are imported."""
+"""What the command sets for itself and the workers of its launcher, unless the user has; read when Rerun and OpenCV are
+imported."""
 
 HELP = """usage: workbench [group=option | key=value]... [-m]
 

@@ -8,6 +8,8 @@ from difflib import get_close_matches
 _OPTION = re.compile(r"Could not find '(\w+)/([^']*)'")
 _KEY = re.compile(r"Key '([^']+)' not in '")
 _PLACE = re.compile(r"full_key: (\S+)")
+_EXPERIMENT = re.compile(r"In 'experiment/([^']+)'")
+_COMPONENT = re.compile(r"object_type=(\w+)_keys")
 _WORD = re.compile(r"([a-z]\w*)=(.*)", re.DOTALL)
 _MOST = 40
 
@@ -26,6 +28,13 @@ def lines(error: BaseException) -> list[str]:
     whole = ": ".join(texts)
     if found := _OPTION.search(whole):
         return _no_option(found[1], found[2])
+    experiment, component = _EXPERIMENT.search(whole), _COMPONENT.search(whole)
+    if experiment and component and (place := _PLACE.search(whole)):
+        group = place[1].partition(".")[0]
+        return [
+            f"experiment={experiment[1]} sets {place[1]}, which the chosen {group} ({component[1]}) does not have; "
+            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment[1]}"
+        ]
     if (found := _KEY.search(whole)) and (there := _keys(chain)):
         place = _PLACE.search(whole)
         name = place[1] if place else found[1]

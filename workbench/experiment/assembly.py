@@ -34,7 +34,9 @@ def assemble(config: DictConfig, stage: Stage, names: Mapping[str, str] | None =
     configuration leaves out what it needs, and for parts that cannot work together.
     """
     if lacking := [name for name in ("dataset", "body", "inference") if config[name] is None]:
-        raise InputError(f"config: expected a {lacking[0]} to track with, found none")
+        raise InputError(
+            f"config: {lacking[0]} is null; a run that tracks needs one: choose an option, {lacking[0]}=NAME"
+        )
     if sentence := what_lacks(config, names or {}) or incompatibility(config, names or {}):
         raise InputError(sentence)
     with stage("dataset"):

@@ -8,10 +8,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.errors import InputError
+from workbench.experiment.composition import composed
 from workbench.experiment.continuing import Continued
 from workbench.experiment.execute import execute
 from workbench.experiment.parts import GROUPS, options
@@ -126,6 +126,5 @@ def _today(recorded: Mapping[str, str], chosen: Mapping[str, str], keys: Sequenc
     """Compose the recorded experiment with the options chosen now."""
     places = [text for text in keys if text.startswith("paths.")]
     said = [f"{group}={name}" for group, name in {**recorded, **chosen}.items()]
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        found: Any = OmegaConf.to_container(compose("config", overrides=[*said, *places]), resolve=True)
+    found: Any = OmegaConf.to_container(composed([*said, *places]), resolve=True)
     return dict(found)

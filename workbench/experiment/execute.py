@@ -13,6 +13,7 @@ from workbench.experiment.compatibility import incompatibility
 from workbench.experiment.folder import taken
 from workbench.experiment.identity import identity
 from workbench.experiment.lacking import what_lacks
+from workbench.experiment.parts import GROUPS
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary
 from workbench.limits import check_products, check_sizes
@@ -72,6 +73,7 @@ def _execute(
     stop: Stop | None,
 ) -> None:  # fmt: skip
     said: Any = OmegaConf.to_container(config, resolve=True)
+    _check_components(config)
     check_names(targets_in(said, ""))
     check_sizes(said)
     check_products(said)
@@ -86,6 +88,18 @@ def _execute(
     from workbench.experiment.running import run  # here, as what is refused does without: it takes longest to import
 
     run(config, summary, command.choices, quiet, continued, stop)
+
+
+def _check_components(config: DictConfig) -> None:
+    """Raise InputError for a group that is neither null nor a component, such as one left empty in a file."""
+    for group in GROUPS:
+        node = config.get(group)
+        if node is not None and not (isinstance(node, DictConfig) and isinstance(node.get("_target_"), str)):
+            found = "nothing" if isinstance(node, DictConfig) and not len(node) else repr(node)
+            raise InputError(
+                f"config: {group}: expected a component with a _target_, found {found}; choose an option, "
+                f"{group}=NAME, or write {group}: null"
+            )
 
 
 def _refused(config: DictConfig, names: Mapping[str, str]) -> str | None:

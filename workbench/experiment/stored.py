@@ -11,13 +11,13 @@ from itertools import count, islice
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-from hydra import compose, initialize_config_module
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from workbench.errors import InputError
+from workbench.experiment.composition import composed
 from workbench.experiment.described import PYTHON
 from workbench.experiment.execute import execute
 from workbench.experiment.older import in_todays_words
@@ -29,8 +29,7 @@ from workbench.recording.read.reader import Run, read
 def own_defaults(overrides: Sequence[str]) -> DictConfig:
     """Compose today's top level, with this person's paths and today's tolerances; overrides of paths are followed."""
     paths = [text for text in overrides if text.startswith("paths.")]
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        return compose("config", overrides=["experiment=custom", *paths])
+    return composed(["experiment=custom", *paths])
 
 
 def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping[str, Any] | None = None) -> DictConfig:

@@ -3,10 +3,7 @@
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.errors import InputError
 from workbench.experiment.compatibility import incompatibility, no_evidence
-from workbench.experiment.execute import execute
-from workbench.experiment.lacking import what_lacks
 from workbench.experiment.schema import prepare_hydra
 
 
@@ -47,23 +44,3 @@ def test_what_cannot_work_is_said_in_a_sentence(words, sentence):
         config = compose("config", overrides=[*words, "paths.data=somewhere"])
     found = incompatibility(config, {})
     assert found is None if sentence is None else found.startswith(f"config: {sentence}")
-
-
-def test_what_was_refused_before_is_refused_without_importing_it(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
-    prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=["experiment=walk_straight", "inference=least_squares"])
-
-    def refused(folder):
-        with pytest.raises(InputError, match="needs residuals that least squares can minimise") as caught:
-            execute(config, "walk_straight", tmp_path / folder, quiet=True)
-        return str(caught.value)
-
-    def imported(name, *_):
-        raise AssertionError(f"imported {name}")
-
-    before = refused("first")
-    monkeypatch.setattr("workbench.experiment.build.import_module", imported)
-    assert refused("second") == before
-    assert what_lacks(config, {}) is None
