@@ -36,7 +36,7 @@ def kernel(**options: Any) -> Callable[[_Function], _Function]:
 
     def decorate(function: _Function) -> _Function:
         compiled: Any = numba.njit(nogil=True, **options)(function)
-        compiled._cache = _KernelCache(function)  # as `enable_caching()` does with a cache of numba's own kind
+        compiled._cache = _KernelCache(function)  # type: ignore[no-untyped-call] # as `enable_caching()` does with a cache of numba's own kind
         return compiled
 
     return decorate
@@ -73,22 +73,22 @@ class _Locator:
         return str(self._line)
 
 
-class _KernelFiles(CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes = (_Locator,)
+class _KernelFiles(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # type: ignore[assignment,list-item] # noqa: RUF012 (as numba declares it)
 
 
-class _KernelCache(FunctionCache):  # type: ignore[misc]
+class _KernelCache(FunctionCache):
     """Numba's cache of a function. Where it cannot be used, as on a full disk, kernels stay in memory only."""
 
     _impl_class = _KernelFiles
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         with _in_memory_only():
-            return super().load_overload(signature, context)
+            return super().load_overload(signature, context)  # type: ignore[no-untyped-call]
 
     def save_overload(self, signature: Any, data: Any) -> None:
         with _in_memory_only():
-            super().save_overload(signature, data)
+            super().save_overload(signature, data)  # type: ignore[no-untyped-call]
 
 
 @contextmanager

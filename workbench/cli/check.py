@@ -15,23 +15,22 @@ from omegaconf.errors import OmegaConfBaseException
 from workbench.cli.quoting import quoted
 from workbench.cli.told import tell_warnings
 from workbench.errors import InputError, shortened
+from workbench.experiment.against import check_against
 from workbench.experiment.branch import changes
 from workbench.experiment.checking import Request, check_each, check_paired, check_seeds, check_two, read_sound
-from workbench.experiment.checking_code import check_commits, check_until, measure_tolerances
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.experiment.renewal import REASONS, renew
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import own_defaults
 from workbench.files import whole_file
-from workbench.recording.compare.calibrate import as_yaml
 from workbench.recording.compare.side_by_side import write_side_by_side
 from workbench.recording.read.reader import find_recordings
-from workbench.report.checks import Check, exit_code, moved, table, write_junit
+from workbench.report.checks import Check, exit_code, moved, notes, table, write_junit
 from workbench.report.tables import printable
 from workbench.signals import Interrupted, interruptible
 
-MANY = ("seeds", "paired", "until", "calibrate", "bisect")
-"""Options that run many recordings or seeds; one of them at a time."""
+MANY = ("seeds", "paired", "against")
+"""Options that run recordings several times; one of them at a time."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,19 +65,18 @@ def _refuse_nonsense(arguments: argparse.Namespace) -> None:
     if arguments.seeds is not None and arguments.seeds < 2:
         raise InputError(f"--seeds: expected 2 or more, found {arguments.seeds}")
     if said and (arguments.update or arguments.record is not None):
-        raise InputError(f"--{said[0]} compares many runs with many: it goes with neither --update nor --record")
+        raise InputError(f"--{said[0]} goes with neither --update nor --record")
     if arguments.why is not None and not arguments.update:
         raise InputError("--why says why recordings are renewed: it goes with --update")
-    if arguments.python is not None and not arguments.calibrate:
-        raise InputError("--python says what else runs the recordings: it goes with --calibrate")
+    if arguments.exact and (arguments.seeds is not None or arguments.paired):
+        raise InputError("--exact asks for identical numbers: it goes with neither --seeds nor --paired")
 
 
 def _check(arguments: argparse.Namespace, folder: Path) -> int:
     checks = _checks(arguments, folder)
-    if not isinstance(checks, list):
-        print(checks)
-        return 0
     print(moved(checks) if arguments.update else table(checks, arguments.verbose), flush=True)
+    for line in notes(checks):
+        print(line, flush=True)
     code = renew(checks, arguments.why) if arguments.update else exit_code(checks)
     if arguments.junit is not None:
         write_junit(arguments.junit, checks)
@@ -87,8 +85,8 @@ def _check(arguments: argparse.Namespace, folder: Path) -> int:
     return code
 
 
-def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check] | str:
-    """What the checks came to; of --calibrate, what to write into a configuration."""
+def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check]:
+    """What the checks came to."""
     overrides = [text for text in arguments.what if _is_override(text)]
     name_parts(parts_in(overrides))
     overrides = [quoted(text) for text in overrides if not text.startswith("parts=")]
@@ -97,10 +95,8 @@ def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check] | str:
         raise InputError(f"{', '.join(map(str, places)) or 'nowhere'}: expected recordings (.rrd), found none")
     runs, refused = read_sound(paths)
     prepare_hydra()
-    request = Request(overrides, own_defaults(overrides), folder)
-    if (arguments.paired or arguments.until or arguments.calibrate) and any(
-        each.startswith("seed=") for each in overrides
-    ):
+    request = Request(overrides, own_defaults(overrides), folder, arguments.exact)
+    if arguments.paired and any(each.startswith("seed=") for each in overrides):
         raise InputError("seed= would part the pairs: they take the recorded seeds")
     many = any(getattr(arguments, name) for name in MANY)
     if len(places) == 2 and all(place.is_file() for place in places) and not (arguments.run or many):
@@ -109,17 +105,11 @@ def _checks(arguments: argparse.Namespace, folder: Path) -> list[Check] | str:
         found = {run.path: run for run in runs}
         if not refused:
             _tell_differences(*(found[place].settings for place in places))
-        return refused or [check_two(f"{places[0]} → {places[1]}", found[places[0]], found[places[1]], request.own)]
-    if arguments.calibrate:
-        if refused:
-            raise InputError(str(refused[0].refused))
-        return as_yaml(measure_tolerances(runs, request, arguments.python))
+        return refused or [check_two(f"{places[0]} → {places[1]}", found[places[0]], found[places[1]], request)]
     if arguments.paired:
         return refused + check_paired(runs, request)
-    if arguments.until is not None:
-        return refused + check_until(runs, request, arguments.until)
-    if arguments.bisect is not None:
-        return refused + check_commits(runs, request, arguments.bisect)
+    if arguments.against is not None:
+        return refused + check_against(runs, request, arguments.against)
     if arguments.seeds is not None:
         return refused + check_seeds(runs, request, arguments.seeds)
     return refused + list(check_each(runs, request))
@@ -146,8 +136,8 @@ def _is_override(text: str) -> bool:
 
 
 def _parser() -> argparse.ArgumentParser:
-    end = """Where version and platform are the same, everything must be equal bit for bit; elsewhere a number may move
-        by what the recording's configuration allows it (check:)."""
+    end = """In the environment that a recording was made in, numbers must be equal to rounding; in another one they
+        must be within measured tolerances, or what the recording's configuration allows (check:)."""
     parser = argparse.ArgumentParser(prog="workbench-check", description=__doc__, epilog=end)
     parser.add_argument(
         "what", metavar="FOLDER|RUN.rrd|key=value", nargs="+",
@@ -160,21 +150,9 @@ def _parser() -> argparse.ArgumentParser:
         "--paired", action="store_true", help="run the recorded seeds and judge the differences, run by run"
     )
     parser.add_argument(
-        "--until",
-        metavar="LIMIT",
-        help="such as 1mm or 0.5px: add pairs of seeds until it is decided whether the "
-        "error moved by less, by a test that holds at every look",
+        "--against", metavar="REV", help="compare this code with that of another commit on this machine, to rounding"
     )
-    parser.add_argument(
-        "--bisect", metavar="GOOD..BAD", help="say which commit moved which number, each run in a worktree of its own"
-    )
-    parser.add_argument(
-        "--calibrate",
-        action="store_true",
-        help="measure what numbers may move by: run on one thread and on all, "
-        "recordings of another machine or library here, or by --python",
-    )
-    parser.add_argument("--python", metavar="PYTHON", help="with --calibrate: run by this interpreter's workbench")
+    parser.add_argument("--exact", action="store_true", help="ask for identical numbers: rounding fails, too")
     parser.add_argument("--update", action="store_true", help="put the new runs in place of the recordings")
     parser.add_argument("--why", metavar="REASON", help=f"with --update: kept in {REASONS} beside them")
     parser.add_argument("--record", metavar="DIFF.rrd", type=Path, help="write both runs beside each other")

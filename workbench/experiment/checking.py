@@ -1,7 +1,7 @@
 """Recordings run again and compared with what they hold: one by one, as distributions over seeds, in pairs of seeds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from workbench.errors import InputError
 from workbench.experiment.stored import again, runnable, same_but_for_seeds, tolerances, with_other_seeds
-from workbench.recording.compare.compare import Finding, compare, compare_seeds
+from workbench.recording.compare.compare import Finding, compare, compare_seeds, demand_on
 from workbench.recording.compare.paired import compare_paired
 from workbench.recording.read.probe import open_sound_runs
 from workbench.recording.read.reader import Run
@@ -20,19 +20,17 @@ ONE_SEED = "--paired: expected recordings of two seeds or more, found one"
 
 @dataclass(frozen=True)
 class Request:
-    """What a check is to do. overrides: key=value. own: today's top level. folder: of the new runs."""
+    """What a check is to do. overrides: key=value. own: today's top level. folder: of the new runs. exact: ask for
+    identical numbers."""
 
     overrides: Sequence[str]
     own: DictConfig
     folder: Path
+    exact: bool = False
 
     def config(self, run: Run) -> DictConfig:
         """The configuration of a recording as it is to run; InputError as `runnable`."""
         return runnable(run, self.overrides, self.own)
-
-    def below(self, name: str) -> "Request":
-        """The same with a folder below this one's."""
-        return replace(self, folder=self.folder / name)
 
 
 def read_sound(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
@@ -41,10 +39,11 @@ def read_sound(paths: Sequence[Path]) -> tuple[list[Run], list[Check]]:
     return runs, [Check(str(problem.path), refused=problem.reason) for problem in problems]
 
 
-def check_two(name: str, was: Run, now: Run, own: DictConfig) -> Check:
+def check_two(name: str, was: Run, now: Run, request: Request) -> Check:
     """Compare two recordings."""
     try:
-        return Check(name, compare(was, now, tolerances(was, own)), was=was, now=now)
+        demand = demand_on(was, now, tolerances(was, request.own), request.exact)
+        return Check(name, compare(was, now, demand), was=was, now=now, demand=demand)
     except InputError as error:
         return Check(name, refused=str(error))
 
@@ -61,7 +60,7 @@ def check_each(runs: Sequence[Run], request: Request) -> Iterator[Check]:
         if isinstance(now, Finding):
             yield Check(str(was.path), [now], was=was)
         else:
-            yield check_two(str(was.path), was, now, request.own)
+            yield check_two(str(was.path), was, now, request)
 
 
 def check_seeds(runs: Sequence[Run], request: Request, n: int) -> list[Check]:

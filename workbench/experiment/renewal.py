@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 
 from workbench.files import whole_file
-from workbench.recording.compare.compare import exactly_comparable
+from workbench.recording.compare.compare import same_environment
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.report.checks import Check, has_moved
 
@@ -25,7 +25,7 @@ def renew(checks: Sequence[Check], why: str | None) -> int:
             print(f"{check.name}: stays as it is: {check.refused}", file=sys.stderr)
         elif check.was is None or check.now is None:
             print(f"{check.name}: stays as it is: {check.findings[0].detail}", file=sys.stderr)
-        elif not (check.unmoved and exactly_comparable(check.was, check.now) and is_condensed(check.was)):
+        elif not (check.unmoved and same_environment(check.was, check.now) and is_condensed(check.was)):
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
     if why is not None:

@@ -22,8 +22,13 @@ from workbench.experiment.described import PYTHON
 from workbench.experiment.execute import execute
 from workbench.experiment.older import in_todays_words
 from workbench.experiment.parts import GROUPS, OURS, how_to_allow, targets
-from workbench.recording.compare.compare import Finding, Tolerance
+from workbench.limits import parse_json
+from workbench.recording.compare.agreement import Agreement, Tolerance
+from workbench.recording.compare.compare import Finding
 from workbench.recording.read.reader import Run, read
+
+TOLERANCES = "tolerances.json"
+"""Next to recordings that are checked: by how much their numbers may move in another environment."""
 
 
 def own_defaults(overrides: Sequence[str]) -> DictConfig:
@@ -82,13 +87,31 @@ def _refuse_foreign(run: Run, settings: Mapping[str, Any]) -> None:
 
 
 def tolerances(run: Run, own: DictConfig) -> dict[str, Tolerance]:
-    """Take those stored with the recording; today's where it has none. Raises InputError for what is no tolerance."""
+    """Return by how much a run's numbers may move in another environment.
+
+    Measured ones from `tolerances.json` next to the recording, see `measured_tolerances`; of other numbers those in the
+    recorded configuration, or today's where it has none. Raises InputError for what is no tolerance.
+    """
     today: Any = OmegaConf.to_container(own.check)
-    found = run.settings.get("check", today)
+    stored = run.settings.get("check", today)
     try:
-        return {name: Tolerance(**{key: float(value) for key, value in keys.items()}) for name, keys in found.items()}
+        usual = {name: Tolerance(**{key: float(value) for key, value in keys.items()}) for name, keys in stored.items()}
     except (AttributeError, TypeError, ValueError):
         raise InputError(f"{run.path}: check: expected absolute and relative for every metric, found others") from None
+    return usual | measured_tolerances(run.path)
+
+
+def measured_tolerances(recording: Path) -> dict[str, Tolerance]:
+    """Read those of a recording that `python -m analysis.tolerances` measured; empty where it has not."""
+    path = recording.parent / TOLERANCES
+    if not path.is_file():
+        return {}
+    measured = parse_json(path, path.read_text(encoding="utf-8"))
+    try:
+        numbers = measured["tolerances"].get(recording.stem, {})
+        return {str(name): Tolerance(absolute=float(value)) for name, value in numbers.items()}
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: expected numbers by recording and metric under 'tolerances'") from None
 
 
 def again(was: Run, config: DictConfig, folder: Path) -> Run | Finding:
@@ -98,7 +121,7 @@ def again(was: Run, config: DictConfig, folder: Path) -> Run | Finding:
         return read(folder / "run.rrd")
     except Exception as error:  # noqa: BLE001 (whatever a run ends of, the check goes on and names it)
         cause = " ".join(f"{type(error).__name__}: {error}".split())
-        return Finding("run", None, None, "complete", False, f"crashed: {cause}")
+        return Finding("run", None, None, "complete", False, f"crashed: {cause}", Agreement.CHANGED)
 
 
 def same_but_for_seeds(runs: Sequence[Run]) -> list[list[Run]]:

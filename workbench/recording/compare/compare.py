@@ -1,4 +1,4 @@
-"""Compare recordings of one configuration: two bit for bit or by tolerances, many of other seeds as distributions."""
+"""Compare recordings of one configuration: two number by number, many of other seeds as distributions."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,34 +7,15 @@ from typing import TypeAlias
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
+from workbench.environment import differing
 from workbench.evaluation.intervals import mean_interval
+from workbench.recording.compare.agreement import Agreement, Tolerance, agreement
 from workbench.recording.read.reader import Run
 from workbench.recording.study.figures import numbers
 
 Timed: TypeAlias = tuple[IntArray, FloatArray]
 """Frames (F,) and a value for each."""
-EXACT = ("python", "workbench", "numpy", "scipy", "numba", "opencv-python-headless")
-"""What must be of the same version, beside the platform, for equal runs to give equal bits."""
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """How far a number may move: by `absolute`, in its unit, or `relative` times what it was."""
-
-    absolute: float = 0.0
-    relative: float = 0.0
-
-    def allows(self, was: FloatArray | float, now: FloatArray | float) -> bool:
-        """Tell whether every number is finite and moved no further."""
-        was, now = np.asarray(was, dtype=np.float64), np.asarray(now, dtype=np.float64)
-        if was.shape != now.shape or not (np.isfinite(was).all() and np.isfinite(now).all()):
-            return False
-        return bool((np.abs(now - was) <= np.maximum(self.absolute, self.relative * np.abs(was))).all())
-
-    def __str__(self) -> str:
-        parts = [f"{self.absolute:g}"] if self.absolute > 0.0 else []
-        parts += [f"{100.0 * self.relative:g} %"] if self.relative > 0.0 else []
-        return "± " + (" or ".join(parts) or "0")
+_CHANGED = Agreement.CHANGED
 
 
 @dataclass(frozen=True)
@@ -42,104 +23,151 @@ class Finding:
     """What the comparison of one quantity came to.
 
     quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value; None where
-    it has none. tolerance: exact, or what it may move by. detail: where it differs first.
+    it has none. allowed: what was asked for, in words. passed: whether that held. detail: where it differs first.
+    agreement: its class; None where single numbers were not compared.
     """
 
     quantity: str
     was: float | None
     now: float | None
-    tolerance: str
+    allowed: str
     passed: bool
     detail: str = ""
+    agreement: Agreement | None = None
 
 
-def exactly_comparable(was: Run, now: Run) -> bool:
-    """Tell whether the two were made on one platform by the same versions, so that equal runs give equal bits."""
-    same = all(was.provenance.get(name) == now.provenance.get(name) for name in EXACT)
-    return same and was.platform is not None and was.platform == now.platform
+@dataclass(frozen=True)
+class Demand:
+    """What a comparison asks of every number: at least `agreement`, where that is TOLERANCE by metric."""
+
+    agreement: Agreement
+    tolerances: Mapping[str, Tolerance]
+
+    def of(self, name: str) -> Tolerance | None:
+        """Return the tolerance of a metric; None where the demand is stricter."""
+        if self.agreement < Agreement.TOLERANCE:
+            return None
+        return self.tolerances.get(name) or self.tolerances.get("default") or Tolerance()
+
+    def words(self, name: str) -> str:
+        """Say what is asked of a metric."""
+        return str(self.of(name) or ("identical" if self.agreement is Agreement.IDENTICAL else "rounding"))
 
 
-def compare(was: Run, now: Run, tolerances: Mapping[str, Tolerance]) -> list[Finding]:
-    """Tell what became of every number of `was` in `now`.
+def same_environment(was: Run, now: Run) -> bool:
+    """Return whether two runs were made in environments in which equal code gives equal bits."""
+    return bool(was.environment) and not differing(was.environment, now.environment)
 
-    Where `exactly_comparable`, all that is recorded in full precision must be equal bit for bit: results, metrics of
-    every frame, expected poses, and the pictures of the marginals, in which every weight and every particle counts.
-    Elsewhere results must lie within `tolerances`, by metric, or those called "default", figures within "figures".
-    In both: a number that is not finite, a metric or frame that is missing, and a run that is not complete is a
-    failure. A metric that is new is none. Where one of them goes on from a frame of another run, as the other does not,
-    all is compared from that frame on: what is recorded of every frame, but no number of a whole run.
+
+def demand_on(was: Run, now: Run, tolerances: Mapping[str, Tolerance], exact: bool = False) -> Demand:
+    """Return what may be asked of two runs of one configuration.
+
+    Parameters
+    ----------
+    was, now
+        The runs. In one environment numbers must be equal to rounding; in another they must be within tolerances, as
+        a particle filter takes another course once any bit differs.
+    tolerances
+        By metric, or those called "default", of figures within "figures".
+    exact
+        Ask for identical numbers whatever the environment.
+    """
+    if exact:
+        return Demand(Agreement.IDENTICAL, {})
+    return Demand(Agreement.ROUNDING if same_environment(was, now) else Agreement.TOLERANCE, tolerances)
+
+
+def compare(was: Run, now: Run, demand: Demand) -> list[Finding]:
+    """Compare every number of two runs.
+
+    Up to rounding, everything that is recorded in full precision is compared: results, metrics of every frame,
+    expected poses, and the histograms of the marginals, in which every particle's weight counts. Within tolerances,
+    results and figures alone.
+    A number that is not finite, a metric or frame that is missing, and a run that is not complete fail in any case; a
+    metric that is new does not. Where one of the runs continues another from a frame on, everything is compared from
+    that frame on: what is recorded of every frame, but no number of a whole run.
     """
     if (broken := _incomplete(was, now)) is not None:
         return [broken]
-    exact = exactly_comparable(was, now)
     place = "" if was.is_study else _first_pose(was, now)
-
-    def allowed(name: str) -> Tolerance | None:
-        return None if exact else tolerances.get(name) or tolerances.get("default") or Tolerance()
-
     if not was.is_study and (since := _since(was, now)) is not None:
         was_curves, now_curves = (_from(run, since) for run in (was, now))
         names = sorted(was_curves.keys() | now_curves.keys())
-        found = [_curve(name, was_curves.get(name), now_curves.get(name), allowed(name)) for name in names]
-        return [*found, _frames(was, now, since), _poses(now, place, exact)]
+        curves = [_curve(name, was_curves.get(name), now_curves.get(name), demand) for name in names]
+        return [*curves, _frames(was, now, since), _poses(was, now, place, demand)]
     names = sorted({*was.result, *was.metrics, *now.result, *now.metrics})
-    found = [_metric(name, was, now, allowed(name), place) for name in names]
+    findings = [_metric(name, was, now, demand, place) for name in names]
     if was.is_study:
-        return found + list(_figures(was, now, allowed("figures")))
-    return [*found, _frames(was, now), _poses(now, place, exact), *(_marginals(was, now) if exact else ())]
+        return findings + list(_figures(was, now, demand))
+    marginals = _marginals(was, now, demand) if demand.agreement < Agreement.TOLERANCE else ()
+    return [*findings, _frames(was, now), _poses(was, now, place, demand), *marginals]
 
 
-def _poses(now: Run, place: str, exact: bool) -> Finding:
-    finite = bool(np.isfinite(now.poses[1]).all())
-    detail = (place if exact else "") if finite else "not all numbers are finite"
-    return Finding("poses", None, None, "exact" if exact and finite else "finite", not detail, detail)
+def _poses(was: Run, now: Run, place: str, demand: Demand) -> Finding:
+    """Judge the expected poses; within tolerances they need only be finite, as the errors say how far they moved."""
+    _, before, after = _common(was.poses, now.poses)
+    class_ = agreement(before, after)
+    if not bool(np.isfinite(now.poses[1]).all()):
+        return Finding("poses", None, None, "finite", False, "not all numbers are finite", Agreement.CHANGED)
+    if demand.agreement is Agreement.TOLERANCE:
+        class_ = min(class_, Agreement.TOLERANCE)
+        return Finding("poses", None, None, "finite", True, "", class_)
+    passed = class_ <= demand.agreement
+    return Finding("poses", None, None, demand.words("poses"), passed, "" if passed else place, class_)
 
 
 def _since(was: Run, now: Run) -> int | None:
-    """Find the frame from which both were run, where one of them goes on from a frame of another run; else None."""
+    """Return the frame from which both were run, where one of them continues another run from a frame on; else None."""
     begun = [run.provenance.get("parent_frame") for run in (was, now)]
     return None if begun[0] == begun[1] else max(int(frame) for frame in begun if frame is not None)
 
 
 def _from(run: Run, since: int) -> dict[str, Timed]:
-    """What is recorded of every frame, from a frame on."""
+    """Return what is recorded of every frame, from a frame on."""
     curves = {name: run.metric(name) for name in run.metrics}
     return {name: (frames[frames >= since], values[frames >= since]) for name, (frames, values) in curves.items()}
 
 
-def _curve(name: str, was: Timed | None, now: Timed | None, tolerance: Tolerance | None) -> Finding:
-    """Judge a metric over frames; tolerance: None for exact."""
+def _curve(name: str, was: Timed | None, now: Timed | None, demand: Demand) -> Finding:
+    """Judge a metric over frames."""
     before, after = (None if curve is None or not len(curve[1]) else float(curve[1].mean()) for curve in (was, now))
-    text = "exact" if tolerance is None else str(tolerance)
+    text = demand.words(name)
     if was is None or now is None:
-        return Finding(name, before, after, text, now is not None, "missing" if now is None else "new")
-    at = _first_odd(was, now, tolerance or Tolerance())
-    return Finding(name, before, after, text, not at, at)
+        passed = now is not None
+        return Finding(name, before, after, text, passed, "new" if passed else "missing", None if passed else _CHANGED)
+    class_ = _of_curves(was, now, demand.of(name))
+    passed = class_ <= demand.agreement
+    return Finding(name, before, after, text, passed, "" if passed else _first_odd(name, was, now, demand), class_)
 
 
 def _incomplete(was: Run, now: Run) -> Finding | None:
     for name, run in (("what was recorded", was), ("the new run", now)):
         if run.status != "complete":
-            return Finding("run", None, None, "complete", False, f"{name} is not complete (status: {run.status})")
+            detail = f"{name} is not complete (status: {run.status})"
+            return Finding("run", None, None, "complete", False, detail, _CHANGED)
     if was.is_study != now.is_study:
-        return Finding("run", None, None, "same kind", False, "one tracks a person, the other is a study")
+        return Finding("run", None, None, "same kind", False, "one tracks a person, the other is a study", _CHANGED)
     return None
 
 
-def _metric(name: str, was: Run, now: Run, tolerance: Tolerance | None, place: str) -> Finding:
-    """Judge the run's number and, where exact (tolerance None) or there is none, those of every frame."""
+def _metric(name: str, was: Run, now: Run, demand: Demand, place: str) -> Finding:
+    """Judge the run's number and, unless tolerances are asked for and there is one, those of every frame."""
     before, after = _number(name, was), _number(name, now)
-    text = "exact" if tolerance is None else str(tolerance)
+    text, tolerance = demand.words(name), demand.of(name)
     if after is None:
-        return Finding(name, before, None, text, False, "missing")
+        return Finding(name, before, None, text, False, "missing", _CHANGED)
     if before is None:
         return Finding(name, None, after, text, True, "new")
     if (name in was.result) != (name in now.result) or (name in was.metrics) != (name in now.metrics):
-        return Finding(name, before, after, text, False, "missing as the run's number or over frames")
-    at = _first_frame(name, was, now, tolerance or Tolerance())
-    passed = (tolerance or Tolerance()).allows(before, after) and (tolerance is not None or not at)
-    detail = (at or place) if tolerance is None else "; ".join(filter(None, (at, place)))  # exact: poses have a row
-    return Finding(name, before, after, text, passed, "" if passed else detail)
+        detail = "missing as the run's number or over frames"
+        return Finding(name, before, after, text, False, detail, _CHANGED)
+    class_ = agreement(before, after, tolerance) if np.isfinite([before, after]).all() else _CHANGED
+    over_frames = name in was.metrics and name in now.metrics
+    if over_frames and demand.agreement < Agreement.TOLERANCE:
+        class_ = max(class_, _of_curves(was.metric(name), now.metric(name), tolerance))
+    passed = class_ <= demand.agreement
+    first = _first_odd(name, was.metric(name), now.metric(name), demand) if over_frames and not passed else ""
+    return Finding(name, before, after, text, passed, "" if passed else first or place, class_)
 
 
 def _number(name: str, run: Run) -> float | None:
@@ -148,19 +176,19 @@ def _number(name: str, run: Run) -> float | None:
     return float(run.metric(name)[1].mean()) if name in run.metrics else None
 
 
-def _first_frame(name: str, was: Run, now: Run, tolerance: Tolerance) -> str:
-    """Find the first frame in which a metric moved too far; empty where none did, or it is not recorded over frames."""
-    if name not in was.metrics or name not in now.metrics:
-        return ""
-    return _first_odd(was.metric(name), now.metric(name), tolerance)
+def _of_curves(was: Timed, now: Timed, tolerance: Tolerance | None) -> Agreement:
+    frames, before, after = _common(was, now)
+    return _CHANGED if len(frames) < len(was[0]) else agreement(before, after, tolerance)
 
 
-def _first_odd(was: Timed, now: Timed, tolerance: Tolerance) -> str:
+def _first_odd(name: str, was: Timed, now: Timed, demand: Demand) -> str:
+    """Say in which frame a metric first agrees less than is asked for; empty where it does in every frame."""
     frames, before, after = _common(was, now)
     if missing := sorted(set(was[0].tolist()) - set(frames.tolist())):
         return f"missing in frame {missing[0]}"
+    scale = np.nanmax(np.abs(before), initial=0.0)
     for frame, old, new in zip(frames.tolist(), before, after, strict=True):
-        if not tolerance.allows(old, new):
+        if agreement(np.array([old, scale]), np.array([new, scale]), demand.of(name)) > demand.agreement:
             return f"first differs in frame {frame}: {old:.6g} by {new - old:+.3g}"
     return ""
 
@@ -175,11 +203,12 @@ def _frames(was: Run, now: Run, since: int = 0) -> Finding:
     before, after = ({frame for frame in run.poses[0].tolist() if frame >= since} for run in (was, now))
     odd = sorted(before ^ after)
     detail = f"frame {odd[0]} is {'missing' if odd[0] in before else 'new'}, {len(odd)} in all" if odd else ""
-    return Finding("frame numbers", len(before), len(after), "exact", not odd, detail)
+    class_ = _CHANGED if odd else Agreement.IDENTICAL
+    return Finding("frame numbers", len(before), len(after), "identical", not odd, detail, class_)
 
 
 def _first_pose(was: Run, now: Run) -> str:
-    """Find where the expected poses differ first: the frame, the joint that moved most, and by how much."""
+    """Say where the expected poses differ first: the frame, the joint that moved most, and by how much."""
     frames, before, after = _common(was.poses, now.poses)
     if before.shape != after.shape:
         return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"
@@ -197,40 +226,38 @@ def _first_pose(was: Run, now: Run) -> str:
     return f"poses first differ in frame {frame}: {moved}"
 
 
-def _marginals(was: Run, now: Run) -> Iterator[Finding]:
-    before, after = was.marginals, now.marginals
+def _marginals(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
+    before, after, text = was.marginals, now.marginals, demand.words("marginals")
     if before is not None and after is not None and before.names == after.names:
-        equal = all(np.array_equal(getattr(before, key), getattr(after, key)) for key in ("low", "high", "log_mass"))
-        yield Finding("marginals", None, None, "exact", equal, "" if equal else "they differ")
+        class_ = max(agreement(getattr(before, key), getattr(after, key)) for key in ("low", "high", "log_mass"))
+        passed = class_ <= demand.agreement
+        yield Finding("marginals", None, None, text, passed, "" if passed else "they differ", class_)
     elif before is not None:
-        yield Finding("marginals", None, None, "exact", False, "missing, or of other parameters")
+        yield Finding("marginals", None, None, text, False, "missing, or of other parameters", _CHANGED)
 
 
-def _figures(was: Run, now: Run, tolerance: Tolerance | None) -> Iterator[Finding]:
+def _figures(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
     """Compare a study's figures number by number."""
-    text = "exact" if tolerance is None else str(tolerance)
+    text, tolerance = demand.words("figures"), demand.of("figures")
     after = {figure.name: numbers(figure) for figure in now.figures}
     for figure in was.figures:
+        name = f"figure {figure.name}"
         if figure.name not in after:
-            yield Finding(f"figure {figure.name}", None, None, text, False, "missing")
+            yield Finding(name, None, None, text, False, "missing", _CHANGED)
             continue
         old, new = numbers(figure), after[figure.name]
-        odd = [key for key in {**old, **new} if not _alike(old.get(key), new.get(key), tolerance or Tolerance())]
-        yield Finding(f"figure {figure.name}", None, None, text, not odd, f"{odd[0]} differs" if odd else "")
-
-
-def _alike(old: object, new: object, tolerance: Tolerance) -> bool:
-    if old is None or new is None:
-        return False
-    first, second = np.asarray(old), np.asarray(new)
-    if first.dtype.kind == "f" and first.shape == second.shape:
-        gaps = np.isnan(first)  # in curves, which must stay where they are
-        return bool(np.array_equal(gaps, np.isnan(second))) and tolerance.allows(first[~gaps], second[~gaps])
-    return bool(np.array_equal(first, second))
+        classes = {
+            key: _CHANGED if key not in old or key not in new else agreement(old[key], new[key], tolerance)
+            for key in {**old, **new}
+        }
+        class_ = max(classes.values(), default=Agreement.IDENTICAL)
+        passed = class_ <= demand.agreement
+        detail = "" if passed else f"{next(key for key, each in classes.items() if each is class_)} differs"
+        yield Finding(name, None, None, text, passed, detail, class_)
 
 
 def compare_seeds(old: Sequence[Run], new: Sequence[Run], n_judged: int) -> list[Finding]:
-    """Tell whether the mean of each of the runs' numbers over `new` lies where the mean over `old` lets one expect it.
+    """Compare the mean of each of the runs' numbers over `new` with what its mean over `old` lets one expect.
 
     See `workbench.evaluation.intervals.mean_interval`; its level lets all of `n_judged` numbers pass 95 % of the time.
     A number that is missing from any of the runs, or is not finite, fails.

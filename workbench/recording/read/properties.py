@@ -53,6 +53,7 @@ _PLAIN = _Kind("a text or a number, or several", lambda value: all(map(_is_plain
 
 KINDS: Mapping[str, tuple[Mapping[str, _Kind], _Kind]] = {
     "run": ({"id": _TEXT, "status": _TEXT, "format": _WHOLE, "platform": _TEXT, "stopped": _TEXT}, _PLAIN),
+    "environment": ({}, _TEXT),
     "config": ({"TextDocument:text": _TEXT}, _PLAIN),
     "provenance": (
         {"experiment": _TEXT, "seed": _WHOLE, "given": _TEXT, "identity": _TEXT, "commit": _TEXT, "changed": _TEXT,

@@ -85,9 +85,9 @@ class Run:
         return int(self.properties["run"].get("format", 1))
 
     @property
-    def platform(self) -> str | None:
-        """The operating system and the processor it was made on; None before these were written."""
-        return self.properties["run"].get("platform")
+    def environment(self) -> Mapping[str, str]:
+        """What decides the last bits of its numbers, see `workbench.environment`; empty before that was recorded."""
+        return self.properties.get("environment", {})
 
     @property
     def provenance(self) -> Mapping[str, Any]:

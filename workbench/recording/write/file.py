@@ -5,7 +5,6 @@ import ctypes
 import errno
 import logging
 import os
-import platform
 import re
 import resource
 import shutil
@@ -19,10 +18,10 @@ from typing import Any, Self
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
-from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
+from workbench.environment import environment
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
@@ -35,7 +34,7 @@ logger = logging.getLogger(__name__)
 FORMAT = 2
 """The version of what a recording holds and where, in the property `run`; raised whenever a reader must know.
 
-1, without a number: up to the release before there was one. 2: `run` has the keys format and platform.
+1, without a number: up to the release before there was one. 2: `run` has the key format.
 """
 
 SETTINGS, CHOICES = "settings", "choices"
@@ -88,9 +87,8 @@ class RecordingFile:
             self.stream.set_sinks(rr.FileSink(self.part))
         except RuntimeError as error:
             raise InputError(f"{self.part}: cannot be written: {error}") from None
-        # the operating system and the processor, on which the last bits of results depend
-        machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
-        self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT, "platform": machine})
+        self.send_property("run", {"id": self._run_id, "status": "running", "format": FORMAT})
+        self.send_property("environment", environment())
         self.send_property("provenance", self._provenance)
         self.stream.send_property("config", rr.TextDocument(self._config_yaml, media_type="text/plain"))
         numbers, texts = numbers_and_texts(self._settings, choices_of(self._provenance.get("choices", ())))

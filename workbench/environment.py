@@ -1,0 +1,72 @@
+"""The environment that decides the last bits of results: processor features, the BLAS code path, versions."""
+
+import platform
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import version
+
+import cv2
+import numba
+import numpy as np
+from llvmlite import binding as llvm  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_info
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
+
+
+@cache
+def environment() -> dict[str, str]:
+    """Return what equal runs need in common to give equal bits, by name.
+
+    system
+        Operating system, architecture and C library, whose `sin`, `exp` and `log` kernels call.
+    numpy_cpu, opencv_cpu
+        The processor features that NumPy and OpenCV use.
+    numba_cpu
+        The processor and the features that kernels are compiled for.
+    blas
+        The libraries that are loaded, each with its version and code path.
+    python, numpy, scipy, …
+        Versions.
+    """
+    libc = "".join(platform.libc_ver())
+    return {
+        "system": f"{platform.system()} {platform.machine()} {libc}".rstrip(),
+        "numpy_cpu": " ".join(np.show_config(mode="dicts")["SIMD Extensions"]["found"]),
+        "opencv_cpu": cv2.getCPUFeaturesLine().strip(),
+        "numba_cpu": _numba_cpu(),
+        "blas": "; ".join(sorted(_blas())),
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+    }
+
+
+def differing(was: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Return the entries that differ, each with its two values, of lists of features only the words that differ."""
+    found = {}
+    for name in dict.fromkeys([*was, *now]):
+        first, second = str(was.get(name, "unknown")), str(now.get(name, "unknown"))
+        if first != second:
+            found[name] = _shortened(first, second) if name.endswith("_cpu") else (first, second)
+    return found
+
+
+def _shortened(first: str, second: str) -> tuple[str, str]:
+    one, other = first.split(), second.split()
+    parts = ([word for word in one if word not in other], [word for word in other if word not in one])
+    return " ".join(parts[0]) or "less", " ".join(parts[1]) or "less"
+
+
+def _numba_cpu() -> str:
+    name: str = numba.config.CPU_NAME or llvm.get_host_cpu_name()  # type: ignore[attr-defined]
+    features: str | None = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
+    if features is None:
+        features = "" if name == "generic" else llvm.get_host_cpu_features().flatten()
+    return " ".join([name, *sorted(each for each in features.split(",") if each.startswith("+"))])
+
+
+def _blas() -> list[str]:
+    import scipy.linalg  # noqa: F401 (loads SciPy's own)
+
+    loaded = [each for each in threadpool_info() if each["user_api"] == "blas"]
+    return [f"{each['prefix']} {each['version']} {each.get('architecture', '')}".rstrip() for each in loaded]

@@ -1,0 +1,106 @@
+"""Recordings run by the code of another commit and by this one, on this machine."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy  # noqa: F401 (loads the BLAS that is asked for its code path)
+from threadpoolctl import threadpool_info
+
+from workbench.errors import InputError
+from workbench.experiment.checking import Request
+from workbench.recording.compare.agreement import Agreement
+from workbench.recording.compare.compare import Demand, compare
+from workbench.recording.read.reader import Run, read
+from workbench.report.checks import Check
+
+ROOT = Path(__file__).parents[2]
+"""The clone that this code is in, where it is in one."""
+
+
+def check_against(runs: Sequence[Run], request: Request, revision: str, root: Path = ROOT) -> list[Check]:
+    """Compare what the code of a commit and this code make of the recorded configurations.
+
+    Parameters
+    ----------
+    runs
+        Their configurations are run; what they recorded does not count.
+    request
+        Overrides, and the folder that the new runs go to.
+    revision
+        Anything that git takes for a commit, such as HEAD~1 or v0.2.
+    root
+        The clone.
+
+    Returns
+    -------
+    list of Check
+        One for each recording. Numbers must be equal to rounding, or identical if the request says so.
+
+    Raises
+    ------
+    InputError
+        For an unknown commit, outside a clone, and where a recording does not run.
+    """
+    commit = git(root, "rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").strip()
+    name = git(root, "log", "-1", "--format=%h %s", commit).strip()
+    demand = Demand(Agreement.IDENTICAL if request.exact else Agreement.ROUNDING, {})
+    with worktree(commit, root) as code:
+        print(f"{len(runs)} recordings by {name}, then by this code", file=sys.stderr, flush=True)
+        was = run_by(runs, request, "was", code)
+    now = run_by(runs, request, "now", root)
+    pairs = zip(runs, was, now, strict=True)
+    return [Check(f"{run.path} by {name[:60]}", compare(a, b, demand), was=a, now=b) for run, a, b in pairs]
+
+
+@contextmanager
+def worktree(commit: str, root: Path) -> Iterator[Path]:
+    """Check a commit out in a folder of its own, which is removed when the block ends."""
+    with TemporaryDirectory(prefix="workbench-code-") as place:
+        folder = Path(place) / "code"
+        git(root, "worktree", "add", "--quiet", "--detach", str(folder), commit)
+        try:
+            (folder / "workbench" / "conf").symlink_to("../conf")  # a package of that name, as if installed
+            yield folder
+        finally:
+            git(root, "worktree", "remove", "--force", str(folder))
+
+
+def run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list[Run]:
+    """Run the configurations of recordings by the code in a folder, in a process of its own.
+
+    Returns the new runs, below `request.folder / name`. Raises InputError where one leaves none.
+    """
+    folder = request.folder / name
+    recordings = [str(run.path.resolve()) for run in runs]
+    command = [sys.executable, "-P", "-m", "workbench.cli.check", *recordings, "--run", "--keep", str(folder)]
+    environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _code_path()
+    done = subprocess.run([*command, *request.overrides], env=environment, capture_output=True, text=True, check=False)
+    made = [folder / f"{k:03d}" / "run.rrd" for k in range(len(runs))]
+    if missing := [k for k, path in enumerate(made) if not path.is_file()]:
+        words = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:]
+        raise InputError(f"{runs[missing[0]].path}: does not run by the code in {code}: {' '.join(words)}")
+    return [read(path) for path in made]
+
+
+def _code_path() -> dict[str, str]:
+    """Return the variable that has both commits' OpenBLAS take this process's code path, whatever they would choose."""
+    found = [each["architecture"] for each in threadpool_info() if "architecture" in each]
+    return {"OPENBLAS_CORETYPE": found[0]} if found else {}
+
+
+def git(root: Path, *arguments: str) -> str:
+    """Return what git prints; raises InputError where it refuses."""
+    command = ["git", "-C", str(root), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise InputError(f"git: {error.strerror}") from None
+    if done.returncode != 0:
+        words = " ".join(done.stderr.split()) or f"no such commit: {arguments[-1]}"
+        raise InputError(f"{root}: git {arguments[0]}: {words}")
+    return done.stdout
