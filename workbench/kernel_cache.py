@@ -74,7 +74,7 @@ class _Locator:
 
 
 class _KernelFiles(CompileResultCacheImpl):
-    _locator_classes = [_Locator]  # type: ignore[assignment,list-item] # noqa: RUF012 (as numba declares it)
+    _locator_classes = [_Locator]  # type: ignore[list-item] # noqa: RUF012 (as numba declares it)
 
 
 class _KernelCache(FunctionCache):

@@ -4,12 +4,10 @@ import json
 import os
 import shutil
 import xml.etree.ElementTree as ET
-from contextlib import nullcontext
 from copy import deepcopy
 from functools import cache as once
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -19,7 +17,7 @@ from rerun.chunk import RrdReader
 
 from workbench.cli.check import main
 from workbench.errors import InputError
-from workbench.experiment import checking_code, other_code
+from workbench.experiment import against
 from workbench.experiment import stored as again_module
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import runnable, tolerances
@@ -96,18 +94,18 @@ def check(capsys, *arguments, suspicious=False):
 def test_a_run_that_gives_the_same_passes_whoever_recorded_it(walk, capsys):
     code, told = check(capsys, walk.parent, suspicious=True)
     assert code == 0, told
-    assert told.splitlines()[1].split() == [str(walk), "all", "44", "exact", "ok"]
+    assert told.splitlines()[1].split() == [str(walk), "all", "44", "rounding", "ok", "44", "identical"]
     assert not list(Path.cwd().iterdir())  # nothing is left behind
 
 
-def test_a_constant_that_moved_by_one_percent_fails_and_names_metric_and_frame(walk, capsys, tmp_path):
+def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(walk, capsys, tmp_path):
     junit = tmp_path / "out.xml"
-    code, told = check(capsys, walk, "prior.sigma_phase=0.00909", "--junit", junit)
+    code, told = check(capsys, walk, "prior.sigma_phase=0.009009", "--junit", junit)
     assert code == 1
     (metric,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
-    assert "FAILED first differs in frame 1: " in metric
+    assert "FAILED (changed) first differs in frame 1: " in metric
     (poses,) = [line for line in told.splitlines() if "  poses  " in line]
-    assert "FAILED poses first differ in frame 1: " in poses
+    assert "FAILED (changed) poses first differ in frame 1: " in poses
     assert poses.endswith(" mm")
     suite = ET.parse(junit).getroot()
     assert (suite.get("tests"), suite.get("errors")) == ("44", "0")
@@ -131,7 +129,7 @@ def test_a_metric_that_is_no_longer_made_fails(walk, capsys, monkeypatch):
     code, told = check(capsys, walk)
     assert code == 1
     (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
-    assert line.endswith("FAILED missing")
+    assert line.endswith("FAILED (changed) missing")
 
 
 def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp_path):
@@ -148,8 +146,8 @@ def test_a_crashed_run_fails_and_the_others_go_on(walk, capsys, monkeypatch, tmp
     monkeypatch.setattr(again_module, "execute", once)
     code, told = check(capsys, folder)
     assert code == 1
-    assert "FAILED crashed: ZeroDivisionError: by a defect" in told.splitlines()[1]
-    assert told.splitlines()[2].endswith("ok")
+    assert "crashed: ZeroDivisionError: by a defect" in told.splitlines()[1]
+    assert " ok " in told.splitlines()[2]
 
 
 def test_update_prints_what_moved_and_the_new_recording_passes(walk, capsys, tmp_path):
@@ -221,111 +219,60 @@ def test_pairs_of_seeds_find_a_small_change(walk, seeds, capsys):
     assert "would have been found" in told
 
 
-@pytest.mark.slow
-def test_pairs_are_added_until_it_is_decided(seeds, capsys, monkeypatch):
-    """Five are recorded; for more seeds the recorded code runs, which here is today's."""
-    monkeypatch.setattr(checking_code, "_recorded_commit", lambda run: "")
-    monkeypatch.setattr(checking_code, "other_code", lambda: nullcontext(str))
-    monkeypatch.setattr(checking_code, "run_by", run_here)
-    code, told = check(capsys, *seeds, "--until", "1mm", "-v")
-    assert code == 0, told
-    assert "unchanged after 6 pairs; by +0, in +0 … +0" in told
-    code, told = check(capsys, *seeds, "--until", "1mm", "prior.start_position=0.5")
-    assert code == 1
-    (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
-    assert "FAILED changed after" in line
-
-
-def run_here(recordings, overrides, folder, code=None):
-    run = read(recordings[0])
-    return [again_module.again(run, runnable(run, overrides, own_defaults([])), folder)]
-
-
-@pytest.mark.parametrize("kept", [{}, {"commit": "0" * 40, "changed": "yes"}, {"commit": "--x", "changed": "no"}])
-def test_without_a_recorded_commit_no_pairs_can_be_added(kept):
-    with pytest.raises(InputError, match=r"run\.rrd: --until needs more pairs than are recorded"):
-        checking_code._recorded_commit(SimpleNamespace(path="run.rrd", provenance=kept))
-
-
-def test_tolerances_are_measured(walk, capsys):
-    code, told = check(capsys, walk, "--calibrate")
-    assert code == 0
-    found = yaml.safe_load(told)["check"]
-    assert found == {"default": {"absolute": 0.0, "relative": 1e-9}}  # results do not depend on threads
-    code, told = check(capsys, walk, "--calibrate", "prior.sigma_phase=0.0091")
-    sizes = yaml.safe_load(told)["check"]
-    assert sizes["error_abs_mm"]["absolute"] > sizes["error_px"]["absolute"] > 0.0
-
-
-def in_clone(patch, clone):
-    for name in ("other_code", "commits_between", "subject"):
-        patch.setattr(checking_code, name, partial(getattr(other_code, name), root=clone))
-
-
 def commit(clone, message):
     who = ("-c", "user.name=a", "-c", "user.email=a@localhost")
-    other_code.git(clone, *who, "commit", "--quiet", "--all", "--message", message)
+    against.git(clone, *who, "commit", "--quiet", "--allow-empty", "--all", "--message", message)
 
 
-FAKE = """\
-import pathlib, shutil, sys
-folder = pathlib.Path(sys.argv[sys.argv.index("--keep") + 1], "000")
-folder.mkdir(parents=True)
-shutil.copy({source!r}, folder / "run.rrd")
-"""
-
-
-def test_of_32_commits_the_one_that_moved_numbers_is_found_in_six_runs(seeds, tmp_path, monkeypatch, capsys):
-    """In a repository whose workbench-check leaves one recording before a commit, and another one since."""
-    code = tmp_path / "repository" / "workbench" / "cli" / "check.py"
-    code.parent.mkdir(parents=True)
-    clone = tmp_path / "repository"
-    other_code.git(tmp_path, "init", "--quiet", str(clone))
-    for k in range(33):
-        code.write_text(FAKE.format(source=str(seeds[k >= 21])) + f"# {k}\n")
-        other_code.git(clone, "add", ".")
-        commit(clone, f"Change {k}")
-    in_clone(monkeypatch, clone)
-    code, told = check(capsys, seeds[0], "--bisect", "HEAD~32..HEAD")
-    assert code == 1, told
-    assert "  error_abs_mm  " in told
-    rows = [line for line in told.splitlines() if " FAILED " in line]
-    assert len(rows) > 10
-    assert all(line.endswith("Change 21") and " exact " in line for line in rows)
-    assert told.count(": by ") == 1 + 6  # the good one; the bad one and what lies between
-    assert other_code.git(clone, "worktree", "list").count("\n") == 1
-    code, told = check(capsys, seeds[0], "--bisect", "HEAD~9..HEAD~3")
-    assert (code, ": nothing moved" in told) == (0, True)
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory):
+    """A clone of this repository with two commits more: a factor that rounds otherwise, and one larger by 0.1 %."""
+    place = tmp_path_factory.mktemp("clones") / "clone"
+    try:
+        against.git(against.ROOT, "clone", "--quiet", "--no-hardlinks", ".", str(place))
+    except InputError as reason:
+        pytest.skip(f"no clone: {reason}")
+    tree = place / "workbench"
+    for path in (tree, place / "conf"):  # with what is not committed yet
+        shutil.rmtree(path)
+        shutil.copytree(against.ROOT / path.name, path, ignore=shutil.ignore_patterns("__pycache__", "conf"))
+    against.git(place, "add", "--all")
+    commit(place, "As it is")
+    errors = tree / "evaluation" / "errors.py"
+    for message, before, after in (
+        ("Round otherwise", "1e3 * ", "1000.0000000000001 * "),
+        ("Err by a thousandth", "1000.0000000000001 * ", "1.001e3 * "),
+    ):
+        text = errors.read_text()
+        assert before in text
+        errors.write_text(text.replace(before, after))
+        commit(place, message)
+    (tree / "conf").symlink_to("../conf")
+    return place
 
 
 @pytest.mark.slow
-def test_the_commit_that_moved_a_number_is_found(settings, tmp_path, capsys, monkeypatch):
-    """In a clone with two more commits, of which the second makes errors two per cent larger."""
-    clone, tiny = tmp_path / "clone", {"dataset": {"n_frames": 2}, "inference": {"n_particles": 20}}
-    recording = stored(tmp_path / "tiny.rrd", changed(settings, tiny)).path
-    try:
-        other_code.git(other_code.ROOT, "clone", "--quiet", "--no-hardlinks", ".", str(clone))
-    except InputError as reason:
-        pytest.skip(f"no clone: {reason}")
-    errors = clone / "workbench" / "evaluation" / "errors.py"
-    for k, change in enumerate([lambda text: text + "# another line\n", worse]):
-        errors.write_text(change(errors.read_text()))
-        commit(clone, f"Change {k}")
-    in_clone(monkeypatch, clone)
+def test_against_another_commit_rounding_passes_and_a_change_of_a_thousandth_is_found(
+    clone, settings, tmp_path, capsys, monkeypatch
+):
+    """The check runs in the clone, whose code is the last of its commits, as `--against` is used before a release."""
+    recording = stored(
+        tmp_path / "tiny.rrd", changed(settings, {"dataset": {"n_frames": 2}, "inference": {"n_particles": 20}})
+    ).path
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes longer
-    code, told = check(capsys, recording, "--bisect", "HEAD~2..HEAD")
+    monkeypatch.setattr("workbench.cli.check.check_against", partial(against.check_against, root=clone))
+    code, told = check(capsys, recording, "--against", "HEAD~1")
     assert code == 1, told
     (line,) = [line for line in told.splitlines() if "  error_abs_mm  " in line]
-    assert line.endswith("Change 1")
-    assert " exact " in line
+    assert "FAILED (changed)" in line
     assert not [line for line in told.splitlines() if "  error_px  " in line]
-
-
-def worse(text):
-    """The source of the errors with those in space two per cent larger."""
-    before = "1e3 * "
-    assert before in text
-    return text.replace(before, "1.02e3 * ")
+    against.git(clone, "checkout", "--quiet", "HEAD~1")
+    code, told = check(capsys, recording, "--against", "HEAD~1")
+    assert code == 0, told
+    assert "equal to rounding" in told
+    code, told = check(capsys, recording, "--against", "HEAD~1", "--exact")
+    assert code == 1, told
+    assert against.git(clone, "worktree", "list").count("\n") == 1
 
 
 def test_new_runs_may_be_kept(walk, capsys, tmp_path):
@@ -458,15 +405,12 @@ def test_paths_are_those_of_whoever_checks(settings, tmp_path):
         (["."], "expected recordings (.rrd), found none"),
         (["seed=3"], "expected recordings (.rrd), found none"),
         (["WALK", "--seeds", "1"], "--seeds: expected 2 or more, found 1"),
-        (["WALK", "--seeds", "3", "--update"], "--seeds compares many runs"),
+        (["WALK", "--seeds", "3", "--update"], "--seeds goes with neither --update nor --record"),
         (["WALK", "--seeds", "3", "--paired"], "say one of them"),
         (["WALK", "--paired", "seed=3"], "seed= would part the pairs"),
-        (["WALK", "--until", "1"], "--until: expected millimetres or pixels such as 1mm"),
-        (["WALK", "--until", "1mm", "--record", "x.rrd"], "it goes with neither --update nor --record"),
-        (["WALK", "--bisect", "HEAD"], "--bisect: expected GOOD..BAD, two commits, found 'HEAD'"),
-        (["WALK", "--bisect", "no_such..HEAD"], "no such commit: no_such"),
-        (["WALK", "--bisect", "HEAD..HEAD"], "HEAD does not lie behind HEAD"),
-        (["WALK", "--python", "python3"], "it goes with --calibrate"),
+        (["WALK", "--against", "HEAD", "--record", "x.rrd"], "goes with neither --update nor --record"),
+        (["WALK", "--against", "no_such"], "no such commit: no_such"),
+        (["WALK", "--exact", "--paired"], "--exact asks for identical numbers"),
         (["WALK", "--why", "because"], "it goes with --update"),
         (["WALK", "prior.sigma_fase=1"], "its configuration has no key 'prior.sigma_fase'"),
         (["WALK", "+prior.x=1"], "expected key=value with one value"),

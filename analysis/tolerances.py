@@ -1,0 +1,122 @@
+"""Measure by how much the numbers of recordings move in other environments: `python -m analysis.tolerances FOLDER`.
+
+Runs every recording of a folder with several seeds in the environments below and compares each with the run of the same
+seed in the environment as it is. The result, FOLDER/tolerances.json, is what `workbench-check` allows where a recording
+was made in another environment.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import scipy
+from tqdm import tqdm
+
+import workbench as wb
+from workbench.arrays import FloatArray
+from workbench.experiment.stored import TOLERANCES
+from workbench.recording.compare.agreement import Agreement, agreement
+from workbench.recording.read.reader import find_recordings
+
+ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
+    "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+    "OpenBLAS for Zen": {"OPENBLAS_CORETYPE": "Zen"},
+    "OpenBLAS for Prescott, NumPy without AVX2": {
+        "OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+    },
+    "kernels for Haswell, NumPy without AVX-512": {
+        "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma,+avx,+sse4.2,+popcnt,+bmi,+bmi2",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    },
+    "kernels for any x86-64": {"NUMBA_CPU_NAME": "generic"},
+}  # fmt: skip
+LEVEL = 0.01
+"""How often, at most, any number of a recording is to leave its tolerance in an environment like those measured."""
+
+
+def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, wb.Run]:
+    """Run the recordings with a seed in a process with these environment variables; the new runs by name."""
+    command = [sys.executable, "-m", "workbench.cli.check", *map(str, recordings), "--run", "--keep", str(folder)]
+    done = subprocess.run(
+        [*command, f"seed={seed}"], env={**os.environ, **variables}, capture_output=True, text=True, check=False
+    )
+    if done.returncode not in (0, 1):
+        sys.exit(f"{dict(variables)}: {done.stderr.strip()}")
+    return {path.stem: wb.read(folder / f"{k:03d}" / "run.rrd") for k, path in enumerate(recordings)}
+
+
+def tolerances(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
+    """Return by how much a number may move.
+
+    Parameters
+    ----------
+    usual
+        Its values (S,) with S seeds in the usual environment.
+    others
+        Its values (E, S) in E others.
+    n_numbers
+        Numbers of the recording that are judged together.
+    chaotic
+        Whether any number of the recording moved by more than rounding.
+
+    Returns
+    -------
+    float
+        The half width of the interval in which the next difference d lies with the chance 1 − LEVEL / m, for n
+        differences of mean 0 and m numbers: t(1 − LEVEL / (2 m); n) √(Σ dᵢ² / n) √(1 + 1/n), and at least 1.5 times the
+        largest difference. A number that did not move where others of its run did may move as between two seeds.
+    """
+    d = (others - usual).ravel()
+    if agreement(np.broadcast_to(usual, others.shape), others) <= Agreement.ROUNDING:
+        return float(np.ptp(usual)) if chaotic else 1e-6 * float(np.abs(usual).max())
+    reach = scipy.stats.t.ppf(1.0 - LEVEL / (2 * n_numbers), d.size) * np.sqrt(1.0 + 1.0 / d.size)
+    return max(float(reach * np.sqrt(np.mean(d**2))), 1.5 * float(np.abs(d).max()))
+
+
+def measured(runs: Mapping[tuple[str, int], Mapping[str, wb.Run]], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
+    """Return the tolerances by recording and metric; runs: by environment and seed, "" for the usual environment."""
+    found: dict[str, dict[str, float]] = defaultdict(dict)
+    places = sorted({place for place, _ in runs if place})
+    for recording, first in runs["", seeds[0]].items():
+
+        def values(metric: str, place: str, recording: str = recording) -> list[float]:
+            return [float(runs[place, seed][recording].result[metric]) for seed in seeds]
+
+        usual = {metric: np.array(values(metric, "")) for metric in sorted(first.result)}
+        others = {metric: np.array([values(metric, place) for place in places]) for metric in usual}
+        same = (agreement(np.broadcast_to(usual[m], others[m].shape), others[m]) for m in usual)
+        chaotic = any(each > Agreement.ROUNDING for each in same)
+        for metric in usual:
+            size = tolerances(usual[metric], others[metric], len(usual), chaotic)
+            found[recording][metric] = float(f"{size:.2g}")
+    return dict(found)
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.tolerances", description=__doc__)
+    parser.add_argument("folder", type=Path, help="with recordings, such as recordings/baselines")
+    parser.add_argument("--seeds", type=int, default=3, help="how many (3)")
+    arguments = parser.parse_args()
+    recordings, seeds = find_recordings(arguments.folder), range(arguments.seeds)
+    runs = {}
+    with TemporaryDirectory(prefix="workbench-tolerances-") as place:
+        jobs = [(name, seed) for name in ("", *ENVIRONMENTS) for seed in seeds]
+        for k, (name, seed) in enumerate(tqdm(jobs, unit="environment and seed", disable=None)):
+            runs[name, seed] = run_in(ENVIRONMENTS.get(name, {}), recordings, seed, Path(place, str(k)))
+        content = {
+            "environment": dict(next(iter(runs["", 0].values())).environment),
+            "others": list(ENVIRONMENTS), "seeds": list(seeds), "tolerances": measured(runs, seeds),
+        }  # fmt: skip
+    (arguments.folder / TOLERANCES).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
