@@ -44,7 +44,13 @@ def kernel(**options: Any) -> Callable[[_Function], _Function]:
 
 @cache
 def kernel_folder() -> Path:
-    """Return the folder of cached kernels: with the package's byte code, or in ~/.cache where that is read-only."""
+    """Return the folder of cached kernels.
+
+    Where the user set numba's own NUMBA_CACHE_DIR, below that; else with the package's byte code, or in ~/.cache where
+    that is read-only.
+    """
+    if chosen := numba.config.CACHE_DIR:  # type: ignore[attr-defined]
+        return Path(chosen) / "workbench"
     own = _PACKAGE / "__pycache__"
     writable = os.access(own if own.is_dir() else _PACKAGE, os.W_OK)
     return own / "kernels" if writable else Path("~/.cache/workbench/kernels").expanduser()
