@@ -31,6 +31,7 @@ from workbench.experiment.judging import constant, told
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, track
 from workbench.recording.write.recorder import Recorder
+from workbench.signals import check_interrupted
 from workbench.streams import rng_streams
 
 if TYPE_CHECKING:
@@ -130,6 +131,7 @@ def record(
         summary.take_over(len(earlier.frames), earlier.per_frame)
     with logging_redirect_tqdm(), tqdm(total=n_frames, unit="frame", disable=disable) as bar:
         for step, errors in tracked:
+            check_interrupted()
             if not np.isfinite(step.log_evidence):
                 summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
             told_evidence = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
