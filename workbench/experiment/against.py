@@ -54,7 +54,7 @@ def check_against(runs: Sequence[Run], request: Request, revision: str, root: Pa
         was = run_by(runs, request, "was", code)
     now = run_by(runs, request, "now", root)
     pairs = zip(runs, was, now, strict=True)
-    return [Check(f"{run.path} by {name[:60]}", compare(a, b, demand), was=a, now=b) for run, a, b in pairs]
+    return [Check(f"{run.path} against {commit[:8]}", compare(a, b, demand), was=a, now=b) for run, a, b in pairs]
 
 
 @contextmanager

@@ -48,9 +48,8 @@ def run(
 ) -> None:  # fmt: skip
     """Run a configuration that `execute` has checked, and count it in the summary; names: the options chosen, by
     group. The rest as there."""
-    _set_threads(config.threads)
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
-    with threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
+    with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
             config = _with_given(config, names)
             summary.given = list(config.given)
@@ -188,11 +187,17 @@ def _labels(config: DictConfig, summary: Summary) -> dict[str, Any]:
     }
 
 
-def _set_threads(threads: int | None) -> None:
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+@contextmanager
+def _threads(threads: int | None) -> Iterator[None]:
+    """Have kernels use so many threads in the block; None: as many as there are cores."""
+    most, before = int(numba.config.NUMBA_NUM_THREADS), numba.get_num_threads()  # type: ignore[attr-defined]
     if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads must lie between 1 and {most}, the number of cores, found {threads}")
-    numba.set_num_threads(most if threads is None else threads)  # a job before this one may have set it
+    numba.set_num_threads(most if threads is None else threads)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @contextmanager
