@@ -17,6 +17,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
 from workbench.core.frame import true_cameras
+from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
         columns,
         file,
         images,
-        marginals,
         posterior,
         residuals,
         scene,
@@ -46,12 +46,12 @@ if TYPE_CHECKING:
 else:  # Rerun takes half a second to import, which a configuration that is refused does without
     rr = lazily("rerun")
     (
-        blueprint, columns, file, images, marginals, posterior, residuals, scene, trails, verdict_view, stored, fit,
+        blueprint, columns, file, images, posterior, residuals, scene, trails, verdict_view, stored, fit,
         styles,
     ) = (
         lazily(f"workbench.recording.write.{name}")
         for name in (
-            "blueprint", "columns", "file", "images", "marginals", "posterior", "residuals", "scene", "trails",
+            "blueprint", "columns", "file", "images", "posterior", "residuals", "scene", "trails",
             "verdict_view", "checkpoints", "point_fit_views", "series_styles",
         )
     )  # fmt: skip
@@ -263,7 +263,7 @@ class Recorder:
         figure, views = self._figure, step.frame.views
         true = scene.true_joints(figure.skeleton, step.frame.truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
-        drawn = np.unique(marginals.systematic(np.exp(step.log_weights), self._n_particles_shown))
+        drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)
