@@ -17,9 +17,10 @@ from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, s
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
+from workbench.run_files import PART, RECORDING
 
 _SUFFIXES = (".rrd", ".rrd.part")
-_IN_A_FOLDER = ("run.rrd", "run.rrd.part")
+_IN_A_FOLDER = (RECORDING, PART)
 _NO_MAPPING = "expected the configuration to be a mapping in plain YAML, found something else"
 
 
