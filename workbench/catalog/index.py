@@ -12,11 +12,10 @@ from workbench import __version__
 from workbench.catalog.entry import Entry, entry_kept, entry_of_folder, entry_of_recording
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.run_files import PART, RECORDING, SUMMARY
+from workbench.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
 
 INDEX = ".runs.json"
 """May be deleted at any time."""
-_SUFFIXES = (".rrd", ".rrd.part")
 _SHARED = ("settings", "origin")
 """Fields of which runs have much in common: what all would repeat is written once."""
 
@@ -85,7 +84,7 @@ def runs_in(root: Path | str) -> Iterator[str]:
         if SUMMARY in files:
             yield folder
         else:
-            yield from (os.path.join(folder, name) for name in sorted(files) if name.endswith(_SUFFIXES))
+            yield from (os.path.join(folder, name) for name in sorted(files) if name.endswith(RECORDING_SUFFIXES))
 
 
 def _index(root: Path, found: Mapping[str, tuple[_Version, Entry]]) -> dict[str, Any]:
