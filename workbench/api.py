@@ -25,6 +25,7 @@ from workbench.experiment.schema import typed
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts
 from workbench.recording.read.reader import Run, read
+from workbench.run_files import RECORDING
 
 
 def run(
@@ -66,7 +67,7 @@ def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, qui
     settings = settings_of(parts, seed)
     recorder_keys = {"_target_": "workbench.recording.write.recorder.Recorder"}
     config = OmegaConf.create({**settings, "recorder": recorder_keys})
-    summary = Summary(PYTHON, seed, place / "run.rrd", settings=settings)
+    summary = Summary(PYTHON, seed, place / RECORDING, settings=settings)
     summary.provenance = provenance(config, Command())
     one_thread = threadpool_limits(limits=1, user_api="blas")  # as `execute` does
     with _telling(place, quiet), ending(summary), one_thread, recorder_of(config, parts, summary) as recorder:

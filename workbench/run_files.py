@@ -4,6 +4,9 @@ RECORDING = "run.rrd"
 PART = "run.rrd.part"
 """The recording while the run is at work, and what is kept of one that was interrupted or failed."""
 
+RECORDING_SUFFIXES = (".rrd", ".rrd.part")
+"""Of recordings of whatever name, complete or not."""
+
 SUMMARY = "summary.json"
 LOCK = ".lock"
 """Locked by the process at work in the folder; see `run_lock`."""

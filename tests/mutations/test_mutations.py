@@ -12,6 +12,6 @@ def test_every_mutation_can_be_made(mutation):
     assert mutation.flaw(ROOT) == ""
 
 
-def test_there_are_87_of_different_names_that_each_say_what_is_wrong():
-    assert len({mutation.name for mutation in MUTATIONS}) == len(MUTATIONS) == 87
+def test_mutations_have_different_names_and_each_says_what_is_wrong():
+    assert len({mutation.name for mutation in MUTATIONS}) == len(MUTATIONS)
     assert all(mutation.wrong.endswith(".") for mutation in MUTATIONS)

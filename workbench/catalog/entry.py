@@ -14,9 +14,9 @@ from typing import Any
 
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, leaves
+from workbench.run_files import PART, RECORDING
+from workbench.run_files import SUMMARY as SUMMARY
 
-SUMMARY = "summary.json"
-RECORDINGS = ("run.rrd", "run.rrd.part")
 _NO_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 """What reading something else than a summary ends with."""
 
@@ -63,7 +63,7 @@ def entry_kept(path: str, fields: Mapping[str, Any]) -> Entry | None:
     if fields.keys() != _TYPES.keys() or not all(isinstance(fields[name], _TYPES[name]) for name in _TYPES):
         return None
     entry = Entry(**fields)
-    places = (None, path, *(f"{path}/{name}" for name in RECORDINGS))
+    places = (None, path, *(f"{path}/{name}" for name in (RECORDING, PART)))
     numbers, texts = entry.metrics.values(), entry.choices.values()
     whole = all(isinstance(value, float) for value in numbers) and all(isinstance(word, str) for word in texts)
     return entry if whole and entry.path == path and entry.recording in places else None
@@ -75,13 +75,13 @@ def entry_of_folder(folder: Path) -> Entry:
     Raises FileNotFoundError for a folder that is not there any more.
     """
     known: dict[str, Any] = {"path": str(folder), "sweep": str(folder.parent) if folder.name.isdecimal() else ""}
-    for recording in map(folder.joinpath, reversed(RECORDINGS)):
+    for recording in map(folder.joinpath, (PART, RECORDING)):
         with suppress(FileNotFoundError):  # a run that ends just now gives its recording another name
             known |= {"size": recording.stat().st_size, "recording": str(recording)}
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         entry = Entry(**known, **_of_summary(summary))
-        if entry.status in ("running", "killed") and entry.recording == str(folder / RECORDINGS[0]):
+        if entry.status in ("running", "killed") and entry.recording == str(folder / RECORDING):
             # published, and then killed before it could say so
             whole = entry_of_recording(Path(entry.recording), suspicious=True)
             return replace(whole, path=entry.path, sweep=entry.sweep, started=entry.started)

@@ -13,15 +13,14 @@ from typing import Any
 from tqdm import tqdm
 
 from workbench.catalog.entry import Entry
-from workbench.catalog.listing import ERRORS, varied
+from workbench.catalog.listing import varied
 from workbench.errors import InputError
+from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.write.cards import CARD, column, has_layout, images_in, recording_id, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS
 from workbench.report.tables import printable
 from workbench.report.variation import TARGET, flat, what_varied
 
-_NUMBERS = {ERRORS[0]: "error, mm", ERRORS[1]: "error, px", "coverage_90": "in the 90 % band"}
-"""What a card tells of a run's numbers, rounded; all of them are columns, too."""
 _TEXTS = ("status", "started", "path")
 _LONGEST_TITLE = 200
 _PREVIEWED = 6
@@ -112,7 +111,7 @@ def _add_cards(dataset: Any, entries: Sequence[Entry], ids: Sequence[tuple[str, 
     cards = zip(entries, ids, titles(entries), strict=True)
     for k, (entry, names, title) in enumerate(tqdm(cards, total=len(entries), unit="card", disable=None)):
         texts = {"title": title} | {name: printable(getattr(entry, name)) for name in _TEXTS}
-        numbers = {name: float(f"{entry.metrics[name]:.4g}") for name in _NUMBERS if name in entry.metrics}
+        numbers = {name: float(f"{entry.metrics[name]:.4g}") for name in SHORT_TITLES if name in entry.metrics}
         card = {"rank": float(k)} | numbers | {name: text for name, text in texts.items() if text}
         files[entry.path] = folder / f"{k}.rrd"
         write_card(files[entry.path], names, card, entry.settings, entry.choices)
@@ -130,7 +129,8 @@ def _lay_out(dataset: Any, entries: Sequence[Entry], file: Path) -> None:
     """
     first = entries[:_PREVIEWED]
     known = set(dataset.segment_table().schema().names)
-    fields = {column(CARD, name): label for name, label in (_NUMBERS | dict(zip(_TEXTS, _TEXTS, strict=True))).items()}
+    titles = SHORT_TITLES | dict(zip(_TEXTS, _TEXTS, strict=True))
+    fields = {column(CARD, name): title for name, title in titles.items()}
     fields = {source: label for source, label in fields.items() if source in known}
     keys = what_varied([flat(entry.settings, entry.experiment) for entry in entries]).keys
     varying = [column(name, key.removesuffix(TARGET)) for key in keys for name in (SETTINGS, CHOICES)]

@@ -9,13 +9,13 @@ from stat import S_ISDIR
 from typing import Any
 
 from workbench import __version__
-from workbench.catalog.entry import RECORDINGS, SUMMARY, Entry, entry_kept, entry_of_folder, entry_of_recording
+from workbench.catalog.entry import Entry, entry_kept, entry_of_folder, entry_of_recording
 from workbench.errors import InputError
 from workbench.files import whole_file
+from workbench.run_files import PART, RECORDING, RECORDING_SUFFIXES, SUMMARY
 
 INDEX = ".runs.json"
 """May be deleted at any time."""
-_SUFFIXES = (".rrd", ".rrd.part")
 _SHARED = ("settings", "origin")
 """Fields of which runs have much in common: what all would repeat is written once."""
 
@@ -84,7 +84,7 @@ def runs_in(root: Path | str) -> Iterator[str]:
         if SUMMARY in files:
             yield folder
         else:
-            yield from (os.path.join(folder, name) for name in sorted(files) if name.endswith(_SUFFIXES))
+            yield from (os.path.join(folder, name) for name in sorted(files) if name.endswith(RECORDING_SUFFIXES))
 
 
 def _index(root: Path, found: Mapping[str, tuple[_Version, Entry]]) -> dict[str, Any]:
@@ -123,7 +123,7 @@ def _whole(shared: Mapping[str, Any], fields: dict[str, Any], names: Sequence[st
 def _version(path: str) -> _Version:
     """Identify the version of a run's summary and recording, which changes whenever one is written."""
     found: _Version = []
-    for file in (path, *(f"{path}/{name}" for name in (SUMMARY, *RECORDINGS))):
+    for file in (path, *(f"{path}/{name}" for name in (SUMMARY, RECORDING, PART))):
         try:
             status = os.stat(file)
         except OSError:  # a run has not all of them, and a recording that lies by itself none

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 
 from workbench.catalog.entry import Entry
 from workbench.catalog.query import check_keys, shown, value_of
+from workbench.evaluation.headline import ERRORS, SHORT_TITLES
 from workbench.report.tables import Table, comma_separated
 from workbench.report.variation import flat, label, what_varied
 
-ERRORS = ("error_abs_mm", "error_px")
-USUAL = ("path", "started", "status", "experiment", "varied", "seed", *ERRORS, "coverage_90")
+USUAL = ("path", "started", "status", "experiment", "varied", "seed", *SHORT_TITLES)
 VARIED = "varied"
 """The column of what tells the runs listed from one another."""
 _LONGEST = 80
-_NUMBERS = frozenset((*ERRORS, "coverage_90", "seed", "size"))
+_NUMBERS = frozenset((*SHORT_TITLES, "seed", "size"))
 
 
 def sort(entries: Sequence[Entry], key: str | None) -> list[Entry]:

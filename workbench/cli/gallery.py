@@ -1,7 +1,6 @@
 """Runs as cards in the viewer: opened here, or served for a viewer elsewhere."""
 
 import platform
-import subprocess
 import sys
 from collections.abc import Sequence
 from threading import Event
@@ -10,6 +9,7 @@ from urllib.parse import urlsplit
 from workbench.catalog.entry import Entry
 from workbench.catalog.gallery import Gallery, gallery
 from workbench.cli.view import viewer
+from workbench.processes import run
 from workbench.recording.write.file import HOST
 from workbench.report.tables import printable
 
@@ -28,7 +28,7 @@ def show(found: Sequence[Entry], serve: bool) -> int:
             if program is None:
                 print(_ways_to(served), flush=True)
                 wait()
-            code = subprocess.run([str(program), "--bind", HOST, "--port", "auto", served.url], check=False).returncode
+            code = run([str(program), "--bind", HOST, "--port", "auto", served.url]).returncode
     except KeyboardInterrupt:
         return 0 if serve else 130
     if code:

@@ -10,6 +10,8 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from workbench.run_files import SUMMARY
+
 if TYPE_CHECKING:
     from workbench.experiment.summary import Summary
 
@@ -44,7 +46,7 @@ def lines(summary: "Summary") -> Iterator[str]:
             _, unit, factor = NUMBERS[name]
             yield f"  {names[name]:<{width}} {factor * value:8.4g} {unit}"
         rest = len(metrics) - len(shown)
-        yield f"  {rest} more numbers: {shown_path(summary.recording.with_name('summary.json'))}"
+        yield f"  {rest} more numbers: {shown_path(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"
     yield f"look at it: {command('workbench-view')} {quoted(shown_path(summary.recording))}"
 

@@ -4,13 +4,13 @@ import argparse
 import platform
 import shutil
 import socket
-import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from workbench import processes
 from workbench.errors import InputError
 from workbench.recording.compare.overlaid import NAME, write_overlaid
 from workbench.recording.compare.side_by_side import write_names, write_side_by_side
@@ -59,8 +59,8 @@ def show(command: Sequence[str], files: Sequence[Path]) -> int:
     Several go through a pipe one after the other: it reads files at once, and shows whichever it has read last.
     """
     if len(files) == 1:
-        return subprocess.run([*command, str(files[0])], check=False).returncode
-    with subprocess.Popen([*command, "-"], stdin=subprocess.PIPE) as process:
+        return processes.run([*command, str(files[0])]).returncode
+    with processes.start([*command, "-"]) as process:
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # the viewer was closed meanwhile
             for path in files:

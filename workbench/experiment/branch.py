@@ -21,14 +21,12 @@ from workbench.experiment.stored import own_defaults, runnable
 from workbench.experiment.summary import Summary
 from workbench.recording.read.probe import read_sound_run
 from workbench.recording.read.reader import Run
-from workbench.report.variation import leaves
+from workbench.recording.settings import NO_EFFECT, leaves
+from workbench.run_files import PART, RECORDING
 
 log = logging.getLogger(__name__)
 
 _FOLDER = "hydra.run.dir="
-_ALWAYS_OURS = ("paths.", "threads", "recorder.live", "check.", "given")
-_NO_CHANGE = (*_ALWAYS_OURS, "recorder.")
-"""What begins so changes nothing of what comes out."""
 
 
 def branch(arguments: Sequence[str]) -> Summary:
@@ -70,9 +68,9 @@ def source(text: str) -> tuple[Run, int | None]:
     place, frame = (Path(at[1]), int(at[2])) if at else (Path(text), None)
     if not place.is_dir():
         return read_sound_run(place, whole=True), frame
-    found = [path for name in ("run.rrd.part", "run.rrd") if (path := place / name).is_file()]
+    found = [path for name in (PART, RECORDING) if (path := place / name).is_file()]
     if not found:
-        raise InputError(f"{place}: expected run.rrd or run.rrd.part in it, found neither")
+        raise InputError(f"{place}: expected {RECORDING} or {PART} in it, found neither")
     run = read_sound_run(found[0], whole=True)
     if frame is None and run.status == "complete":
         raise InputError(f"{place}: the run is complete; from={run.path} starts it anew, from={run.path}@FRAME goes on")
@@ -86,7 +84,7 @@ def continued_at(run: Run, frame: int, overrides: Sequence[str]) -> Continued:
     places = [text for text in overrides if text.startswith("paths.")]
     was, now = (branched(run, each)[0] for each in (places, overrides))
     first: Any = OmegaConf.to_container(was, resolve=True)
-    changed = bool(changes(first, OmegaConf.to_container(now, resolve=True), _NO_CHANGE))
+    changed = bool(changes(first, OmegaConf.to_container(now, resolve=True)))
     return Continued(run, frame, was, changed)
 
 
@@ -102,10 +100,10 @@ def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tu
     return config, Command([f"from={run.path}{at}", *overrides], {**recorded, **chosen}, identity, frame)
 
 
-def changes(was: Mapping[str, Any], now: Any, but: tuple[str, ...] = _ALWAYS_OURS) -> list[str]:
-    """A sentence for every key that differs, but for those that begin so, by default with where things are."""
+def changes(was: Mapping[str, Any], now: Any) -> list[str]:
+    """Describe every key that differs between two configurations, but for those that affect no number."""
     first, second = dict(leaves(was)), dict(leaves(now))
-    names = [name for name in dict.fromkeys([*first, *second]) if not name.startswith(but)]
+    names = [name for name in dict.fromkeys([*first, *second]) if name.partition(".")[0] not in NO_EFFECT]
     return [
         f"{name}: {first.get(name, 'not there')} → {second.get(name, 'not there')}"
         for name in names

@@ -14,9 +14,7 @@ from workbench.digest import digest_of, read_sources
 from workbench.errors import InputError
 from workbench.experiment.parts import OURS, folder_of, packages
 from workbench.mocap.names import SUFFIXES
-
-NO_PART = ("paths", "threads", "check", "parts", "paper", "learn", "people", "given", "clips")
-"""Keys that say where and how a run is done, or that parts refer to, not what comes out."""
+from workbench.recording.settings import NO_EFFECT
 
 RECORDED = {"cmu": ("cmu",), "bandai": ("bandai",), "recorded": ("cmu", "bandai")}
 """Folders of paths.data that a configuration's `motions` stand for."""
@@ -28,7 +26,8 @@ def identity(config: DictConfig) -> str:
     Where things are does not count: paths.cache and paths.data are left out, a file is its name and its content, a
     folder the names and contents below it. Recordings named without a path (35_02, cmu) are looked up below
     paths.data; of a whole database every motion file and index counts, read or not. Versions of other packages are not
-    part of it; summary.json lists them. Raises InputError for a file that cannot be read.
+    part of it; summary.json lists them. The recorder counts but for its viewer, as a run that is reused brings its
+    recording along. Raises InputError for a file that cannot be read.
     """
     chosen, data, places = _told(config)
     chosen["recorder"] = {key: value for key, value in (chosen.get("recorder") or {}).items() if key != "live"}
@@ -59,7 +58,8 @@ def _told(config: DictConfig) -> tuple[dict[str, Any], Path | None, set[str | No
     plain: Any = OmegaConf.to_container(config, resolve=True)
     places = plain.get("paths") or {}
     data = None if places.get("data") is None else Path(places["data"]).expanduser()
-    return {key: value for key, value in plain.items() if key not in NO_PART}, data, set(places.values())
+    chosen = {key: value for key, value in plain.items() if key == "recorder" or key not in NO_EFFECT}
+    return chosen, data, set(places.values())
 
 
 def _texts(value: Any, places: Set[str | None]) -> set[str]:

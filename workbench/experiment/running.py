@@ -20,6 +20,7 @@ from workbench.core.study import Study
 from workbench.errors import InputError
 from workbench.evaluation.events import WINDOW
 from workbench.evaluation.evidence import Evidence
+from workbench.evaluation.headline import ERRORS
 from workbench.evaluation.verdict import verdict
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from workbench.experiment.continuing import Continued  # which reads recordings, as most runs do not
 
 log = logging.getLogger(__name__)
-
-_SHOWN = {"error_abs_mm": "error {:.0f} mm", "error_px": "error {:.1f} px"}  # beside the progress bar, the first
 
 
 def run(
@@ -141,7 +140,7 @@ def record(
                 evidence.add(step, errors)
             for sentence in step.warnings:
                 log.warning(sentence)
-            shown = [form.format(errors[name]) for name, form in _SHOWN.items() if name in errors][:1]
+            shown = [f"error {errors[name]:.1f} {unit}" for name, unit in ERRORS.items() if name in errors][:1]
             sure = [] if "ess" in summary.constant else [f"ESS {step.ess:.0f}"]
             bar.set_postfix_str(", ".join([*shown, *sure]))
             bar.update()

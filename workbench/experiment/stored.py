@@ -26,6 +26,8 @@ from workbench.limits import parse_json
 from workbench.recording.compare.agreement import Agreement, Tolerance
 from workbench.recording.compare.compare import Finding
 from workbench.recording.read.reader import Run, read
+from workbench.recording.settings import NO_EFFECT, leaves
+from workbench.run_files import RECORDING
 
 TOLERANCES = "tolerances.json"
 """Next to recordings that are checked: by how much their numbers may move in another environment."""
@@ -63,7 +65,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
     moved |= parts or {}
     config = OmegaConf.create(moved)
     given = [_apply(run, config, text) for text in overrides]
-    for place, value in _leaves(moved, ""):
+    for place, value in leaves(moved, lists=True):
         trusted = any(f"{place}.".startswith((f"{key}.", f"{key}[")) for key in ("paths", *given))
         if isinstance(value, str) and not trusted and _leads_out(value, ours.values()):
             raise InputError(f"{run.path}: {place}: {value!r} lies outside paths.data; if it is meant, say {place}=…")
@@ -73,7 +75,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
 def _refuse_foreign(run: Run, settings: Mapping[str, Any]) -> None:
     """Refuse by the words alone: nothing that a recording names is imported to find out what it is."""
     known = targets()
-    for place, value in _leaves(settings, ""):
+    for place, value in leaves(settings, lists=True):
         if isinstance(value, str) and "${" in value:
             raise InputError(f"{run.path}: {place}: expected a resolved configuration, found {value!r}")
         special = [key for key in place.split(".") if key.startswith("_")]
@@ -118,17 +120,17 @@ def again(was: Run, config: DictConfig, folder: Path) -> Run | Finding:
     """Run a stored configuration again in `folder`; returns its recording or, where the run crashed, a finding."""
     try:
         execute(config, str(was.provenance.get("experiment", "custom")), folder, quiet=True)
-        return read(folder / "run.rrd")
+        return read(folder / RECORDING)
     except Exception as error:  # noqa: BLE001 (whatever a run ends of, the check goes on and names it)
         cause = " ".join(f"{type(error).__name__}: {error}".split())
         return Finding("run", None, None, "complete", False, f"crashed: {cause}", Agreement.CHANGED)
 
 
 def same_but_for_seeds(runs: Sequence[Run]) -> list[list[Run]]:
-    """Group runs of one configuration each, the seed and the paths left out; in the order of their first."""
+    """Group runs whose configurations differ only in the seed and what affects no number, in order of their first."""
     groups: dict[str, list[Run]] = {}
     for run in runs:
-        kept = {key: value for key, value in run.settings.items() if key not in ("seed", "paths", "threads")}
+        kept = {key: value for key, value in run.settings.items() if key not in ("seed", *NO_EFFECT)}
         groups.setdefault(json.dumps(kept, sort_keys=True, default=str), []).append(run)
     return list(groups.values())
 
@@ -148,15 +150,6 @@ def with_other_seeds(group: Sequence[Run], config: DictConfig, n: int, folder: P
             return new
         found.append(new)
     return found
-
-
-def _leaves(value: object, place: str) -> list[tuple[str, object]]:
-    """List every value that is neither list nor mapping, with its place; an empty one of these too."""
-    if isinstance(value, Mapping) and value:
-        return [pair for key, item in value.items() for pair in _leaves(item, f"{place}.{key}" if place else str(key))]
-    if isinstance(value, list) and value:
-        return [pair for index, item in enumerate(value) for pair in _leaves(item, f"{place}[{index}]")]
-    return [(place, value)]
 
 
 def _moved(value: Any, theirs: object, ours: Mapping[str, str]) -> Any:

@@ -1,4 +1,7 @@
-"""How an .rrd lies on the disk: HEAD bytes, then messages, each its kind and length, of 8 bytes, and its content."""
+"""The frame of an .rrd file: a head of HEAD bytes, then messages of 16 bytes (kind, length) and their content.
+
+The format is not documented; this was tested with rerun-sdk 0.41.
+"""
 
 import os
 import struct
@@ -6,11 +9,14 @@ from typing import BinaryIO
 
 HEAD = 12
 _END = 0
-"""The kind of the last message, which says where the others are; what a run cut off left has none."""
+"""Kind of the last message, the index of the others, which a file that was cut off does not have."""
 
 
 def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
-    """Find where the last whole message ends, the very last left out, from `begin`, where one begins, on."""
+    """Return the offset where the last whole message ends, the index left out.
+
+    begin: offset of the first message to look at.
+    """
     size, place = os.fstat(file.fileno()).st_size, begin
     while place + 16 <= size:
         file.seek(place)

@@ -4,18 +4,39 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-_ABOUT_OTHERS = ("check", "clips", "paths", "people", "protocol", "_target_")
-"""Keys that say what runs could be about, or where things are, or what their choice says: they tell no run apart."""
+NO_EFFECT = ("check", "clips", "given", "learn", "paper", "parts", "paths", "people", "recorder", "threads")
+"""Top-level keys of a configuration that do not affect a run's numbers.
+
+They say where and how a run is done (paths, threads, parts), what is recorded (recorder) and how far the numbers may
+move (check), or hold values that take effect only where a component refers to them (clips, given, learn, paper,
+people), and are then part of that component's resolved configuration. The seed does affect the numbers.
+"""
+_NO_COLUMN = (*NO_EFFECT, "protocol")
+"""Top-level keys that are no columns of a table; the protocol only repeats how the dataset was chosen."""
 _LONGEST_KEY, _LONGEST_TEXT = 120, 300
 
 
-def leaves(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Go through a nested configuration as dotted keys with their values."""
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from leaves(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", value
+def leaves(value: Any, place: str = "", *, lists: bool = False) -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys of a nested configuration with their values.
+
+    Parameters
+    ----------
+    value, place
+        A mapping, and the dotted key where it is.
+    lists
+        Whether to go through lists too, as key[0], key[1] …, and to yield the empty lists and mappings.
+    """
+    if isinstance(value, Mapping):
+        items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
+    elif lists and isinstance(value, list):
+        items = [(f"{place}[{k}]", item) for k, item in enumerate(value)]
+    else:
+        yield place, value
+        return
+    if lists and not items:
+        yield place, value
+    for below, item in items:
+        yield from leaves(item, below, lists=lists)
 
 
 def numbers_and_texts(
@@ -25,7 +46,7 @@ def numbers_and_texts(
 
     settings: nested, or with dotted keys. choices: the option chosen by group, which are texts, too. A key is of one
     type in all recordings, by which property it is in, as only such can be columns of one table. Truths and lists are
-    texts, as JSON. Left out are empty values, what says nothing of this run, keys of over 120 characters, and what
+    texts, as JSON. Left out are empty values, what has no effect on the numbers, keys of over 120 characters, and what
     follows after 300 characters of a text.
     """
     numbers: dict[str, float] = {}
@@ -48,4 +69,4 @@ def choices_of(words: str | Iterable[str]) -> dict[str, str]:
 
 def _tells(key: str) -> bool:
     parts = key.split(".")
-    return 0 < len(key) <= _LONGEST_KEY and parts[0] not in _ABOUT_OTHERS and parts[-1] not in _ABOUT_OTHERS
+    return 0 < len(key) <= _LONGEST_KEY and parts[0] not in _NO_COLUMN and parts[-1] != "_target_"

@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from workbench.evaluation.headline import TITLES
 from workbench.evaluation.intervals import N_RESAMPLES
 from workbench.report import groups as runs
-from workbench.report.groups import CHIEF, LEVEL, STATUS, Group, Grouping, Statistic, headline, metric_names, statistic
+from workbench.report.groups import LEVEL, STATUS, Group, Grouping, Statistic, headline, metric_names, statistic
 from workbench.report.people import person_of
 from workbench.report.protocol import divided, half_of
 from workbench.report.tables import Table, comma_separated, number
@@ -93,7 +94,7 @@ def _metric_table(groups: Sequence[Group], metric: str) -> tuple[str, Table]:
             interval = "–" if each.n < 2 else f"{number(each.low)} to {number(each.high)}"
             spread = number(each.sd_people), number(each.sd)
             rows.append((group.label, str(each.n), str(each.people), number(each.mean), *spread, interval))
-    title = f"{metric}: {CHIEF[metric]}" if metric in CHIEF else metric
+    title = f"{metric}: {TITLES[metric]}" if metric in TITLES else metric
     return title, Table(_COLUMNS, tuple(rows), frozenset(_COLUMNS[1:]))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray
 from workbench.errors import InputError
+from workbench.evaluation.headline import ERRORS, TITLES
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.report import variation as varied
@@ -18,19 +19,6 @@ from workbench.report.variation import EXPERIMENT, Settings, Variation
 
 LEVEL = 0.95
 
-CHIEF: dict[str, str] = {
-    "error_abs_mm": "mean joint error (mm)",
-    "error_rel_mm": "mean joint error, pelvis on pelvis (mm)",
-    "error_px": "mean error in the image (px)",
-    "held": "held throughout (fraction of runs)",
-    "coverage_90": "coverage of the 90 % band (fraction)",
-    "activity_accuracy": "activity told right (fraction)",
-    "seconds": "time taken (s)",
-    "likelihood_evaluations": "likelihood evaluations",
-}
-"""The metrics that a person asks for first, with what they are and their units."""
-HEADLINES = ("error_abs_mm", "error_px")
-"""What runs are ranked by: the first that any of them has; less is better."""
 STATUS = {
     "failed": "failed",
     "interrupted": "interrupted",
@@ -185,19 +173,19 @@ def numbers(run: Run) -> dict[str, float]:
 def metric_names(groups: Sequence[Group]) -> list[str]:
     """Name the metrics that any of the runs has: the chief ones first, the others by the alphabet."""
     found = {name for group in groups for run in group.runs for name in numbers(run)}
-    return [name for name in CHIEF if name in found] + sorted(found - CHIEF.keys())
+    return [name for name in TITLES if name in found] + sorted(found - TITLES.keys())
 
 
 def chief_names(groups: Sequence[Group]) -> list[str]:
     """Name the chief metrics, and all of those that only studies have."""
     tracked = {name for group in groups for run in group.runs if not run.is_study for name in numbers(run)}
-    return [name for name in metric_names(groups) if name in CHIEF or name not in tracked]
+    return [name for name in metric_names(groups) if name in TITLES or name not in tracked]
 
 
 def headline(groups: Sequence[Group]) -> str | None:
     """Name the error that the runs are ranked by; None where there is none, as in studies."""
     found = metric_names(groups)
-    return next((name for name in HEADLINES if name in found), None)
+    return next((name for name in ERRORS if name in found), None)
 
 
 def values(group: Group, metric: str) -> list[tuple[Run, float]]:

@@ -13,9 +13,9 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodF
 from tqdm import tqdm
 
 from workbench.arrays import FloatArray
+from workbench.evaluation.headline import TITLES
 from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
 from workbench.report.groups import (
-    CHIEF,
     Group,
     Grouping,
     headline,
@@ -94,7 +94,7 @@ def _against_particles(grouping: Grouping, metric: str) -> Picture | None:
     counts = sorted({_n_particles(group) for line in series for group in line.groups} - {0.0})
     if not any(len({_n_particles(group) for group in line.groups}) > 1 for line in series):
         return None
-    figure, axes = _canvas("Error against particles", "particles", CHIEF[metric])
+    figure, axes = _canvas("Error against particles", "particles", TITLES[metric])
     axes.set_xscale("log")
     axes.set_xticks(counts, [f"{count:.0f}" for count in counts])
     axes.xaxis.set_minor_locator(NullLocator())
@@ -122,7 +122,7 @@ def _against_seconds(grouping: Grouping, metric: str) -> Picture | None:
     timed = [line for line in series if any(statistic(group, "seconds") for group in line.groups)]
     if not timed:
         return None
-    figure, axes = _canvas("Error against time", CHIEF["seconds"], CHIEF[metric])
+    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[metric])
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
     ends = []

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.recording.settings import leaves as leaves
+from workbench.recording.settings import NO_EFFECT, leaves
 
 TARGET = "._target_"
 EXPERIMENT = "experiment"
-_WITHOUT_EFFECT = ("threads", "paths", "recorder", "parts", "learn", "people", "given", "clips")  # on numbers
 _PLACES = (".data", ".cache")
 
 Settings = Mapping[str, Any]
@@ -27,7 +26,7 @@ class Variation:
 
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
     """Tell what may have influenced a run's numbers but the seed: {dotted key: value}."""
-    kept = {key: value for key, value in settings.items() if key not in ("seed", *_WITHOUT_EFFECT)}
+    kept = {key: value for key, value in settings.items() if key not in ("seed", *NO_EFFECT)}
     told = {key: value for key, value in leaves(kept) if not key.endswith(_PLACES)}
     return {EXPERIMENT: experiment, **told}
 

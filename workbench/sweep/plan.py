@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.errors import InputError
+from workbench.evaluation import headline
 from workbench.experiment.identity import identity
 from workbench.limits import MOST_JOBS, MOST_PROCESSES, MOST_ROUNDS, check_number, check_sizes
 from workbench.sweep.job import KILLED, alone, put_back, read_summary, run_apart, write_failure
@@ -27,7 +28,7 @@ FAILED = ".failed"
 """In a sweep's folder: the number of a job that has failed since the sweep began."""
 ENDING = ".ending"
 """In a sweep's folder: a sign that whoever started the jobs was asked to end, and that no more are to begin."""
-ERRORS = ("error_abs_mm", "error_px")
+ERRORS = tuple(headline.ERRORS)
 """What a sweep minimises where its configuration names no metric: the first of these that a run has."""
 _BOUNDS: Mapping[str, tuple[int, int]] = {
     "sweep.retries": (0, MOST_ROUNDS),

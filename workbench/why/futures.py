@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeAlias
 
@@ -29,6 +28,7 @@ from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.tracking import Parts
 from workbench.inference.particles.filter import start_around
 from workbench.inference.particles.weights import even_log_weights
+from workbench.processes import pool
 from workbench.recording.read.reader import Run, read
 from workbench.streams import rng_streams
 from workbench.why.changes import Change
@@ -106,8 +106,8 @@ def all_futures(tasks: Sequence[Task], jobs: int) -> Iterator[list[Future] | Inp
     if jobs == 1:
         yield from map(_attempt, tasks)
         return
-    with get_context("spawn").Pool(jobs, _prepare, [packages()[1:]]) as pool:
-        yield from pool.imap(_attempt, tasks)
+    with pool(jobs, _prepare, packages()[1:]) as executor:
+        yield from executor.map(_attempt, tasks)
 
 
 def _prepare(named: Iterable[str]) -> None:

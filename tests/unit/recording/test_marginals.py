@@ -10,26 +10,12 @@ from hypothesis.extra.numpy import arrays
 
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.recording.write import marginals as module
-from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, masses, systematic
+from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, masses
 
 FLOOR = np.exp(LOWEST_LOG_MASS)
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False, width=32)
 positive = st.floats(1e-3, 1.0)
-
-
-@given(arrays(float, st.integers(1, 60), elements=positive), st.integers(1, 80))
-def test_systematic_copies_are_within_one_of_n_times_the_weight(weights, n):
-    weights = weights / weights.sum()
-    chosen = systematic(weights, n)
-    assert chosen.shape == (n,)
-    copies = np.bincount(chosen, minlength=len(weights))
-    assert (np.abs(copies - n * weights) < 1.0 + 1e-9).all()  # what defines systematic resampling
-
-
-def test_systematic_never_draws_what_has_no_weight():
-    weights = np.array([0.0, 0.5, 0.0, 0.5, 0.0])
-    assert set(systematic(weights, 1000)) == {1, 3}
 
 
 @given(st.data())

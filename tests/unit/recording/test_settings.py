@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import settings as trials
 from hypothesis import strategies as st
 
-from workbench.recording.settings import choices_of, numbers_and_texts
+from workbench.recording.settings import NO_EFFECT, choices_of, leaves, numbers_and_texts
 
 SETTINGS = {
     "seed": 3, "threads": None, "prior": {"_target_": "workbench.priors.smooth.Smooth", "sigma": 1.0e-3, "held": True},
@@ -27,6 +27,16 @@ def test_what_is_too_long_is_cut_or_left_out():
     numbers, texts = numbers_and_texts({"k" * 10_000: 1.0, "text": "t" * 10_000}, {"prior": "p" * 10_000})
     assert numbers == {}
     assert {key: len(text) for key, text in texts.items()} == {"text": 300, "prior": 300}
+
+
+def test_leaves_go_into_lists_where_that_is_asked_for():
+    nested = {"a": {"b": [1, {"c": 2}]}, "d": {}, "e": []}
+    assert dict(leaves(nested)) == {"a.b": [1, {"c": 2}], "e": []}
+    assert dict(leaves(nested, lists=True)) == {"a.b[0]": 1, "a.b[1].c": 2, "d": {}, "e": []}
+
+
+def test_what_has_no_effect_is_no_column():
+    assert numbers_and_texts({key: {"n": 1, "word": "w"} for key in NO_EFFECT}, {"recorder": "rerun"}) == ({}, {})
 
 
 VALUES = st.recursive(

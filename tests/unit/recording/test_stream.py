@@ -1,11 +1,12 @@
 """Recordings that were written leave nothing behind in the process that wrote them."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import rerun as rr
-from rerun import bindings
 from small_recordings import record
 
 from workbench.recording.compare.side_by_side import write_names, write_side_by_side
@@ -13,7 +14,7 @@ from workbench.recording.read.reader import read
 from workbench.recording.write import stream
 from workbench.recording.write.cards import write_card
 from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.stream import abandon, new_stream
+from workbench.recording.write.stream import give_up, new_stream
 
 TASKS = Path("/proc/self/task")
 
@@ -61,10 +62,36 @@ def test_what_is_being_written_is_kept(tmp_path):
     assert read(tmp_path / "run.rrd").result == {"error_abs_mm": 2.5}
 
 
-def test_nothing_is_waited_for_once_a_writer_is_gone(monkeypatch):
-    monkeypatch.setattr(stream, "_abandoned", [])
-    monkeypatch.setattr(
-        bindings, "flush_and_cleanup_orphaned_recordings", lambda: pytest.fail("it would wait for ever")
-    )
-    abandon(rr.RecordingStream("a", recording_id="a"))
+def test_no_stream_is_freed_once_one_was_given_up(monkeypatch):
+    """Rerun would wait for its writer."""
+    monkeypatch.setattr(stream, "_given_up", [])
+    monkeypatch.setattr(rr, "unregister_shutdown", lambda: None)
+    monkeypatch.setattr(rr, "init", lambda *_, **__: pytest.fail("it would wait"))
+    give_up(rr.RecordingStream("a", recording_id="a"))
     new_stream("b", "b")
+
+
+FULL = """
+import resource, signal, sys
+import numpy as np
+import rerun as rr
+from workbench.recording.write.stream import give_up, new_stream
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+stream = new_stream("a", "a", batcher_config=rr.ChunkBatcherConfig.NEVER())
+stream.set_sinks(rr.FileSink(sys.argv[1]))
+for _ in range(20):
+    stream.log("a", rr.Tensor(np.random.rand(200, 100)))
+try:
+    stream.flush(timeout_sec=1.0)
+except RuntimeError:
+    give_up(stream)
+    print("gave up")
+"""
+
+
+def test_a_process_ends_whose_stream_cannot_be_written(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, tmp_path / "run.rrd"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "gave up\n"), done.stderr

@@ -11,6 +11,7 @@ import scipy
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import JOINT_NAMES
+from workbench.core import gaussian
 from workbench.datasets.people.detections import Detection, Eye, J
 
 TAU_S = 0.5
@@ -76,9 +77,9 @@ def predict(belief: Belief, dt_s: float) -> Belief:
     place = TAU_S**2 * (2.0 * dt_s / TAU_S - 3.0 + 4.0 * keep - keep**2)
     both = TAU_S * (1.0 - keep) ** 2
     noise = np.kron(np.array([[place, both], [both, 1.0 - keep**2]]), _spread(dims))
-    size = J * dims
-    blocks = np.einsum("ab,bicj,dc->aidj", moves, belief.covariance.reshape(2, size, 2, size), moves)
-    return Belief(np.einsum("ab,bjd->ajd", moves, belief.mean), blocks.reshape(2 * size, -1) + noise)
+    transition = np.kron(moves, np.eye(J * dims))
+    mean, covariance = gaussian.predict(belief.mean.ravel(), belief.covariance, transition, noise)
+    return Belief(mean.reshape(belief.mean.shape), covariance)
 
 
 def _spread(dims: int) -> FloatArray:
@@ -157,11 +158,12 @@ class Expected:
         """Return the belief after the detection was seen."""
         if not len(match.rows):
             return self._belief
-        gains = self._with_state[:, match.rows].reshape(len(self._with_state), -1)
-        factor = scipy.linalg.cho_factor(self._innovation(match.rows, match.sigma_m), lower=True)
-        mean = self._belief.mean.ravel() + gains @ scipy.linalg.cho_solve(factor, match.off_m.ravel())
-        covariance = self._belief.covariance - gains @ scipy.linalg.cho_solve(factor, gains.T)
-        return Belief(mean.reshape(self._belief.mean.shape), 0.5 * (covariance + covariance.T))
+        cross = self._with_state[:, match.rows].reshape(len(self._with_state), -1)
+        mean, covariance = gaussian.condition(
+            self._belief.mean.ravel(), self._belief.covariance, cross,
+            self._innovation(match.rows, match.sigma_m), match.off_m.ravel(),
+        )  # fmt: skip
+        return Belief(mean.reshape(self._belief.mean.shape), covariance)
 
 
 def log_other(detection: Detection) -> float:

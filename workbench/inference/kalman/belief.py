@@ -6,6 +6,7 @@ import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.gaussian import predict_covariance, smooth
 from workbench.core.prior import Gaussian, Prior
 from workbench.errors import InputError
 
@@ -57,31 +58,17 @@ def predict(model: Gaussian, belief: Belief, dt_s: float) -> Belief:
     around = belief.mean + _CHANGE * np.concatenate([np.zeros((1, d)), np.eye(d), -np.eye(d)])
     led = model.mean(around, dt_s)
     transition = (led[1 : d + 1] - led[d + 1 :]).T / (2.0 * _CHANGE)
-    covariance = transition @ belief.covariance @ transition.T
-    covariance += model.noise_covariance(belief.mean, dt_s)
+    covariance = predict_covariance(belief.covariance, transition, model.noise_covariance(belief.mean, dt_s))
     return Belief(led[0], covariance, led[0], covariance, transition, belief.doubt)
 
 
-def with_pose(
-    mean: FloatArray, covariance: FloatArray, pose: FloatArray, narrowed: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean (D,) and covariance (D, D) of a state when more is known of its pose, which it begins with: the
-    pose's are `pose` (P,) and `narrowed` (P, P) then, and the other columns follow by how they go together."""
-    n = len(pose)
-    gain = np.linalg.solve(covariance[:n, :n] + 1e-12 * np.eye(n), covariance[:n]).T  # of all columns by the pose's
-    updated = covariance - gain @ (covariance[:n, :n] - narrowed) @ gain.T
-    return mean + gain @ (pose - mean[:n]), 0.5 * (updated + updated.T)
-
-
 def smoothed(beliefs: list[Belief]) -> list[Belief]:
-    """Go back over filtered beliefs: m_t += G (m_t+1 − m⁻_t+1), P_t += G (P_t+1 − P⁻_t+1) Gᵀ, G = P_t Fᵀ P⁻_t+1⁻¹,
-    the minus marking what was predicted (Rauch, Tung & Striebel 1965)."""
-    told = beliefs[-1:]
+    """Smooth filtered beliefs by one pass back over them (Rauch, Tung & Striebel 1965)."""
+    later = beliefs[-1:]
     for belief, following in zip(beliefs[-2::-1], beliefs[:0:-1], strict=True):
-        across = following.transition @ belief.covariance
-        gain = np.linalg.lstsq(following.predicted_covariance, across, rcond=1e-12)[0].T
-        later = told[-1]
-        mean = belief.mean + gain @ (later.mean - following.predicted)
-        covariance = belief.covariance + gain @ (later.covariance - following.predicted_covariance) @ gain.T
-        told.append(replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T)))
-    return told[::-1]
+        mean, covariance = smooth(
+            (belief.mean, belief.covariance), following.transition,
+            (following.predicted, following.predicted_covariance), (later[-1].mean, later[-1].covariance),
+        )  # fmt: skip
+        later.append(replace(belief, mean=mean, covariance=covariance))
+    return later[::-1]

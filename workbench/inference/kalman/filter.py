@@ -14,6 +14,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
+from workbench.core.gaussian import condition_block
 from workbench.core.likelihood import LayeredLook, Likelihood, Look, Relearning, SlopedLook
 from workbench.core.memory import Memory, Past, recalled, streams_now
 from workbench.core.prior import Prior
@@ -21,7 +22,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.core.traits import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.errors import InputError
-from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed, with_pose
+from workbench.inference.kalman.belief import Belief, gaussian_of, predict, smoothed
 from workbench.inference.kalman.both import of_both, shares
 from workbench.inference.kalman.climb import FARTHER, Climbed, climb, peak_at, tails
 from workbench.inference.kalman.leap import is_better, leap
@@ -194,7 +195,7 @@ class Kalman:
             peak, doubt = climbed, BASE_DOUBT + look.misfit(climbed.pose)[self.body.skeleton.dof_joints]
         else:
             peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
-        mean, covariance = with_pose(belief.mean, belief.covariance, peak.pose, peak.covariance)
+        mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
     def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Climbed:
@@ -299,7 +300,7 @@ class Kalman:
         if self.postures > 0.0 and self.prior.powers.postures is not None:
             n = len(belief.doubt)
             drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
-            mean, covariance = with_pose(mean, covariance, *drawn)
+            mean, covariance = condition_block(mean, covariance, *drawn)
         values, vectors = np.linalg.eigh(covariance)
         half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's
         white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])

@@ -2,12 +2,11 @@
 2005)."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from workbench.arrays import FloatArray, IntArray
-from workbench.kernel_cache import kernel
+from workbench.core.resampling import systematic_indices
 
 
 class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
@@ -61,8 +60,7 @@ Resample = Callable[[FloatArray, np.random.Generator], IntArray]
 
 def systematic(weights: FloatArray, rng: np.random.Generator, n: int | None = None) -> IntArray:
     """Draw rising ancestors (n,), N by default, by normalised weights (N,): one uniform, n equidistant positions."""
-    ancestors: IntArray = _walk(weights, rng.random(), len(weights) if n is None else n)
-    return ancestors
+    return systematic_indices(weights, rng.random(), len(weights) if n is None else n)
 
 
 def multinomial(weights: FloatArray, rng: np.random.Generator) -> IntArray:
@@ -86,25 +84,6 @@ def _pick(weights: FloatArray, positions: FloatArray) -> IntArray:
     edges = np.cumsum(weights)
     last = int(np.flatnonzero(weights)[-1])  # rounding may leave the last edge short of one
     return np.minimum(np.searchsorted(edges, positions * edges[-1], side="right"), last)
-
-
-@kernel()
-def _walk(weights: Any, first: float, n: int) -> Any:
-    """Do `_pick` at the n rising positions (i + first) / n, in one walk along the edges."""
-    edges, found = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
-    edge, last = 0.0, 0
-    for j in range(weights.shape[0]):
-        edge += weights[j]
-        edges[j] = edge
-        if weights[j] != 0.0:
-            last = j
-    j = 0
-    for i in range(n):
-        position = (i + first) / n * edge
-        while j < last and edges[j] <= position:
-            j += 1
-        found[i] = j
-    return found
 
 
 RESAMPLING: dict[str, Resample] = {"systematic": systematic, "multinomial": multinomial, "residual": residual}

@@ -8,6 +8,7 @@ from uuid import uuid4
 import rerun as rr
 import rerun.blueprint as rrb
 
+from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.compare.side_by_side import CURVES
 from workbench.recording.read.reader import Run
 from workbench.recording.write import series_styles as styles
@@ -16,7 +17,6 @@ from workbench.recording.write.stream import new_stream
 
 NAME = "all runs: errors and how each came out"
 _RUNS, _TABLE = "runs", "outcomes"
-_SHOWN = {"error_abs_mm": "error, mm", "error_px": "error, px", "coverage_90": "coverage"}
 _COLOURS = {
     "orange": (230, 159, 0), "light blue": (86, 180, 233), "green": (0, 158, 115), "yellow": (240, 228, 66),
     "vermilion": (213, 94, 0), "pink": (204, 121, 167), "blue": (0, 114, 178), "grey": (150, 150, 150),
@@ -53,7 +53,7 @@ def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups
 
 def _table(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
     """Put what became of every run into a table, in Markdown."""
-    shown = {key: title for key, title in _SHOWN.items() if any(key in run.result for run in runs)}
+    shown = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
     rows = [["run", "colour", "verdict", *shown.values()], ["---"] * (3 + len(shown))]
     for run, name, word in zip(runs, names, words, strict=True):
         verdict = run.properties.get("verdict", {}).get("sentence", run.status)

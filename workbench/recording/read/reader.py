@@ -17,9 +17,9 @@ from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, s
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
+from workbench.run_files import PART, RECORDING, RECORDING_SUFFIXES
 
-_SUFFIXES = (".rrd", ".rrd.part")
-_IN_A_FOLDER = ("run.rrd", "run.rrd.part")
+_IN_A_FOLDER = (RECORDING, PART)
 _NO_MAPPING = "expected the configuration to be a mapping in plain YAML, found something else"
 
 
@@ -304,7 +304,9 @@ def find_recordings(*places: str | Path) -> list[Path]:
     found: set[Path] = set()
     for place in map(Path, places):
         if place.is_dir():
-            paths = (path for path in place.rglob("*.rrd*") if path.name.endswith(_SUFFIXES) and path.is_file())
+            paths = (
+                path for path in place.rglob("*.rrd*") if path.name.endswith(RECORDING_SUFFIXES) and path.is_file()
+            )
             found |= {path for path in paths if not _is_hidden(path.relative_to(place))}
         elif place.exists():
             found.add(place)

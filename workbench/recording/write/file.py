@@ -1,7 +1,5 @@
 """One Rerun file per run, published only when the run ends well."""
 
-import atexit
-import ctypes
 import errno
 import logging
 import os
@@ -25,7 +23,7 @@ from workbench.environment import environment
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
-from workbench.recording.write.stream import abandon, new_stream
+from workbench.recording.write.stream import give_up, new_stream
 from workbench.recording.write.viewer import Viewer
 from workbench.signals import deferred
 
@@ -163,17 +161,11 @@ class RecordingFile:
                 return
             except RuntimeError as error:
                 if self._room() < resource.getpagesize():
-                    self._abandon()
+                    give_up(self.stream)
                     raise OSError(errno.ENOSPC, "no room is left for it on the disk", str(self.part)) from None
                 if monotonic() - began > _LONGEST_WRITE_S:
-                    self._abandon()
+                    give_up(self.stream)
                     raise OSError(errno.EIO, f"writing failed, {error}", str(self.part)) from None
-
-    def _abandon(self) -> None:
-        """Keep Rerun from ending the stream, now or as Python ends: it would wait for its writer for ever."""
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
-        abandon(self.stream)
-        atexit.unregister(rr.rerun_shutdown)
 
     def _room(self) -> int:
         """How many bytes the file may still grow by."""

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.kernel_cache import kernel
 
 LOWEST_LOG_MASS = float(np.log(1e-4))
@@ -15,17 +15,6 @@ MOST_PICTURED = 1024
 _FINE = 4
 _RECENT = 64
 """The last columns, which are kept in full; of those before only the bins that hold something are, about a sixth."""
-
-
-def systematic(weights: FloatArray, n: int) -> IntArray:
-    """Return indices (n,) of equally weighted copies of particles with weights (N,).
-
-    Systematic resampling (Carpenter, Clifford, Fearnhead 1999) with its one random offset fixed in the middle: good
-    for showing particles, not for filtering.
-    """
-    cumulated = np.cumsum(weights)
-    points = (np.arange(n) + 0.5) / n * cumulated[-1]
-    return np.searchsorted(cumulated, points, side="right").clip(max=len(weights) - 1)
 
 
 class Marginals:

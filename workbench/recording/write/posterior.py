@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from workbench.arrays import Float32Array, FloatArray
 from workbench.body.skeleton import Skeleton
 from workbench.body.turns import nearest_turn
+from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.evaluation.calibration import rank_histogram
@@ -17,7 +18,7 @@ from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import colours, marginal_pictures
 from workbench.recording.write.columns import Entities, Row, Rows
-from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram, systematic
+from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram
 
 SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
@@ -219,7 +220,7 @@ def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
     """
     if len(values) <= _MOST_SORTED:
         return weighted_quantiles(values, weights, _BAND)
-    drawn = np.take(values.T, systematic(weights, _MOST_SORTED), axis=1)
+    drawn = np.take(values.T, systematic_indices(weights, 0.5, _MOST_SORTED), axis=1)
     ends = [round(level * _MOST_SORTED) - 1 for level in _BAND]
     drawn.partition(ends, axis=1)
     return drawn[:, ends].T

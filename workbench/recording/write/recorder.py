@@ -18,6 +18,7 @@ from workbench.body.skeleton import JOINT_NAMES
 from workbench.body.surface import person_surface
 from workbench.body.surface_mesh import can_mesh
 from workbench.core.frame import true_cameras
+from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.errors import InputError
@@ -26,7 +27,6 @@ from workbench.recording.write import (
     columns,
     file,
     images,
-    marginals,
     posterior,
     residuals,
     scene,
@@ -250,7 +250,7 @@ class Recorder:
         figure, views = self._figure, step.frame.views
         true = scene.true_joints(figure.skeleton, step.frame.truth)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
-        drawn = np.unique(marginals.systematic(np.exp(step.log_weights), self._n_particles_shown))
+        drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
         yield from scene.estimate(figure, step.expected_pose)
         yield from scene.particles(figure, cloud, shades)

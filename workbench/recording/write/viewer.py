@@ -1,15 +1,18 @@
-"""A viewer that shows a run as it goes on: another process reads the file and sends it, so nothing waits for it."""
+"""Show a run in a viewer while it runs.
+
+A process of its own sends the recording's file as it grows. A second sink of Rerun's stream would be simpler, but a
+viewer that stops answering would stop the file, too, and keep the run from ending (rerun-sdk 0.41).
+"""
 
 import os
 import select
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import rerun as rr
 
+from workbench.processes import end, module, start
 from workbench.recording.messages import HEAD, end_of_whole
 
 _PERIOD_S = 0.1
@@ -17,58 +20,51 @@ _PATIENCE_S = 5.0
 
 
 class Viewer:
-    """Sends the recording `part` to the viewer at `url` as it grows, until it is closed or the viewer does not answer.
+    """Sends a recording to a viewer as it grows, until it is closed or the viewer does not answer.
 
-    application, recording: what Rerun calls these of the recording. The process ends with this one, however that comes.
+    Parameters
+    ----------
+    part
+        The recording.
+    url
+        Of the viewer.
+    application, recording
+        The ids that Rerun gives to the recording.
     """
 
     def __init__(self, part: Path, url: str, application: str, recording: str) -> None:
-        command = [sys.executable, "-P", "-m", __name__, url, application, recording]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with part.open("rb") as file:  # opened here, as it may have another name by the time that the process begins
-            command.append(str(file.fileno()))
-            # in a session of its own, as a terminal interrupts all of one
-            apart: dict[str, Any] = {"pass_fds": [file.fileno()], "start_new_session": True, **quiet}
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, **apart)
+            command = module(__name__, url, application, recording, str(file.fileno()))
+            self._process = start(command, background=True, pass_fds=[file.fileno()])
 
     @property
     def has_left(self) -> bool:
-        """Tell whether it has stopped answering."""
+        """Whether the viewer has stopped answering."""
         return self._process.poll() is not None
 
     def close(self) -> bool:
-        """Let it have what is left for some seconds; tells whether all has arrived."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            return bool(self._process.wait(2 * _PATIENCE_S) == 0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-            return False
+        """Wait some seconds until the rest is sent; return whether all has arrived."""
+        return end(self._process, 2 * _PATIENCE_S) == 0
 
 
 def main(arguments: Sequence[str]) -> None:
-    """The other process, which ends when standard input is closed and all is sent.
-
-    Its code is 1 where the viewer does not answer.
-    """
-    url, application, recording, file_number = arguments
+    """Send the file until standard input is closed, as it is when the parent ends; exit code 1: no answer."""
+    url, application, recording, descriptor = arguments
     stream = rr.RecordingStream(application, recording_id=recording)
     stream.connect_grpc(url)
-    with os.fdopen(int(file_number), "rb") as file:
+    with os.fdopen(int(descriptor), "rb") as file:
         head, sent, over = file.read(HEAD), HEAD, False
         while not over:
             over = bool(select.select([sys.stdin], [], [], _PERIOD_S)[0])
-            end = end_of_whole(file, sent)
+            whole = end_of_whole(file, sent)
             file.seek(sent)
-            if end > sent:
-                stream.log_file_from_contents("run.rrd", head + file.read(end - sent))
-            sent = end
+            if whole > sent:
+                stream.log_file_from_contents("run.rrd", head + file.read(whole - sent))
+            sent = whole
             try:
                 stream.flush(timeout_sec=_PATIENCE_S)
             except RuntimeError:
-                os._exit(1)  # without waiting for the viewer once more
+                os._exit(1)  # disconnecting would wait for the viewer once more
     stream.disconnect()
 
 

@@ -1,0 +1,131 @@
+"""Prediction, conditioning and smoothing against a joint Gaussian that is conditioned by brute force."""
+
+import numpy as np
+import pytest
+
+from workbench.core.gaussian import condition, condition_block, predict, smooth
+
+D, K, N_STEPS = 4, 2, 5
+
+
+def covariance_of(rng, n):
+    root = rng.standard_normal((n, n))
+    return root @ root.T + 0.1 * np.eye(n)
+
+
+def marginal_given(mean, covariance, rows, observed, values):
+    """Condition a joint Gaussian on the columns `observed` and return the marginal of the columns `rows`."""
+    gain = covariance[np.ix_(rows, observed)] @ np.linalg.inv(covariance[np.ix_(observed, observed)])
+    return (
+        mean[rows] + gain @ (values - mean[observed]),
+        covariance[np.ix_(rows, rows)] - gain @ covariance[np.ix_(observed, rows)],
+    )
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+@pytest.fixture
+def model(rng):
+    """F, Q, H, R of a linear model, and the first state's mean and covariance."""
+    return (
+        0.5 * rng.standard_normal((D, D)), covariance_of(rng, D), rng.standard_normal((K, D)), covariance_of(rng, K),
+        rng.standard_normal(D), covariance_of(rng, D),
+    )  # fmt: skip
+
+
+def joint(model):
+    """Mean and covariance of all states x_1 … x_N and all observations y_1 … y_N, as one linear map of the noises."""
+    f, q, h, r, mean, covariance = model
+    n = N_STEPS
+    states = np.zeros((n * D, n * D))  # of x_1 and the noises of the steps
+    for t in range(n):
+        for s in range(t + 1):
+            states[t * D : (t + 1) * D, s * D : (s + 1) * D] = np.linalg.matrix_power(f, t - s)
+    noises = np.kron(np.eye(n), q)
+    noises[:D, :D] = covariance
+    of_states = states @ noises @ states.T
+    observe = np.kron(np.eye(n), h)
+    both = np.concatenate([np.eye(n * D), observe])
+    total = both @ of_states @ both.T
+    total[n * D :, n * D :] += np.kron(np.eye(n), r)
+    return both @ states[:, :D] @ mean, total
+
+
+def filtered_states(model, observations):
+    f, q, h, r, mean, covariance = model
+    predicted, filtered = [], []
+    for t, y in enumerate(observations):
+        if t:
+            mean, covariance = predict(mean, covariance, f, q)
+        predicted.append((mean, covariance))
+        mean, covariance = condition(mean, covariance, covariance @ h.T, h @ covariance @ h.T + r, y - h @ mean)
+        filtered.append((mean, covariance))
+    return predicted, filtered
+
+
+def test_the_kalman_filter_and_smoother_agree_with_the_joint_gaussian(model, rng):
+    observations = rng.standard_normal((N_STEPS, K))
+    mean, covariance = joint(model)
+    predicted, filtered = filtered_states(model, observations)
+    smoothed = filtered[-1:]
+    for t in range(N_STEPS - 2, -1, -1):
+        smoothed.insert(0, smooth(filtered[t], model[0], predicted[t + 1], smoothed[0]))
+    first_y = N_STEPS * D
+    for t in range(N_STEPS):
+        rows = np.arange(t * D, (t + 1) * D)
+        for results, n_seen in ((predicted, t), (filtered, t + 1), (smoothed, N_STEPS)):
+            seen = np.arange(first_y, first_y + n_seen * K)
+            expected = marginal_given(mean, covariance, rows, seen, observations[:n_seen].ravel())
+            np.testing.assert_allclose(results[t][0], expected[0], atol=1e-9)
+            np.testing.assert_allclose(results[t][1], expected[1], atol=1e-9)
+
+
+def test_several_states_of_one_covariance_are_conditioned_at_once(model, rng):
+    f, q, h, r, _, covariance = model
+    means, observations = rng.standard_normal((D, 3)), rng.standard_normal((K, 3))
+    ahead, wider = predict(means, covariance, f, q)
+    cross, innovation = wider @ h.T, h @ wider @ h.T + r
+    found, narrower = condition(ahead, wider, cross, innovation, observations - h @ ahead)
+    for k in range(3):
+        one = condition(ahead[:, k], wider, cross, innovation, observations[:, k] - h @ ahead[:, k])
+        np.testing.assert_allclose(found[:, k], one[0], rtol=1e-12)
+        np.testing.assert_allclose(narrower, one[1], rtol=1e-12)
+
+
+def test_a_new_marginal_of_a_block_leaves_the_conditional_of_the_rest(rng):
+    mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
+    block_mean, block_covariance = rng.standard_normal(n), covariance_of(rng, n)
+    found, spread = condition_block(mean, covariance, block_mean, block_covariance)
+    np.testing.assert_allclose(found[:n], block_mean, atol=1e-9)
+    np.testing.assert_allclose(spread[:n, :n], block_covariance, atol=1e-9)
+    block, rest, values = np.arange(n), np.arange(n, D), rng.standard_normal(n)
+    for a, b in zip(
+        marginal_given(found, spread, rest, block, values), marginal_given(mean, covariance, rest, block, values),
+        strict=True,
+    ):  # fmt: skip
+        np.testing.assert_allclose(a, b, atol=1e-8)
+
+
+def test_a_block_that_is_observed_with_noise_is_conditioned_alike_by_both_functions(rng):
+    mean, covariance, n = rng.standard_normal(D), covariance_of(rng, D), 2
+    noise, observed = covariance_of(rng, n), rng.standard_normal(n)
+    cross, block = covariance[:, :n], covariance[:n, :n]
+    expected = condition(mean, covariance, cross, block + noise, observed - mean[:n])
+    marginal = condition(mean[:n], block, block, block + noise, observed - mean[:n])
+    for a, b in zip(condition_block(mean, covariance, *marginal), expected, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_smoothing_goes_through_a_prediction_that_is_certain_of_some_columns(rng):
+    """A predicted covariance that is singular says nothing of the columns that it is certain of."""
+    mean, covariance = rng.standard_normal(2), covariance_of(rng, 2)
+    transition = np.array([[1.0, 0.0], [0.0, 0.0]])
+    predicted = predict(mean, covariance, transition, np.zeros((2, 2)))
+    later = (predicted[0] + [0.3, 0.0], np.diag([0.05, 0.0]))
+    found = smooth((mean, covariance), transition, predicted, later)
+    expected = condition_block(mean, covariance, later[0][:1], later[1][:1, :1])
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-8)

@@ -1,0 +1,41 @@
+"""Systematic resampling (Carpenter, Clifford & Fearnhead 1999; Douc, Cappé & Moulines 2005)."""
+
+from typing import Any
+
+import numpy as np
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.kernel_cache import kernel
+
+
+def systematic_indices(weights: FloatArray, offset: float, n: int) -> IntArray:
+    """Return the rising indices (n,) of the particles in whose share of the total weight (offset + i) / n lies.
+
+    Parameters
+    ----------
+    weights : (N,)
+        Not negative, with a positive sum.
+    offset : in [0, 1)
+        A uniform random number in a filter; 0.5 to show particles without drawing.
+    """
+    indices: IntArray = _walk(weights, offset, n)
+    return indices
+
+
+@kernel()
+def _walk(weights: Any, offset: float, n: int) -> Any:
+    """Look up the n rising positions in one walk along the cumulated weights."""
+    edges, found = np.empty(weights.shape[0]), np.empty(n, dtype=np.int64)
+    edge, last = 0.0, 0
+    for j in range(weights.shape[0]):
+        edge += weights[j]
+        edges[j] = edge
+        if weights[j] != 0.0:
+            last = j  # rounding may leave the last edge short of one
+    j = 0
+    for i in range(n):
+        position = (i + offset) / n * edge
+        while j < last and edges[j] <= position:
+            j += 1
+        found[i] = j
+    return found
