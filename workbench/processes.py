@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 
 def module(name: str, *arguments: str) -> list[str]:
@@ -15,15 +15,16 @@ def module(name: str, *arguments: str) -> list[str]:
 
 
 def run(
-    command: Sequence[str], *, capture: bool = False, timeout_s: float | None = None, cwd: Path | None = None,
-    env: Mapping[str, str] | None = None,
+    command: Sequence[str], *, capture: Literal["nothing", "output", "all"] = "nothing",
+    timeout_s: float | None = None, cwd: Path | None = None, env: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[bytes]:  # fmt: skip
     """Run a command to its end.
 
     Parameters
     ----------
     capture
-        Return what it writes in `stdout` and `stderr`, instead of passing it on.
+        Return what it writes to its standard output, or also to its standard error ("all"), in `stdout` and `stderr`,
+        instead of passing it on.
     timeout_s
         After which it is killed; None: never.
     cwd, env
@@ -35,7 +36,10 @@ def run(
         It cannot be started, or (TimeoutError) it was killed.
     """
     try:
-        return subprocess.run(command, capture_output=capture, timeout=timeout_s, cwd=cwd, env=env, check=False)
+        return subprocess.run(
+            command, stdout=subprocess.PIPE if capture != "nothing" else None,
+            stderr=subprocess.PIPE if capture == "all" else None, timeout=timeout_s, cwd=cwd, env=env, check=False,
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"{command[0]}: ended, as it took longer than {timeout_s:g} s") from None
 

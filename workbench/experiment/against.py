@@ -1,7 +1,6 @@
 """Recordings run by the code of another commit and by this one, on this machine."""
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -13,10 +12,12 @@ from threadpoolctl import threadpool_info
 
 from workbench.errors import InputError
 from workbench.experiment.checking import Request
+from workbench.processes import module, run
 from workbench.recording.compare.agreement import Agreement
 from workbench.recording.compare.compare import Demand, compare
 from workbench.recording.read.reader import Run, read
 from workbench.report.checks import Check
+from workbench.run_files import RECORDING
 
 ROOT = Path(__file__).parents[2]
 """The clone that this code is in, where it is in one."""
@@ -77,12 +78,12 @@ def run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list
     """
     folder = request.folder / name
     recordings = [str(run.path.resolve()) for run in runs]
-    command = [sys.executable, "-P", "-m", "workbench.cli.check", *recordings, "--run", "--keep", str(folder)]
+    command = module("workbench.cli.check", *recordings, "--run", "--keep", str(folder), *request.overrides)
     environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _code_path()
-    done = subprocess.run([*command, *request.overrides], env=environment, capture_output=True, text=True, check=False)
-    made = [folder / f"{k:03d}" / "run.rrd" for k in range(len(runs))]
+    done = run(command, capture="output", env=environment)  # errors and progress are passed on
+    made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]
     if missing := [k for k, path in enumerate(made) if not path.is_file()]:
-        words = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:]
+        words = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
         raise InputError(f"{runs[missing[0]].path}: does not run by the code in {code}: {' '.join(words)}")
     return [read(path) for path in made]
 
@@ -95,12 +96,11 @@ def _code_path() -> dict[str, str]:
 
 def git(root: Path, *arguments: str) -> str:
     """Return what git prints; raises InputError where it refuses."""
-    command = ["git", "-C", str(root), *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = run(["git", "-C", str(root), *arguments], capture="all")
     except OSError as error:
         raise InputError(f"git: {error.strerror}") from None
     if done.returncode != 0:
-        words = " ".join(done.stderr.split()) or f"no such commit: {arguments[-1]}"
+        words = " ".join(done.stderr.decode(errors="replace").split()) or f"no such commit: {arguments[-1]}"
         raise InputError(f"{root}: git {arguments[0]}: {words}")
-    return done.stdout
+    return done.stdout.decode(errors="replace")

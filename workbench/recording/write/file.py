@@ -72,7 +72,6 @@ class RecordingFile:
         self.status = "complete"
         self._run_id, self._config_yaml, self._provenance = run_id, config_yaml, provenance
         self._settings = settings or {}
-        rr.set_strict_mode(True)
         # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
         never = rr.ChunkBatcherConfig.NEVER()
         # Recordings of one application would share their layout in the viewer; in other letters Rerun warns
@@ -80,6 +79,16 @@ class RecordingFile:
         self.stream = new_stream(self._application, run_id, batcher_config=never)
 
     def __enter__(self) -> Self:
+        self._strict = rr.strict_mode()
+        rr.set_strict_mode(True)  # Rerun raises where it would only log
+        try:
+            self._open()
+        except BaseException:
+            rr.set_strict_mode(self._strict)
+            raise
+        return self
+
+    def _open(self) -> None:
         self.part.parent.mkdir(parents=True, exist_ok=True)
         try:
             self.stream.set_sinks(rr.FileSink(self.part))
@@ -94,7 +103,6 @@ class RecordingFile:
         self.send_property(CHOICES, texts)
         self.flush()
         self._open_viewer()
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         ended = "failed" if kind is None or not issubclass(kind, KeyboardInterrupt) else "interrupted"
@@ -108,6 +116,7 @@ class RecordingFile:
                 self._close("interrupted")
             raise
         finally:
+            rr.set_strict_mode(self._strict)
             if kind is not None or self.part.exists():
                 logger.warning("the run ended early; what was recorded until then is in %s", self.part)
             if self._viewer is not None and not self._viewer.close() and self.live:
