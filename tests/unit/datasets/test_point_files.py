@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from workbench import hdf5
 from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
 from workbench.errors import InputError
@@ -24,9 +23,8 @@ EXTRA = {"uchar": "B", "float": "f", "int": "i", "short": "h"}
 
 
 @pytest.fixture(autouse=True)
-def without_another_process(monkeypatch):
-    """HDF5 is read here at once; that another process reads it is for test_hdf5."""
-    monkeypatch.setattr("workbench.hdf5._read_apart", hdf5._read_here)
+def without_sandbox(trusted):
+    """Read HDF5 directly; the sandbox is for tests/robustness."""
 
 
 def ply_header(form, n, properties, more=""):
