@@ -3,9 +3,9 @@
 import json
 import platform
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-
-import numpy as np
+from tempfile import TemporaryDirectory
 
 from workbench.arrays import AnyArray
 from workbench.errors import InputError
@@ -14,7 +14,7 @@ from workbench.recording.read.reader import Run, Unreadable, find_recordings, re
 from workbench.run_files import SUMMARY
 from workbench.sandbox import parse_limited
 
-_BATCH = 50  # recordings that one child process decodes
+_BATCH = 20  # recordings that one child process decodes
 
 
 def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
@@ -47,10 +47,21 @@ def damage(path: Path) -> str:
 def fatal(paths: Sequence[Path]) -> set[Path]:
     """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unknown error.
 
-    Those of runs of this machine, by the summary in their folder, are not tried. Many are decoded at once; where that
-    fails, each half of them.
+    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several of them;
+    where it ends early, the next begins with the recording that this one was decoding.
     """
-    return _fatal([path for path in paths if path.is_file() and not is_own(path)])
+    pending, found = [path for path in paths if path.is_file() and not is_own(path)], set[Path]()
+    with TemporaryDirectory() as folder:
+        while pending:
+            (decoded := Path(folder, "decoded")).write_bytes(b"")
+            try:
+                parse_limited(decode, *pending[:_BATCH], decoded, what="a whole recording")
+                pending = pending[_BATCH:]
+            except InputError:
+                if (n := decoded.stat().st_size) == 0:
+                    found.add(pending[0])
+                pending = pending[max(n, 1) :]
+    return found
 
 
 def is_own(path: Path) -> bool:
@@ -63,32 +74,19 @@ def is_own(path: Path) -> bool:
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:
-    """Decode all that is in recordings; those that raise InputError are read and refused later."""
-    for path in paths:
-        try:
+    """Decode all that is in recordings, and append a byte to the last of the files after each.
+
+    Recordings that raise InputError are no danger: reading them raises it again.
+    """
+    for path in paths[:-1]:
+        with suppress(InputError):
             run = read(path)
             if not run.is_study:
                 _ = run.poses
             _ = run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures, run.note
-        except InputError:
-            pass
-        try:
+        with suppress(InputError):
             for chunk in read_chunks(path, EVERYTHING):
                 chunk.to_record_batch()
-        except InputError:
-            pass
-    return {"n_decoded": np.array(len(paths))}
-
-
-def _fatal(paths: Sequence[Path]) -> set[Path]:
-    if not paths:
-        return set()
-    half = len(paths) // 2
-    if len(paths) <= _BATCH:
-        try:
-            parse_limited(decode, *paths, what="a whole recording")
-            return set()
-        except InputError:
-            if not half:
-                return set(paths)
-    return _fatal(paths[:half]) | _fatal(paths[half:])
+        with paths[-1].open("ab") as decoded:
+            decoded.write(b".")
+    return {}
