@@ -6,7 +6,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,40 +108,40 @@ def check_file(path: Path, most: int = MOST_TEXT) -> None:
 
 def parse_json(place: object, text: str | bytes | bytearray) -> Any:
     """Parse JSON; raises InputError, naming the place, for anything else."""
-    try:
-        return json.loads(text)
-    except (ValueError, TypeError, RecursionError) as error:
-        raise InputError(f"{place}: expected JSON: {error}") from None
+    return _parsed(place, "JSON", json.loads, text)
 
 
 def parse_toml(place: object, text: str) -> dict[str, Any]:
-    """Parse TOML; raises InputError, naming the place, for anything else."""
+    """Parse TOML; raises InputError, naming the place, for anything else and for very long dotted keys."""
     check_number(place, "characters", len(text), MOST_CONFIG)
-    if _LONG_KEY.search(text):  # the parser takes the square of their length
+    if _LONG_KEY.search(text):  # the parser's time grows with the square of their length
         raise InputError(f"{place}: expected at most {DEEPEST} names in a dotted key, found more")
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{place}: expected TOML: {error}") from None
+    return _parsed(place, "TOML", tomllib.loads, text)
 
 
 def parse_yaml(place: object, text: str) -> Any:
     """Parse plain YAML without references; raises InputError, naming the place, for anything else."""
     check_number(place, "characters", len(text), MOST_CONFIG)
+    return _parsed(place, "YAML", _load_yaml, text)
+
+
+def _load_yaml(text: str) -> Any:
+    """Load YAML whose events are harmless: deep levels crash the loader, and long numbers in base 60 take minutes."""
     depth = 0
+    for event in yaml.parse(text, _YAML):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"found references or more than {DEEPEST} levels in one another")
+        if isinstance(event, yaml.ScalarEvent) and _LONG_NUMBER.fullmatch(event.value):
+            raise ValueError("found a number of more than 100 digits")
+    return yaml.load(text, _YAML)
+
+
+def _parsed(place: object, kind: str, parse: Callable[[Any], Any], text: str | bytes | bytearray) -> Any:
     try:
-        for event in yaml.parse(text, _YAML):  # loading crashes on deep levels, and endless numbers take minutes
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            check_number(place, "levels in one another", depth, DEEPEST)
-            if isinstance(event, yaml.AliasEvent):
-                raise InputError(f"{place}: expected YAML without references, found *{event.anchor}")
-            if isinstance(event, yaml.ScalarEvent) and _LONG_NUMBER.fullmatch(event.value):
-                raise InputError(f"{place}: expected numbers of at most 100 digits, found {event.value}")
-        return yaml.load(text, _YAML)
-    except InputError:
-        raise
+        return parse(text)
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-        raise InputError(f"{place}: expected YAML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{place}: expected {kind}: {' '.join(str(error).split())}") from None
 
 
 # used by admission and references only
@@ -153,5 +153,5 @@ def check_yaml(place: object, text: str, most_values: int = 0) -> None:
     parse_yaml(place, text)
 
 
-# used by sweep only
+# used by sweep only (and check_yaml above by sweep.watch)
 MOST_JOBS, MOST_PROCESSES, MOST_ROUNDS, MOST_DIGITS = 100_000, 1_000, 1_000, 100

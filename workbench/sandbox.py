@@ -10,10 +10,9 @@ import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
-from importlib import import_module
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -31,8 +30,9 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
 
     Raises InputError where it raises any error, crashes or exceeds a limit. what: the expected kind of file.
     """
-    place, wall_s = f"{paths[0]}: expected {what}", _WALL * (CPU_S + _size(paths) // BYTES_PER_S)
-    command = [sys.executable, "-P", "-m", __name__, f"{parse.__module__}:{parse.__qualname__}", *map(str, paths)]
+    place, size = f"{paths[0]}: expected {what}", sum(path.stat().st_size for path in paths)
+    call, wall_s = (f"{parse.__module__}:{parse.__qualname__}", str(size)), _WALL * (CPU_S + size // BYTES_PER_S)
+    command = [sys.executable, "-P", "-m", __name__, *call, *map(str, paths)]
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         try:
             code = subprocess.run(command, stdout=output, stderr=errors, timeout=wall_s, check=False).returncode
@@ -45,38 +45,27 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
             last = (errors.read().decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
             raise InputError(last if code == _REFUSED else f"{place}: {last}")
         try:
-            return _arrays(output)
+            with zipfile.ZipFile(output) as packed:
+                if sum(each.file_size for each in packed.infolist()) > os.fstat(output.fileno()).st_size:
+                    raise ValueError("compressed data")
+            with np.load(output, allow_pickle=False) as arrays:
+                return dict(arrays)
         except Exception as error:  # noqa: BLE001 (a file that took over its reader can make it write anything)
             raise InputError(f"{place}, found one whose reader returned no arrays: {error}") from None
 
 
-def _arrays(output: IO[bytes]) -> dict[str, AnyArray]:
-    with zipfile.ZipFile(output) as packed:
-        if sum(each.file_size for each in packed.infolist()) > os.fstat(output.fileno()).st_size:
-            raise ValueError("compressed data")
-    with np.load(output, allow_pickle=False) as arrays:
-        return dict(arrays)
-
-
-def _size(paths: Iterable[Path]) -> int:
-    return sum(path.stat().st_size for path in paths)
-
-
-def main(name: str, *paths: str) -> None:
-    """Call the function package.module:function within the limits and write its arrays to standard output."""
-    parse, files = (
-        getattr(import_module(name.partition(":")[0]), name.partition(":")[2]),
-        [Path(path) for path in paths],
-    )
-    memory, cpu_s = MEMORY_BYTES + 10 * _size(files), CPU_S + _size(files) // BYTES_PER_S + int(time.process_time()) + 1
+def main(name: str, size: str, *paths: str) -> None:
+    """Call package.module:function within the limits for `size` bytes, and write its arrays to standard output."""
+    parse, memory = resolve_name(name), MEMORY_BYTES + 10 * int(size)
+    cpu_s = CPU_S + int(size) // BYTES_PER_S + int(time.process_time()) + 1
     for limit, most in {"DATA": memory, "FSIZE": memory, "CPU": cpu_s, "CORE": 0}.items():
         number = getattr(resource, f"RLIMIT_{limit}")
         hard = resource.getrlimit(number)[1]
-        resource.setrlimit(number, (most if hard == resource.RLIM_INFINITY else min(most, hard),) * 2)
+        resource.setrlimit(number, (hard if 0 <= hard < most else most,) * 2)
     with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what a library prints is no result
         try:
-            np.savez(output, **parse(*files))
+            np.savez(output, **parse(*map(Path, paths)))
         except Exception as error:  # noqa: BLE001 (damage leads to any error; the parent reports it)
             known = isinstance(error, InputError)
             sentence = f"{error}" if known else f"{type(error).__name__}: {error}"

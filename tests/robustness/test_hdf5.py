@@ -42,7 +42,7 @@ def test_random_damage(kind, tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_much_random_damage(kind, tmp_path):
     write, _, read = KINDS[kind]
-    withstands(read, write(tmp_path / "a.h5"), 700, changes | flips)
+    withstands(read, write(tmp_path / "a.h5"), 300, changes | flips)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -63,7 +63,7 @@ def test_random_damage(kinds, tmp_path):
 
 @pytest.mark.slow
 def test_much_random_damage(kinds, tmp_path):
-    together(kinds, tmp_path, 20, 50)
+    together(kinds, tmp_path, 20, 25)
 
 
 @pytest.mark.parametrize("bad", [{0}, {3, 4, 48}, {19}, set(range(50))])
