@@ -30,7 +30,7 @@ def parse_limited(parse: Callable[..., Mapping[str, AnyArray]], *paths: Path, wh
 
     Raises InputError where it raises any error, crashes or exceeds a limit. what: the expected kind of file.
     """
-    place, size = f"{paths[0]}: expected {what}", sum(path.stat().st_size for path in paths)
+    place, size = f"{paths[0]}: expected {what}", sum(path.stat().st_size for path in paths if path.exists())
     call, wall_s = (f"{parse.__module__}:{parse.__qualname__}", str(size)), _WALL * (CPU_S + size // BYTES_PER_S)
     command = [sys.executable, "-P", "-m", __name__, *call, *map(str, paths)]
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:

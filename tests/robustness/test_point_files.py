@@ -1,5 +1,7 @@
 """Points in PLY, CSV and NPZ: random damage, archives that unpack to more than memory holds; HDF5: see test_hdf5."""
 
+import warnings
+
 import numpy as np
 import pytest
 from damage import changes, flips, refusal, withstands
@@ -10,6 +12,21 @@ from workbench.datasets.point_files import PointFiles
 from workbench.limits import MOST_NUMBERS
 
 
+def finite(read):
+    """Return a reader that also checks what it reads, and that it warns of nothing."""
+
+    def checked(path):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            points = read(path)
+        assert points.ndim == 2
+        assert points.shape[1] == 3
+        assert len(points) > 0
+        assert np.isfinite(points).all()
+
+    return checked
+
+
 def binary_ply(order):
     header = PLY[: PLY.index("1 2 3")].replace("ascii", f"binary_{order}_endian")
     return header.encode() + np.arange(6).astype("<f4" if order == "little" else ">f4").tobytes()
@@ -17,17 +34,17 @@ def binary_ply(order):
 
 @pytest.mark.parametrize("content", [PLY, binary_ply("little"), binary_ply("big")], ids=["ascii", "little", "big"])
 def test_random_damage_of_ply(tmp_path, content):
-    withstands(read_ply, written(tmp_path / "a.ply", content), 150)
+    withstands(finite(read_ply), written(tmp_path / "a.ply", content), 150)
 
 
 def test_random_damage_of_csv(tmp_path):
-    withstands(read_csv, written(tmp_path / "a.csv", "x,y,z,w\n1,2,3,4\n4,5,6,7\n"), 150)
+    withstands(finite(read_csv), written(tmp_path / "a.csv", "x,y,z,w\n1,2,3,4\n4,5,6,7\n"), 150)
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_random_damage_of_npz(tmp_path, save):
     save(tmp_path / "a.npz", points=np.arange(12.0).reshape(4, 3))
-    withstands(read_npz, tmp_path / "a.npz", 150, changes | flips)
+    withstands(finite(read_npz), tmp_path / "a.npz", 150, changes | flips)
 
 
 def test_an_archive_of_objects(tmp_path):
