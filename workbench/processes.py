@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any
+
+CAPTURED = subprocess.PIPE
 
 
 def module(name: str, *arguments: str) -> list[str]:
@@ -15,16 +17,15 @@ def module(name: str, *arguments: str) -> list[str]:
 
 
 def run(
-    command: Sequence[str], *, capture: Literal["nothing", "output", "all"] = "nothing",
+    command: Sequence[str], *, stdout: int | IO[bytes] | None = None, stderr: int | IO[bytes] | None = None,
     timeout_s: float | None = None, cwd: Path | None = None, env: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[bytes]:  # fmt: skip
     """Run a command to its end.
 
     Parameters
     ----------
-    capture
-        Return what it writes to its standard output, or also to its standard error ("all"), in `stdout` and `stderr`,
-        instead of passing it on.
+    stdout, stderr
+        Where its outputs go: a file, CAPTURED to have them in the result, None for where this process writes.
     timeout_s
         After which it is killed; None: never.
     cwd, env
@@ -37,8 +38,7 @@ def run(
     """
     try:
         return subprocess.run(
-            command, stdout=subprocess.PIPE if capture != "nothing" else None,
-            stderr=subprocess.PIPE if capture == "all" else None, timeout=timeout_s, cwd=cwd, env=env, check=False,
+            command, stdout=stdout, stderr=stderr, timeout=timeout_s, cwd=cwd, env=env, check=False
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"{command[0]}: ended, as it took longer than {timeout_s:g} s") from None

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from workbench import hdf5
 from workbench.cli.run import main
 
 
@@ -38,15 +37,14 @@ def no_handlers_left():
 
 
 @pytest.fixture
-def run(tmp_path, cache, monkeypatch, capfd):
+def run(tmp_path, cache, monkeypatch, capfd, request):
     """Run the command in this process, which saves the imports; within: the folder to stand in, with a cache there.
 
-    suspicious: another process reads a recording first, and a library at all, as usual, which takes a second more."""
+    suspicious: recordings and libraries go through the sandbox, as usual, which takes a second more."""
 
     def command(folder, *overrides, within=None, suspicious=False):
         if not suspicious:
-            monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole=False: set())
-            monkeypatch.setattr("workbench.hdf5._read_apart", hdf5._read_here)
+            request.getfixturevalue("trusted")
         monkeypatch.chdir(within or tmp_path)
         monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
         monkeypatch.delenv("WORKBENCH_DATA", raising=False)

@@ -6,14 +6,16 @@ import time
 
 import pytest
 
-from workbench.processes import end, module, pool, run, start
+from workbench.processes import CAPTURED, end, module, pool, run, start
 
 FOREVER = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
 def test_a_command_returns_what_it_writes_and_its_exit_code(tmp_path):
     code = "import os, sys; print(os.getcwd(), os.environ['WORD']); sys.exit(3)"
-    done = run([sys.executable, "-c", code], capture="all", cwd=tmp_path, env={**os.environ, "WORD": "seen"})
+    done = run(
+        [sys.executable, "-c", code], stdout=CAPTURED, stderr=CAPTURED, cwd=tmp_path, env={**os.environ, "WORD": "seen"}
+    )
     assert (done.stdout.decode().split(), done.returncode) == ([str(tmp_path), "seen"], 3)
 
 
@@ -31,7 +33,7 @@ def test_a_command_that_is_not_there_is_an_os_error():
 
 def test_a_module_is_not_taken_from_the_current_folder(tmp_path):
     (tmp_path / "platform.py").write_text("print('of the current folder')")
-    assert b"current folder" not in run(module("platform"), capture="all", cwd=tmp_path).stdout
+    assert b"current folder" not in run(module("platform"), stdout=CAPTURED, stderr=CAPTURED, cwd=tmp_path).stdout
 
 
 def test_a_started_command_inherits_files_and_ends_with_its_input(tmp_path):

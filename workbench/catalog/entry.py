@@ -93,9 +93,9 @@ def entry_of_folder(folder: Path) -> Entry:
 
 
 def entry_of_recording(path: Path, suspicious: bool = False) -> Entry:
-    """A recording that lies by itself, such as a baseline; raises FileNotFoundError for one that is not there.
+    """Return the entry of a recording without a run's folder, such as a baseline.
 
-    suspicious: another process reads it first, see `probe`, which has not been done before.
+    suspicious: decode it in the sandbox first, see `probe`. Raises FileNotFoundError for one that is not there.
     """
     from workbench.recording.read.probe import read_sound_run  # here, as an index seldom needs it, and it takes long
     from workbench.recording.read.reader import read

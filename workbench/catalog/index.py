@@ -57,7 +57,7 @@ def _below(root: Path) -> list[Entry | None]:
 
 
 def _damaged(paths: Sequence[str]) -> Mapping[str, str]:
-    """A sentence for each of the recordings that ends whoever reads it, see `probe`; folders are not looked into."""
+    """Return a message for each of the recordings whose decoding crashes, see `probe`; folders are not searched."""
     if not (recordings := [Path(path) for path in paths if os.path.isfile(path)]):
         return {}
     from workbench.recording.read.probe import damage, fatal  # here, as an index seldom needs it, and it takes long

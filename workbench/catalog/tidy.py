@@ -61,7 +61,7 @@ def slim(entry: Entry) -> int:
         return 0
     with suppress(FileNotFoundError), _unchanged(entry):
         path = Path(entry.recording)
-        run = read_sound_run(path, whole=True)
+        run = read_sound_run(path)
         if not is_condensed(run):
             with whole_file(path) as part:
                 condense(run, part)

@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError("--seeds, --jobs: expected 1 or more")
         name_parts(parts_in(arguments.overrides))
         prepare_hydra()
-        run = read_sound_run(arguments.recording, whole=True)
+        run = read_sound_run(arguments.recording)
         if not (lost := losses(run)):
             print(f"{run.path}: the person is never lost")
             return 0

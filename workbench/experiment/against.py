@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info
 
 from workbench.errors import InputError
 from workbench.experiment.checking import Request
-from workbench.processes import module, run
+from workbench.processes import CAPTURED, module, run
 from workbench.recording.compare.agreement import Agreement
 from workbench.recording.compare.compare import Demand, compare
 from workbench.recording.read.reader import Run, read
@@ -80,7 +80,7 @@ def run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list
     recordings = [str(run.path.resolve()) for run in runs]
     command = module("workbench.cli.check", *recordings, "--run", "--keep", str(folder), *request.overrides)
     environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _code_path()
-    done = run(command, capture="output", env=environment)  # errors and progress are passed on
+    done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are passed on
     made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]
     if missing := [k for k, path in enumerate(made) if not path.is_file()]:
         words = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
@@ -97,7 +97,7 @@ def _code_path() -> dict[str, str]:
 def git(root: Path, *arguments: str) -> str:
     """Return what git prints; raises InputError where it refuses."""
     try:
-        done = run(["git", "-C", str(root), *arguments], capture="all")
+        done = run(["git", "-C", str(root), *arguments], stdout=CAPTURED, stderr=CAPTURED)
     except OSError as error:
         raise InputError(f"git: {error.strerror}") from None
     if done.returncode != 0:

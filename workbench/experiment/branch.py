@@ -67,11 +67,11 @@ def source(text: str) -> tuple[Run, int | None]:
     at = None if Path(text).exists() else re.fullmatch(r"(.+)@(\d+)", text)
     place, frame = (Path(at[1]), int(at[2])) if at else (Path(text), None)
     if not place.is_dir():
-        return read_sound_run(place, whole=True), frame
+        return read_sound_run(place), frame
     found = [path for name in (PART, RECORDING) if (path := place / name).is_file()]
     if not found:
         raise InputError(f"{place}: expected {RECORDING} or {PART} in it, found neither")
-    run = read_sound_run(found[0], whole=True)
+    run = read_sound_run(found[0])
     if frame is None and run.status == "complete":
         raise InputError(f"{place}: the run is complete; from={run.path} starts it anew, from={run.path}@FRAME goes on")
     if frame is None and not len(run.poses[0]):

@@ -11,7 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from workbench.experiment.identity import input_files
-from workbench.processes import run
+from workbench.processes import CAPTURED, run
 
 CODE = ("workbench", "conf")
 """Folders of the clone that a run's numbers depend on."""
@@ -100,7 +100,7 @@ def _git(root: Path, *arguments: str) -> str | None:
     """What git says; None where there is no git, or it refuses. One that tells of a difference ends with code 1."""
     command = ["git", "-C", str(root), *arguments]
     try:
-        done = run(command, capture="all", timeout_s=30.0)
+        done = run(command, stdout=CAPTURED, stderr=CAPTURED, timeout_s=30.0)
     except OSError:
         return None
     return done.stdout.decode(errors="replace") if done.returncode in (0, 1) else None

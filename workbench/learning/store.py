@@ -13,7 +13,7 @@ import numpy as np
 from workbench import __version__
 from workbench.errors import InputError
 from workbench.files import kept_for_later, whole_file
-from workbench.hdf5 import DataSet, Group, opened
+from workbench.hdf5 import Hdf5, read_hdf5
 
 FORMAT = "workbench model 3"
 
@@ -85,19 +85,23 @@ def save(path: Path, model: Model, provenance: Provenance) -> None:
 
 
 def load(kind: type[Stored], path: Path, own: bool = False) -> Stored:
-    """Read a model; own: see `hdf5.opened`.
+    """Read a model; own: see `read_hdf5`.
 
     Raises InputError when the file is missing, holds another kind, or does not fit together.
     """
     if not path.is_file():
         raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
-    with opened(path, f"a {kind.__name__}", own) as file:
-        found = file.attributes.get("format")
-        if not isinstance(found, str) or found != _format(kind):
-            raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
-        model = _read(kind, file)
-        if flaw := _misfit(model) or model.flaw():
-            raise InputError(f"{path}: expected {flaw}")
+    file = read_hdf5(path, f"a {kind.__name__}", own)
+    found = file.attributes["/"].get("format")
+    if found != _format(kind):
+        raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
+    try:
+        model = _read(kind, file, "")
+        flaw = _misfit(model) or model.flaw()
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise InputError(f"{path}: expected a {kind.__name__}: {type(error).__name__}: {error}") from None
+    if flaw:
+        raise InputError(f"{path}: expected {flaw}")
     return model
 
 
@@ -110,8 +114,8 @@ def _write(group: h5py.Group, model: Model) -> None:
             group[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
 
 
-def _read(kind: type[Stored], group: Group) -> Stored:
-    return kind(**{name: _value(group[name], hint) for name, hint in _hints(kind).items()})
+def _read(kind: type[Stored], file: Hdf5, group: str) -> Stored:
+    return kind(**{name: _value(file, f"{group}/{name}", hint) for name, hint in _hints(kind).items()})
 
 
 def _format(kind: type[Model]) -> str:
@@ -123,13 +127,15 @@ def _hints(kind: type[Model]) -> dict[str, Any]:
     return {field.name: every[field.name] for field in fields(kind)}
 
 
-def _value(stored: DataSet | Group, hint: Any) -> Any:
-    if isinstance(stored, Group):
+def _value(file: Hdf5, place: str, hint: Any) -> Any:
+    if place in file.attributes:
         kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
-        return _read(kinds[0], stored)
+        return _read(kinds[0], file, place)
+    if (get_origin(hint) is np.ndarray) != (file.arrays[place].dtype.kind != "U"):
+        raise ValueError(f"{place}: found {file.arrays[place].dtype}")
     if get_origin(hint) is np.ndarray:
-        return stored.numbers()
-    value = json.loads(stored.text())
+        return file.arrays[place]
+    value = json.loads(str(file.arrays[place]))
     return None if value is None else (get_origin(hint) or hint)(value)
 
 

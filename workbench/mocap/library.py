@@ -13,12 +13,12 @@ import h5py
 import numpy as np
 
 from workbench import __version__
-from workbench.arrays import FloatArray
+from workbench.arrays import AnyArray, FloatArray
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
 from workbench.errors import InputError
 from workbench.files import whole_file
-from workbench.hdf5 import DataSet, Group, opened
+from workbench.hdf5 import Hdf5, read_hdf5
 from workbench.limits import check_places, check_rate
 from workbench.mocap.motion import Motion
 
@@ -49,7 +49,7 @@ def write_library(path: str | Path, motions: Sequence[Motion]) -> None:
 
 
 def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
-    """The motions of a library, in the order they were written. own: see `hdf5.opened`.
+    """Return the motions of a library, in the order they were written. own: see `read_hdf5`.
 
     Raises InputError when the file is missing, is not HDF5 or not a library of this version, leads outside itself, or
     when a motion lacks something, has arrays of a wrong shape or numbers that are not finite or out of `limits`.
@@ -57,55 +57,49 @@ def read_library(path: str | Path, own: bool = False) -> tuple[Motion, ...]:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such motion library")
-    with opened(path, "a whole motion library", own) as file:
-        return _read_motions(path, file)
-
-
-def _read_motions(path: Path, file: Group) -> tuple[Motion, ...]:
-    found = (file.attributes.get("format"), file.attributes.get("format_version"))
+    file = read_hdf5(path, "a whole motion library", own)
+    root = file.attributes["/"]
+    found = (root.get("format"), root.get("format_version"))
     if found != (FORMAT, FORMAT_VERSION):
         raise InputError(f"{path}: expected {FORMAT!r} of version {FORMAT_VERSION}, found {found[0]!r}, {found[1]}")
-    groups = file.get("motions")
-    if not isinstance(groups, Group) or len(groups) == 0:
+    keys = {place.split("/")[2] for place in (*file.attributes, *file.arrays) if place.startswith("/motions/")}
+    if not keys:
         raise InputError(f"{path}: expected at least one motion under /motions, found none")
-    return tuple(_read_motion(path, groups, key) for key in sorted(groups))
+    return tuple(_read_motion(path, file, key) for key in sorted(keys))
 
 
-def _read_motion(path: Path, groups: Group, key: str) -> Motion:
-    group, place = groups.get(key), f"{path}: motion {key}"
-    if not isinstance(group, Group):
+def _read_motion(path: Path, file: Hdf5, key: str) -> Motion:
+    group, place = f"/motions/{key}", f"{path}: motion {key}"
+    if group not in file.attributes:
         raise InputError(f"{place} is not a group")
-    words: dict[str, Any] = {word: group.attributes.get(word) for word in _WORDS}
-    rate_hz = group.attributes.get("rate_hz")
+    words: dict[str, Any] = {word: file.attributes[group].get(word) for word in _WORDS}
+    rate_hz = file.attributes[group].get("rate_hz")
     if wrong := [word for word in _WORDS if not isinstance(words[word], str)]:
         raise InputError(f"{place} lacks the text {wrong[0]!r}")
     if not isinstance(rate_hz, float):
         raise InputError(f"{place} must have a positive rate_hz, found {rate_hz!r}")
     check_rate(f"{place} must have a positive rate_hz", rate_hz)
-    shape = group.get("shape")
-    if not isinstance(shape, Group):
+    if (shape := file.attributes.get(f"{group}/shape")) is None:
         raise InputError(f"{place} lacks the group 'shape'")
-    poses = _numbers(place, group, "poses", (None, len(POSE_NAMES)))
-    _numbers(place, group, "velocities", poses.shape)  # for other readers; ours derives them from the poses
+    poses = _numbers(place, file.arrays.get(f"{group}/poses"), "poses", (None, len(POSE_NAMES)))
+    velocities = file.arrays.get(f"{group}/velocities")
+    _numbers(place, velocities, "velocities", poses.shape)  # for other readers; ours derives them from the poses
     check_places(place, poses[:, :3])
-    return Motion(
-        **words, rate_hz=float(rate_hz), poses=poses, shape=read_shape(place, shape.attributes),
-        joint_error_mm=_numbers(place, group, "joint_error_mm", (len(ERROR_JOINTS),)),
-    )  # fmt: skip
+    errors_mm = _numbers(place, file.arrays.get(f"{group}/joint_error_mm"), "joint_error_mm", (len(ERROR_JOINTS),))
+    measurements = read_shape(place, shape)
+    return Motion(**words, rate_hz=rate_hz, poses=poses, shape=measurements, joint_error_mm=errors_mm)
 
 
-def _numbers(place: str, group: Group, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """A dataset of finite float64; None in the shape stands for any positive size."""
-    dataset = group.get(name)
-    if not isinstance(dataset, DataSet):
+def _numbers(place: str, values: AnyArray | None, name: str, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return a data set of finite float64; None in the shape stands for any positive size."""
+    if values is None:
         raise InputError(f"{place} lacks the dataset {name!r}")
-    fits = len(dataset.shape) == len(shape) and all(
-        size == wanted or (wanted is None and size > 0) for size, wanted in zip(dataset.shape, shape, strict=True)
+    fits = len(values.shape) == len(shape) and all(
+        size == wanted or (wanted is None and size > 0) for size, wanted in zip(values.shape, shape, strict=True)
     )
-    if not fits or dataset.kind != "float64":
+    if not fits or values.dtype != np.float64:
         expected = " × ".join("F" if wanted is None else str(wanted) for wanted in shape)
-        raise InputError(f"{place}: {name} must be {expected} float64, found {dataset.shape} {dataset.kind}")
-    values: FloatArray = dataset.numbers()
+        raise InputError(f"{place}: {name} must be {expected} float64, found {values.shape} {values.dtype}")
     if not np.isfinite(values).all():
         raise InputError(f"{place}: {name} holds numbers that are not finite")
     return values

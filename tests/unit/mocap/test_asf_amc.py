@@ -4,8 +4,10 @@ import re
 
 import numpy as np
 import pytest
+import sound_files
 from scipy.spatial.transform import Rotation
 
+from workbench.errors import InputError
 from workbench.mocap.asf_amc import read_amc
 from workbench.mocap.bvh import read_bvh
 
@@ -194,3 +196,15 @@ def test_acclaim_by_hand(tmp_path):
     # 90 degrees about the file's y (the world's z) take the file's z (world x) to its x (world y), in either frame
     for frame, joint in ((0, "thigh"), (1, "root")):
         np.testing.assert_allclose(clip.orientations[frame, clip.joint(joint), :, 0], [0, 1, 0], atol=1e-12)
+
+
+def test_another_skeleton_may_be_named(tmp_path):
+    (tmp_path / "5.asf").write_text(sound_files.ASF)
+    (tmp_path / "5_01.amc").write_text(sound_files.AMC)
+    clip = read_amc(tmp_path / "5_01.amc")
+    assert (len(clip), clip.first_frame) == (2, 5)
+    (tmp_path / "elsewhere.asf").write_text(sound_files.ASF.replace("length 7", "length 14"))
+    longer = read_amc(tmp_path / "5_01.amc", asf=tmp_path / "elsewhere.asf")
+    assert longer.offsets == pytest.approx(2 * clip.offsets)
+    with pytest.raises(InputError, match="the rate must be"):
+        read_amc(tmp_path / "5_01.amc", rate_hz=0.0)

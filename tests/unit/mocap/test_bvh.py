@@ -5,10 +5,12 @@ from dataclasses import replace
 import bvhio
 import numpy as np
 import pytest
+from sound_files import BVH
 
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.errors import InputError
 from workbench.mocap.bvh import bvh_text, read_bvh
 
 SKELETON = person_skeleton(from_height(1.8))
@@ -126,3 +128,19 @@ def test_what_bvh_cannot_hold_is_refused():
     for axes, joint in ((oblique, "left_knee"), (twice, "left_hip")):
         with pytest.raises(ValueError, match=joint):
             bvh_text(replace(SKELETON, dof_axes=axes), np.zeros((1, 25)), 30.0)
+
+
+@pytest.mark.parametrize(
+    ("frame_time", "rate_hz"),
+    [("0.0333333", 30.0), ("0.033333", 30.0), ("0.0333", 30.0), ("3.33333e-02", 30.0), ("0.00833333", 120.0),
+     ("0.033367", 1 / 0.033367), ("0.04", 25.0), ("0.5", 2.0), ("2.5", 0.4)],
+)  # fmt: skip
+def test_frame_time_is_read_to_its_digits(tmp_path, frame_time, rate_hz):
+    (tmp_path / "r.bvh").write_text(BVH.replace("0.0333333", frame_time))
+    assert read_bvh(tmp_path / "r.bvh").rate_hz == pytest.approx(rate_hz, rel=1e-12)
+
+
+def test_unit_is_cm_or_m(tmp_path):
+    (tmp_path / "good.bvh").write_text(BVH)
+    with pytest.raises(InputError, match="one of cm, m, found 'inch'"):
+        read_bvh(tmp_path / "good.bvh", unit="inch")

@@ -6,7 +6,6 @@ import h5py
 import numpy as np
 import pytest
 
-from workbench import hdf5
 from workbench.body.shape import from_height
 from workbench.errors import InputError
 from workbench.mocap.library import read_library, write_library
@@ -124,8 +123,7 @@ BAD = {  # what: (place, its new value, what the sentence says)
 
 
 @pytest.mark.parametrize(("place", "value", "sentence"), BAD.values(), ids=BAD)
-def test_what_is_not_such_a_library_is_refused(library, place, value, sentence, monkeypatch):
-    monkeypatch.setattr("workbench.hdf5._read_apart", hdf5._read_here)  # that another process reads is for test_hdf5
+def test_what_is_not_such_a_library_is_refused(library, place, value, sentence, trusted):
     with h5py.File(library, "r+") as file:
         change(file, place, value)
     with pytest.raises(InputError) as refusal:

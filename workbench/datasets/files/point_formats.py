@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench import hdf5
 from workbench.arrays import AnyArray, FloatArray
 from workbench.datasets.files import natural_order
 from workbench.errors import InputError
-from workbench.hdf5 import DataSet, Group, opened
 from workbench.limits import MOST_NUMBERS, check_file, check_number
 from workbench.mocap.text import fail
 
@@ -92,15 +92,14 @@ def read_npz(path: Path) -> FloatArray:
 def read_hdf5(path: Path) -> Iterator[FloatArray]:
     """Read the points of every frame of an HDF5 file, the datasets (K, 3) of its group /frames in natural order; raises
     InputError for anything else."""
-    with opened(path, "a whole file of points") as file:
-        frames = file.get("frames")
-        if not isinstance(frames, Group) or not frames:
-            raise InputError(f"{path}: expected frames of points in the group /frames, found none")
-        for name in natural_order(list(frames)):
-            found = frames[name]
-            if not isinstance(found, DataSet):
-                raise InputError(f"{path}: /frames/{name}: expected an array (K, 3), found none")
-            yield _table(f"{path}: /frames/{name}", found.numbers())
+    file = hdf5.read_hdf5(path, "a whole file of points")
+    places = [place for place in (*file.attributes, *file.arrays) if place.startswith("/frames/")]
+    if not places:
+        raise InputError(f"{path}: expected frames of points in the group /frames, found none")
+    for place in natural_order(places):
+        if place not in file.arrays:
+            raise InputError(f"{path}: {place}: expected an array (K, 3), found a group")
+        yield _table(f"{path}: {place}", file.arrays[place])
 
 
 READERS = {".ply": read_ply, ".npz": read_npz, ".csv": read_csv}  # by the file's extension: one frame a file

@@ -29,7 +29,7 @@ def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None
 
     Raises InputError for one that cannot be read whole.
     """
-    refuse_fatal([a.path, b.path], whole=True)
+    refuse_fatal([a.path, b.path])
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
     stream = new_stream("workbench-check", f"{a.id}-beside")
     stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))

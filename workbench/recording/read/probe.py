@@ -1,103 +1,92 @@
-"""Find the recordings whose bytes are damaged so that Rerun's decoder does not survive reading them."""
+"""Decode recordings made elsewhere in the sandbox first: some damage crashes Rerun's decoder."""
 
-import os
-import resource
-import signal
-import subprocess
-import sys
+import json
+import platform
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from workbench.arrays import AnyArray
 from workbench.errors import InputError
 from workbench.recording.read.chunks import EVERYTHING, read_chunks
 from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, read_each
+from workbench.run_files import SUMMARY
+from workbench.sandbox import parse_limited
 
-_MOST_BYTES = 4_000_000_000
-_LONGEST_S, _SLOWEST_BYTES_S = 5, 5_000_000  # of the processor, to read a file, and for each second more
-_PATIENCE = 20  # times as long, where the machine has no time for it
+_BATCH = 20  # recordings that one child process decodes
 
 
 def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
-    """Read recordings as `open_runs` does, but those that end whoever reads them count as unreadable."""
+    """Read recordings as `open_runs` does, those whose decoding crashes as unreadable."""
     paths = find_recordings(*places)
-    damaged = fatal(paths)
-    runs, problems = read_each(path for path in paths if path not in damaged)
-    problems += [Unreadable(path, damage(path)) for path in damaged]
+    crashing = fatal(paths)
+    runs, problems = read_each(path for path in paths if path not in crashing)
+    problems += [Unreadable(path, damage(path)) for path in crashing]
     return runs, sorted(problems, key=lambda problem: problem.path)
 
 
-def read_sound_run(path: Path, whole: bool = False) -> Run:
-    """Read a recording; raises InputError also for one that ends whoever reads it. whole: see `fatal`."""
+def read_sound_run(path: Path) -> Run:
+    """Read a recording; raises InputError also for one whose decoding crashes."""
     if path.is_file():
-        refuse_fatal([path], whole)
+        refuse_fatal([path])
     return read(path)
 
 
-def refuse_fatal(paths: Sequence[Path], whole: bool) -> None:
-    """Raise InputError where one of the recordings ends whoever reads it. whole: see `fatal`."""
-    if damaged := fatal(paths, whole):
-        raise InputError(damage(min(damaged)))
+def refuse_fatal(paths: Sequence[Path]) -> None:
+    """Raise InputError where decoding one of the recordings crashes."""
+    if crashing := fatal(paths):
+        raise InputError(damage(min(crashing)))
 
 
 def damage(path: Path) -> str:
-    """Say what is wrong with a recording that `fatal` finds."""
-    return f"{path}: expected a whole recording, found damage that crashes whoever reads it"
+    """Return the message for a recording whose decoding crashes."""
+    return f"{path}: expected a whole recording, found damage that crashes its decoder"
 
 
-def fatal(paths: Sequence[Path], whole: bool = False) -> set[Path]:
-    """Find those of the recordings that end whoever reads them, by an error that is no InputError or without any.
+def fatal(paths: Sequence[Path]) -> set[Path]:
+    """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unknown error.
 
-    whole: all that is in them is to be read, pictures, checkpoints and what others wrote, too; else what `Run` knows.
-
-    A flipped bit can make the decoder ask for more memory than there is, on which it aborts without raising, or never
-    come back; so another process goes first, which may take so much memory and time, and a new one goes on behind
-    every file that one does not survive.
+    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several of them;
+    where it ends early, the next begins with the recording that this one was decoding.
     """
-    found: set[Path] = set()
-    left = list(paths)
-    while left:
-        command = [sys.executable, "-P", "-m", __name__, *(["whole"] if whole else [])]
-        names = b"\0".join(os.fsencode(path) for path in left)
-        told = subprocess.run(command, input=names, capture_output=True, check=False).stdout.split()
-        found |= {path for path, word in zip(left, told, strict=False) if word == b"damaged"}
-        found |= set(left[len(told) : len(told) + 1])
-        left = left[len(told) + 1 :]
+    pending, found = [path for path in paths if path.is_file() and not is_own(path)], set[Path]()
+    with TemporaryDirectory() as folder:
+        while pending:
+            (decoded := Path(folder, "decoded")).write_bytes(b"")
+            try:
+                parse_limited(decode, *pending[:_BATCH], decoded, what="a whole recording")
+                pending = pending[_BATCH:]
+            except InputError:
+                if (n := decoded.stat().st_size) == 0:
+                    found.add(pending[0])
+                pending = pending[max(n, 1) :]
     return found
 
 
-def read_all(path: Path) -> Run:
-    """Read a recording with everything that `Run` knows of it; raises InputError as that does."""
-    run = read(path)
-    if not run.is_study:
-        _ = run.poses
-    _ = run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures, run.note
-    return run
+def is_own(path: Path) -> bool:
+    """Return whether a run of this machine left the recording, by its summary.json."""
+    try:
+        summary = json.loads(path.with_name(SUMMARY).read_text(encoding="utf-8"))
+        return bool(summary["host"] == platform.node())
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return False
 
 
-def main(paths: Sequence[Path], whole: bool = False) -> None:
-    """Read the recordings one by one and print after each whether reading it again is safe.
+def decode(*paths: Path) -> dict[str, AnyArray]:
+    """Decode all that is in recordings, and append a byte to the last of the files after each.
 
-    The operating system ends the process, and so tells the one that began it, when a file takes too much.
+    Recordings that raise InputError are no danger: reading them raises it again.
     """
-    sizes = [path.stat().st_size if path.is_file() else 0 for path in paths]
-    most, (_, hard) = _MOST_BYTES + 4 * max(sizes, default=0), resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-    for path, size in zip(paths, sizes, strict=True):
-        longest_s = _LONGEST_S + size // _SLOWEST_BYTES_S
-        signal.setitimer(signal.ITIMER_PROF, longest_s)
-        signal.alarm(_PATIENCE * longest_s)
-        outcome = "read"
-        try:
-            read_all(path)
-            if whole:
-                for chunk in read_chunks(path, EVERYTHING):
-                    chunk.to_record_batch()
-        except InputError:
-            pass  # whoever reads it next is told what is wrong with it
-        except Exception:  # noqa: BLE001 (damaged values lead anywhere)
-            outcome = "damaged"
-        print(outcome, flush=True)
-
-
-if __name__ == "__main__":
-    main([Path(os.fsdecode(name)) for name in sys.stdin.buffer.read().split(b"\0")], whole=sys.argv[1:] == ["whole"])
+    for path in paths[:-1]:
+        with suppress(InputError):
+            run = read(path)
+            if not run.is_study:
+                _ = run.poses
+            _ = run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures, run.note
+        with suppress(InputError):
+            for chunk in read_chunks(path, EVERYTHING):
+                chunk.to_record_batch()
+        with paths[-1].open("ab") as decoded:
+            decoded.write(b".")
+    return {}

@@ -1,0 +1,36 @@
+"""C3D files, which ezc3d reads in the sandbox: it loops or crashes on some damaged ones."""
+
+import pytest
+from damage import changes, flips, refusal, withstands
+from hypothesis import strategies as st
+from sound_files import c3d, written
+
+from workbench.mocap.marker_files import read_markers
+
+pytest.importorskip("ezc3d")
+words = st.lists(
+    st.tuples(st.just("overwrite"), st.floats(0.0, 0.7), st.just(0.0),
+              st.sampled_from([bytes(2), b"\x01\x00", b"\xff\xff", b"\xff\x7f", b"\x00\x80", b"\xff\x00"])),
+    min_size=1, max_size=5,
+)  # fmt: skip
+"""Words of the header and of the parameters, which say how much follows."""
+
+
+def test_random_damage(tmp_path):
+    withstands(read_markers, c3d(tmp_path / "a.c3d"), 20, changes | flips | words)
+
+
+@pytest.mark.slow
+def test_much_random_damage(tmp_path):
+    withstands(read_markers, c3d(tmp_path / "a.c3d"), 300, changes | flips | words)
+
+
+def test_a_header_that_promises_more_than_the_file_has(tmp_path):
+    content = bytearray(c3d(tmp_path / "a.c3d").read_bytes())
+    content[2:4], content[6:10] = b"\xff\xff", b"\x01\x00\xff\xff"
+    assert "expected at most" in refusal(read_markers, written(tmp_path / "a.c3d", bytes(content)))
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * 1000, b"\x02\x50"])
+def test_other_files(tmp_path, content):
+    assert "expected a C3D file" in refusal(read_markers, written(tmp_path / "a.c3d", content))

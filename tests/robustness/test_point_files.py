@@ -1,0 +1,71 @@
+"""Points in PLY, CSV and NPZ: random damage, archives that unpack to more than memory holds; HDF5: see test_hdf5."""
+
+import warnings
+
+import numpy as np
+import pytest
+from damage import changes, flips, refusal, withstands
+from sound_files import PLY, written
+
+from workbench.datasets.files.point_formats import read_csv, read_npz, read_ply
+from workbench.datasets.point_files import PointFiles
+from workbench.limits import MOST_NUMBERS
+
+
+def finite(read):
+    """Return a reader that also checks what it reads, and that it warns of nothing."""
+
+    def checked(path):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            points = read(path)
+        assert points.ndim == 2
+        assert points.shape[1] == 3
+        assert len(points) > 0
+        assert np.isfinite(points).all()
+
+    return checked
+
+
+def binary_ply(order):
+    header = PLY[: PLY.index("1 2 3")].replace("ascii", f"binary_{order}_endian")
+    return header.encode() + np.arange(6).astype("<f4" if order == "little" else ">f4").tobytes()
+
+
+@pytest.mark.parametrize("content", [PLY, binary_ply("little"), binary_ply("big")], ids=["ascii", "little", "big"])
+def test_random_damage_of_ply(tmp_path, content):
+    withstands(finite(read_ply), written(tmp_path / "a.ply", content), 150)
+
+
+def test_random_damage_of_csv(tmp_path):
+    withstands(finite(read_csv), written(tmp_path / "a.csv", "x,y,z,w\n1,2,3,4\n4,5,6,7\n"), 150)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_random_damage_of_npz(tmp_path, save):
+    save(tmp_path / "a.npz", points=np.arange(12.0).reshape(4, 3))
+    withstands(finite(read_npz), tmp_path / "a.npz", 150, changes | flips)
+
+
+def test_an_archive_of_objects(tmp_path):
+    np.savez(tmp_path / "a.npz", points=np.array([print, None], dtype=object))
+    assert "Object arrays cannot be loaded" in refusal(read_npz, tmp_path / "a.npz")
+
+
+def test_an_archive_that_unpacks_to_more_than_memory_holds(tmp_path, monkeypatch):
+    np.savez_compressed(tmp_path / "a.npz", points=np.zeros((2000, 3)))
+    monkeypatch.setattr("workbench.datasets.files.point_formats.MOST_NUMBERS", 5000)
+    assert "bytes of arrays" in refusal(read_npz, tmp_path / "a.npz")
+    assert MOST_NUMBERS > 5000
+
+
+def test_a_header_of_more_vertices_than_there_are(tmp_path):
+    for content in (PLY.encode(), binary_ply("little")):
+        many = content.replace(b"vertex 2", b"vertex 999999999999999999")
+        assert "expected" in refusal(read_ply, written(tmp_path / "a.ply", many))
+
+
+def test_points_beyond_the_earth(tmp_path):
+    written(tmp_path / "a.csv", "x,y,z\n1,2,1e8\n")
+    points = PointFiles(str(tmp_path))
+    assert "a.csv: expected positions up to 1e+07 m, found 1e+08 m" in refusal(lambda: points.known)

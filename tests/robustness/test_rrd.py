@@ -1,0 +1,162 @@
+"""Recordings made elsewhere, decoded in the sandbox first; a damaged one hides no sound one."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import rerun as rr
+from damage import changes, damaged, flips, refusal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kinds_of_recordings import leave_kinds
+from run_folders import leave
+from small_recordings import leave_recorded, record
+
+from workbench.cli.check import main as check
+from workbench.cli.export import main as export
+from workbench.cli.report import main as report
+from workbench.cli.run import main as run_of
+from workbench.cli.runs import main as runs
+from workbench.cli.view import main as view
+from workbench.cli.why import main as why
+from workbench.errors import LONGEST, InputError
+from workbench.experiment.summary import Summary
+from workbench.recording.read import probe
+from workbench.recording.read.probe import fatal, is_own, open_sound_runs, read_sound_run
+
+BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """The bytes of a recording of each kind."""
+    return [path.read_bytes() for path in sorted(leave_kinds(tmp_path_factory.mktemp("kinds")).glob("*.rrd"))]
+
+
+def together(kinds, folder, n, n_examples):
+    """Damage n recordings at once: each is read or refused, and a sound one with them is read."""
+    (folder / "sound.rrd").write_bytes(kinds[0])
+
+    @given(st.lists(changes | flips, min_size=n, max_size=n), st.booleans())
+    @settings(max_examples=n_examples)
+    def read_or_refused(chosen, cut_off):
+        for k, each in enumerate(chosen):
+            content = damaged(kinds[k % len(kinds)], each)
+            (folder / f"{k:03d}.rrd{'.part' * (cut_off and k % 2)}").write_bytes(content)
+        found, problems = open_sound_runs(folder)
+        assert folder / "sound.rrd" in [run.path for run in found]
+        assert len(found) + len(problems) == n + 1
+        assert all(len(problem.reason) <= LONGEST for problem in problems)
+        for run in found:
+            refusal(
+                lambda run=run: (run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures)
+            )
+        for path in folder.glob("0*"):
+            path.unlink()
+
+    read_or_refused()
+
+
+def test_random_damage(kinds, tmp_path):
+    together(kinds, tmp_path, 10, 3)
+
+
+@pytest.mark.slow
+def test_much_random_damage(kinds, tmp_path):
+    together(kinds, tmp_path, 20, 25)
+
+
+@pytest.mark.parametrize("bad", [{0}, {3, 4, 48}, {19}, set(range(50))])
+def test_the_recordings_that_crash_are_found_among_others(tmp_path, monkeypatch, bad):
+    paths = [tmp_path / f"{k}.rrd" for k in range(50)]
+    for path in paths:
+        path.touch()
+
+    def parse_limited(parse, *some, what):
+        for path in some[:-1]:
+            if int(path.stem) in bad:
+                raise InputError("crashed")
+            some[-1].write_bytes(some[-1].read_bytes() + b".")
+
+    monkeypatch.setattr(probe, "parse_limited", parse_limited)
+    assert fatal([*paths, tmp_path / "none.rrd"]) == {paths[k] for k in bad}
+
+
+FLIPS = {"period_snr": [(8003, 3), (6586, 1), (50009, 7)], "arm_twist": [(3493, 4), (79294, 0), (1270, 2)]}
+"""Bits (byte, number) of baselines that, flipped, crash the decoder of Rerun 0.41 or fill the memory."""
+
+
+def test_flipped_bits_that_crash_the_decoder(tmp_path):
+    for name, bits in FLIPS.items():
+        content = (BASELINES / f"{name}.rrd").read_bytes()
+        (tmp_path / f"{name}.rrd").write_bytes(content)
+        for at, bit in bits:
+            flipped = bytearray(content)
+            flipped[at % len(content)] ^= 1 << bit
+            (tmp_path / f"{name}_{at}.rrd").write_bytes(flipped)
+    found, problems = open_sound_runs(tmp_path)
+    assert {"period_snr", "arm_twist"} <= {run.path.stem for run in found}
+    assert len(found) + len(problems) == 8
+
+
+def test_runs_of_this_machine_are_read_directly(tmp_path, monkeypatch):
+    own, other, alone = (tmp_path / name / "run.rrd" for name in ("own", "other", "alone"))
+    leave_recorded(other.parent, "other")
+    for path in (own, alone):
+        path.parent.mkdir()
+        record(path, path.parent.name)
+    Summary("walk", 0, own).write(own.with_name("summary.json"))
+    assert [is_own(path) for path in (own, other, alone)] == [True, False, False]
+    tried = []
+    monkeypatch.setattr(probe, "parse_limited", lambda parse, *some, what: tried.extend(some[:-1]))
+    assert len(open_sound_runs(tmp_path)[0]) == 3
+    assert set(tried) == {other, alone}
+
+
+@pytest.mark.parametrize("content", [b"", b"junk" * 100, b"RRF2" + bytes(100)])
+def test_other_files(tmp_path, content):
+    (tmp_path / "a.rrd").write_bytes(content)
+    assert "a.rrd: expected a whole Rerun recording" in refusal(read_sound_run, tmp_path / "a.rrd")
+
+
+def test_a_body_that_no_reader_knows_is_refused(tmp_path):
+    stream = rr.RecordingStream("other", recording_id="other")
+    stream.set_sinks(rr.FileSink(tmp_path / "a.rrd"))
+    for name, values in (("run", {"status": "complete"}), ("body", {"joints": 3})):
+        stream.send_property(name, rr.AnyValues(**values))
+    stream.flush()
+    stream.disconnect()
+    assert "property body.joints: expected texts, found 3" in refusal(read_sound_run, tmp_path / "a.rrd")
+
+
+def started(arguments):
+    """Call the command that runs, which takes its words from the command line."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["workbench", *arguments])
+        return run_of()
+
+
+COMMANDS = {
+    "check": (check, ["{run}"]), "check of two": (check, ["{run}", "{other}"]), "report": (report, ["{run}"]),
+    "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
+    "runs": (runs, ["{run}", "--all"]), "runs, published": (runs, ["{folder}", "--all"]),
+    "restore": (runs, ["--restore", "{folder}"]), "changes": (runs, ["--changes", "{folder}"]),
+    "slim": (runs, ["{root}", "--slim", "--yes"]), "from": (started, ["from={run}"]),
+    "from a folder": (started, ["from={folder}"]), "from a frame": (started, ["from={run}@1"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, capsys, monkeypatch):
+    command, arguments = COMMANDS[words]
+    folder = leave(tmp_path / "folder", status="running" if "published" in words else "complete")
+    for path in (folder / "run.rrd", tmp_path / "other.rrd"):
+        path.write_bytes(kinds[0])
+    monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
+    monkeypatch.setattr(probe, "fatal", lambda paths: {Path(path) for path in paths})
+    places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder, "root": tmp_path}
+    code = command([argument.format(**places) for argument in arguments])
+    printed = " ".join("".join(capsys.readouterr()).split())
+    assert "run.rrd: expected a whole recording, found damage that crashes its decoder" in printed
+    assert code == (0 if words.startswith(("report", "runs")) else 2)
+    assert "Traceback" not in printed

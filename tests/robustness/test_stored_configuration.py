@@ -1,0 +1,136 @@
+"""The configuration and properties inside a recording, which may be anybody's: plain data that name components only."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from damage import changes, damaged, refusal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sound_files import YAML
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
+from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.stored import own_defaults, runnable
+from workbench.limits import DEEPEST, parse_yaml
+from workbench.recording.read.chunks import Curve
+from workbench.recording.read.properties import check_settings, checked
+from workbench.recording.read.reader import Run
+from workbench.report.contents import contents
+from workbench.report.groups import group_runs
+from workbench.report.page import terminal
+
+PATH = Path("a.rrd")
+BOMBS = {
+    "references to references": "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+        f"{chr(98 + k)}: &{chr(98 + k)} [{', '.join([f'*{chr(97 + k)}'] * 9)}]\n" for k in range(9)
+    ),
+    "lists in one another": "a: " + "[" * 100_000, "mappings in one another": "{a: " * 5000, "dashes": "- " * 50_000,
+    "hexadecimal digits": "seed: 0x" + "f" * 6000, "sexagesimal digits": "seed: " + ":".join(["59"] * 300_000),
+    "digits": "seed: " + "9" * 5000, "a Python object": "a: !!python/object/apply:os.system [id]",
+    "a set": "a: !!set {x}", "a date": "a: 2026-01-01", "bytes": "a: !!binary aGk=", "a surrogate": 'a: "\\ud800"',
+    "no mapping": "just words", "numbers as keys": "1: 2", "torn": "a: [", "long": "a: " + "x" * 2_000_000,
+    "an empty number": "a: !!int ''", "no truth": "a: !!bool x", "no time": "a: !!timestamp x",
+}  # fmt: skip
+
+
+def recorded(text=YAML, **properties):
+    """Return a run whose recording has this configuration and these properties."""
+    plain = {"run": {"id": "b", "status": "complete"}, "config": {"TextDocument:text": text}, "provenance": {"seed": 3}}
+    return Run(PATH, plain | properties, {"error_abs_mm": Curve(np.arange(3), np.ones((3, 1)))})
+
+
+@given(changes)
+@settings(max_examples=300)
+def test_random_damage(chosen):
+    text = damaged(YAML.encode(), chosen).decode("utf-8", "surrogateescape")
+    if not refusal(lambda: recorded(text).settings):
+        json.dumps(recorded(text).settings).encode()
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_a_bomb(bomb):
+    assert refusal(lambda: recorded(BOMBS[bomb]).settings).startswith("a.rrd: ")
+
+
+def test_levels_up_to_the_bound_are_read():
+    assert parse_yaml(PATH, "[" * DEEPEST + "]" * DEEPEST)
+
+
+plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary() | st.dates()
+nested = st.recursive(plain, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3))
+
+
+@given(st.dictionaries(st.sampled_from(["seed", "prior", "paths", "check", "note"]), nested, max_size=4))
+@settings(max_examples=100)
+def test_settings_are_plain_or_refused(found):
+    if not refusal(check_settings, PATH, found):
+        json.dumps(found).encode()
+
+
+def test_nothing_is_looked_up(monkeypatch):
+    monkeypatch.setenv("SECRET", "42")
+    assert recorded("name: ${oc.env:SECRET}\n").settings == {"name": "${oc.env:SECRET}"}
+
+
+@cache
+def own():
+    prepare_hydra()
+    return own_defaults([])
+
+
+FOREIGN = (
+    {"_target_": "os.system", "command": "id"}, {"_target_": "builtins.eval"}, {"_target_": "subprocess.run"},
+    {"_target_": "workbench.limits.check_sizes"}, {"_target_": "workbench.mocap.library.write_library"},
+    {"_target_": ["os.system"]}, {"_target_": "workbench.priors"}, {"a": [{"_target_": "os.system"}]},
+    {"_target_": "workbench.priors.smooth.Smooth", "_args_": ["/tmp/x"]}, {"_partial_": True}, {"a": "${oc.env:HOME}"},
+    {"a": "${oc.create:{_target_:os.system}}"}, {"motions": "/etc/passwd.h5"}, {"motions": "../../motions.h5"},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("foreign", FOREIGN, ids=str)
+def test_only_components_are_named(foreign):
+    found = refusal(runnable, recorded(yaml.safe_dump({"seed": 3, "prior": foreign})), [], own())
+    assert found.startswith("a.rrd: prior.")
+
+
+@given(st.text(min_size=1) | st.from_regex(r"(os|builtins|workbench|hydra|numpy)\.[a-z_.]{1,20}", fullmatch=True))
+@settings(max_examples=100)
+def test_no_other_word_is_a_component(word):
+    text = json.dumps({"seed": 3, "prior": {"_target_": word}})
+    assert refusal(runnable, recorded(text), [], own())
+
+
+SOUND = {
+    "run": {"id": "a", "status": "complete", "format": 2, "platform": "x"},
+    "config": {"TextDocument:text": YAML},
+    "provenance": {"experiment": "walk", "seed": 3, "choices": ["prior=a", "body=b"], "workbench": "0.1"},
+    "body": {"joints": list(JOINT_NAMES), "pose": list(POSE_NAMES)},
+    "shape": {name: list(v) if isinstance(v, tuple) else v for name, v in from_height(1.7).as_dict().items()},
+    "metrics": {"error_abs_mm": 1.0, "frames": 3.0}, "cost": {"seconds": 1.0},
+    "marginals": {"names": ["a"], "units": ["m"], "low": 0.0, "high": 1.0, "frames": [0.0, 1.0]},
+}  # fmt: skip
+VALUES = (
+    "a", "", "complete", "nan", "\ud800", "x" * 1000, "<script>\x1b[31m", 0, -1, 2**40, 10**400, 3.5, float("nan"),
+    float("inf"), 1e300, True, None, b"x", [], [1.0, 2.0], ["a", "b"], ["a", 1], [[1.0], [2.0]], [None], {"a": 1}, (1,),
+)  # fmt: skip
+places = [(name, key) for name, keys in SOUND.items() for key in keys]
+
+
+@given(st.dictionaries(st.sampled_from(places), st.sampled_from(VALUES), min_size=1, max_size=3))
+@settings(max_examples=200)
+def test_changed_properties_are_refused_or_hide_no_sound_run_in_a_report(values):
+    properties = {name: dict(keys) for name, keys in SOUND.items()}
+    for (name, key), value in values.items():
+        properties[name][key] = value
+    if refusal(checked, PATH, properties):
+        return
+    changed, sound = recorded(**checked(PATH, properties)), recorded(metrics={"error_abs_mm": 2.0})
+    shown = terminal(contents(group_runs([changed, sound])))
+    assert "2" in shown
+    assert "\x1b" not in shown
+    shown.encode()
