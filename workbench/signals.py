@@ -23,7 +23,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Request:
-    """received: the last signal; pending: the same while it waits for a deferred block to end; depth: of such blocks."""
+    """received: the last signal; pending: the same while a deferred block goes on; depth: of such blocks."""
 
     received: int | None = None
     pending: int | None = None
@@ -94,17 +94,3 @@ def check_interrupted() -> None:
     """Raise an interruption again that was lost: Python drops exceptions in callbacks from C and in finalizers."""
     if _Request.received is not None and threading.current_thread() is threading.main_thread():
         raise Interrupted(_Request.received)
-
-
-@contextmanager
-def held_back(*more: signal.Signals) -> Iterator[Callable[[], None]]:
-    """Block SIGNALS and `more` until the block ends, or what it gives is called."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (*SIGNALS, *more))
-
-    def release() -> None:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-    try:
-        yield release
-    finally:
-        release()

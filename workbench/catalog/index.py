@@ -9,9 +9,10 @@ from stat import S_ISDIR
 from typing import Any
 
 from workbench import __version__
-from workbench.catalog.entry import RECORDINGS, SUMMARY, Entry, entry_kept, entry_of_folder, entry_of_recording
+from workbench.catalog.entry import RECORDINGS, Entry, entry_kept, entry_of_folder, entry_of_recording
 from workbench.errors import InputError
 from workbench.files import whole_file
+from workbench.run_files import SUMMARY
 
 INDEX = ".runs.json"
 """May be deleted at any time."""
