@@ -23,7 +23,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Request:
-    """received: the last signal; pending: the same while a deferred block goes on; depth: of such blocks."""
+    """received: the last signal; pending: the same while a deferred block has not ended; depth: number of such."""
 
     received: int | None = None
     pending: int | None = None
@@ -45,7 +45,7 @@ def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None
 
     def handle(number: int, _: FrameType | None) -> None:
         for each in before:
-            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else signal.SIG_IGN)
+            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else _ignore)
         if first is not None:
             first()
         _Request.received = number
@@ -63,6 +63,10 @@ def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None
             signal.signal(number, handler)
         if before:
             _Request.received = _Request.pending = None
+
+
+def _ignore(number: int, frame: FrameType | None) -> None:
+    """Do nothing; with SIG_IGN instead, Python prints a traceback for a signal that has arrived already."""
 
 
 @contextmanager

@@ -161,8 +161,6 @@ def _unchanged(entry: Entry) -> Iterator[None]:
         return
     with locked(path) if os.access(path, os.W_OK) else nullcontext():  # in one of somebody else's no run can begin
         now = entry_of_folder(path)
-        if now.status == "running":
-            raise InputError(f"{path}: expected a run that has ended, found one at work")
         if (now.started, now.origin.get("identity")) != (entry.started, entry.origin.get("identity")):
             raise InputError(f"{path}: another run came there since it was listed")
         yield
