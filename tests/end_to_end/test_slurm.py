@@ -1,4 +1,4 @@
-"""A sweep over a real Slurm without accounting: jobs bound to cores, one cancelled, and the rest run again."""
+"""A sweep over a real Slurm without accounting: jobs bound to cores, one killed and run again."""
 
 import os
 import re
@@ -36,8 +36,8 @@ def environment(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_sweep_over_slurm_is_completed_after_a_job_was_cancelled(tmp_path, environment):
-    """Without accounting submitit waits for a cancelled job until it is interrupted itself."""
+def test_a_sweep_over_slurm_is_completed_after_a_job_was_killed(tmp_path, environment):
+    """Without accounting submitit waits for a killed job until it is interrupted itself."""
     sweep, output = tmp_path / "sweep", tmp_path / "output.txt"
     environment = {**environment, "WORKBENCH_CACHE": str(tmp_path / "cache")}
     environment.pop("NUMBA_NUM_THREADS", None)  # the cores that Slurm binds a job to say how many
@@ -47,7 +47,7 @@ def test_a_sweep_over_slurm_is_completed_after_a_job_was_cancelled(tmp_path, env
     ) as process:  # fmt: skip
         wait_for(lambda: (sweep / "0" / "run.rrd.part").is_file() and is_locked(sweep / "0"), output)
         assert len(os.sched_getaffinity(process_of(sweep / "0"))) == 1
-        slurm(environment, "scancel", f"{slurm(environment, 'squeue', '--noheader', '--format=%F').split()[0]}_0")
+        os.kill(process_of(sweep / "0"), signal.SIGKILL)  # as the kernel does when it is out of memory
         wait_for(lambda: not slurm(environment, "squeue", "--noheader").strip(), output)
         process.send_signal(signal.SIGINT)
     words = output.read_text()

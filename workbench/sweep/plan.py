@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice, product
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, Override, RangeSweep
 from omegaconf import DictConfig, OmegaConf
+from yaml import YAMLError
 
 from workbench.errors import InputError
 from workbench.limits import MOST_JOBS, MOST_PROCESSES, check_number, check_sizes
@@ -33,21 +34,21 @@ class Plan:
     """A sweep before it runs.
 
     folder: of the sweep; job k works in `folder/k`. metric: the number to show and to minimise, None for the usual
-    one. keys: what varies. varied: for every job its overrides of these keys, None where a tuner chooses them as it
-    goes. jobs: the numbers of the jobs to run.
+    one. keys: what varies. jobs: the numbers of the jobs to run. tuned: whether a tuner chooses what they run.
     """
 
     folder: Path
     metric: str | None
     keys: tuple[str, ...]
-    varied: tuple[tuple[str, ...], ...] | None
     jobs: tuple[int, ...]
+    tuned: bool = False
 
     def of(self, job: int) -> str:
-        """Return what varies, as job number `job` has it."""
-        if self.varied is not None:
-            return " ".join(self.varied[job])
-        overrides = map(str, OmegaConf.load(self.folder / str(job) / ".hydra" / "overrides.yaml"))
+        """Return what varies, as a job that has begun has it; nothing where that cannot be read."""
+        try:
+            overrides = map(str, OmegaConf.load(self.folder / str(job) / ".hydra" / "overrides.yaml"))
+        except (OSError, YAMLError):
+            return ""
         return " ".join(text for text in overrides if text.partition("=")[0] in self.keys)
 
 
@@ -84,15 +85,13 @@ def jobs_of(config: Any, folder: Path) -> Plan:
     """
     sweeper, chosen = config.hydra.sweeper, OmegaConf.select(config, "sweep.jobs")
     swept = _swept(sweeper, list(config.hydra.overrides.task))
-    n_trials, varied = sweeper.get("n_trials"), None
+    n_trials = sweeper.get("n_trials")
     n_jobs: int = math.prod(map(len, swept.values())) if n_trials is None else n_trials
     check_number("sweep" if n_trials is None else "hydra.sweeper.n_trials", "jobs", n_jobs, MOST_JOBS)
-    if n_trials is None:
-        varied = tuple(product(*([f"{key}={value}" for value in values] for key, values in swept.items())))
     jobs = tuple(range(n_jobs) if chosen is None else chosen)
     if unknown := [job for job in jobs if not 0 <= job < n_jobs]:
         raise InputError(f"sweep.jobs: expected numbers below {n_jobs}, found {unknown[0]}")
-    return Plan(folder, OmegaConf.select(config, "sweep.metric"), tuple(swept), varied, jobs)
+    return Plan(folder, OmegaConf.select(config, "sweep.metric"), tuple(swept), jobs, tuned=n_trials is not None)
 
 
 def _check_numbers(config: DictConfig) -> None:

@@ -4,7 +4,7 @@ import multiprocessing
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
@@ -32,7 +32,6 @@ LONGEST_END_S = 20.0
 """Time that jobs have to end in after a signal, before their launcher kills them."""
 
 _JOBLIB = "JoblibLauncher"
-_NOTHING = 0, ""
 
 
 class Progress:
@@ -44,10 +43,10 @@ class Progress:
 
     def __init__(self, plan: Plan, launcher: str = "", began_ns: int | None = None) -> None:
         self.plan, self.launcher, self.ended = plan, launcher, dict[int, str]()
-        self._seen: dict[int, tuple[int, str]] = {}
-        self._seen |= {job: self._version(job) for job in plan.jobs}
+        self._seen = {job: self._written(job) for job in plan.jobs}
         if began_ns is not None:
-            self._seen = {job: each if each[0] < began_ns else _NOTHING for job, each in self._seen.items()}
+            self._seen = {job: written if written < began_ns else 0 for job, written in self._seen.items()}
+        self._started = {job: self._summary(job).get("started") for job, written in self._seen.items() if written}
         self._over = Event()
         print(f"{len(plan.jobs)} jobs in {plan.folder}")
         print(f" job  status       {plan.metric or 'error':>14}  seconds   left   verdict", flush=True)
@@ -68,65 +67,60 @@ class Progress:
         """Return the jobs that run, were killed or have not begun."""
         return [job for job in self.plan.jobs if job not in self.ended]
 
+    def not_begun(self) -> list[int]:
+        """Return the jobs that have left nothing since the sweep began."""
+        return [job for job in self.not_ended() if self._written(job) == self._seen[job]]
+
     def not_complete(self) -> dict[int, str]:
         """Return the reason for every job that is not complete."""
         fine = ("complete", "kept", "stopped")
         return {job: self._reason(job) for job in self.plan.jobs if self.ended.get(job) not in fine}
-
-    def not_begun(self) -> list[int]:
-        """Return the jobs that have left nothing since the sweep began."""
-        return [job for job in self.not_ended() if self._version(job) == self._seen[job]]
 
     def _watch(self) -> None:
         over = False
         while not over:
             over = self._over.wait(PERIOD_S)
             for job in self.plan.jobs:
-                if (version := self._version(job)) != self._seen[job]:
-                    self._look(job, version)
+                if (written := self._written(job)) != self._seen[job]:
+                    self._look(job, written)
 
-    def _look(self, job: int, version: tuple[int, str]) -> None:
-        summary = read_summary(self.plan.folder / str(job)) or {}
+    def _look(self, job: int, written: int) -> None:
+        summary = self._summary(job)
         self.ended.pop(job, None)  # one that was interrupted may begin again, as Slurm has jobs do
-        if summary.get("status") not in ENDED:
-            return
-        same = "taken_from" in summary or version[1] == self._seen[job][1]
-        self._seen[job], self.ended[job] = version, "kept" if same else summary["status"]
-        print(printable(self._line(job, summary, same)), flush=True)
+        if (status := summary.get("status")) in ENDED:
+            same = "taken_from" in summary or summary.get("started") == self._started.get(job, "")
+            self._seen[job], self.ended[job] = written, "kept" if same else str(status)
+            print(printable(self._line(job, summary) + ("" if same else _how(summary))), flush=True)
 
-    def _line(self, job: int, summary: Mapping[str, Any], same: bool) -> str:
-        complete = summary["status"] == "complete"
-        try:
-            metric = metric_of(summary.get("metrics", {}), self.plan.metric) if complete else None
-        except InputError:
-            metric = None
+    def _line(self, job: int, summary: Mapping[str, Any]) -> str:
+        metric, kind = None, "-"
+        if summary["status"] == "complete":
+            kind = str((summary.get("verdict") or {}).get("kind", "-"))
+            with suppress(InputError):
+                metric = metric_of(summary.get("metrics", {}), self.plan.metric)
         shown = "-" if metric is None else f"{metric:.4g}"
-        kind = str((summary.get("verdict") or {}).get("kind", "-")) if complete else "-"
         line = f"{job:4d}  {self.ended[job]:<11}  {shown:>14}  {summary.get('wall_s', 0.0):7.1f}"
-        return f"{line}  {len(self.not_ended()):5d}   {kind:<16}   {self.plan.of(job)}{'' if same else _how(summary)}"
+        return f"{line}  {len(self.not_ended()):5d}   {kind:<16}   {self.plan.of(job)}"
 
-    def _version(self, job: int) -> tuple[int, str]:
-        """Return the time of a job's summary in ns, and when the run began that it describes."""
-        folder = self.plan.folder / str(job)
+    def _summary(self, job: int) -> dict[str, Any]:
+        return read_summary(self.plan.folder / str(job)) or {}
+
+    def _written(self, job: int) -> int:
+        """Return the time of a job's summary in ns, 0 where there is none."""
         try:
-            written = (folder / SUMMARY).stat().st_mtime_ns
+            return (self.plan.folder / str(job) / SUMMARY).stat().st_mtime_ns
         except OSError:
-            return _NOTHING
-        if written == self._seen.get(job, _NOTHING)[0]:
-            return self._seen[job]
-        return written, str((read_summary(folder) or {}).get("started"))
+            return 0
 
     def _reason(self, job: int) -> str:
-        folder = self.plan.folder / str(job)
-        summary = read_summary(folder) or {}
         if job not in self.ended:
-            if is_locked(folder):
-                return "still running"
-            return "never begun" if self._version(job) == self._seen[job] else "killed"
+            begun = "still running" if is_locked(self.plan.folder / str(job)) else "killed"
+            return begun if self._written(job) != self._seen[job] else "never begun"
+        summary = self._summary(job)
         error = str(summary.get("error") or "")
-        if summary["status"] == "failed":
-            return error
-        return f"interrupted by {error.partition(': ')[2]}" if ": " in error else "interrupted"
+        return (
+            error if summary.get("status") == "failed" else f"interrupted by {error.partition(': ')[2] or 'a signal'}"
+        )
 
 
 def _how(summary: Mapping[str, Any]) -> str:
@@ -188,7 +182,7 @@ def _refuse(error: Exception) -> None:
 def rest_of(progress: Progress) -> list[str]:
     """Return the overrides that run the jobs which have not begun when joblib died of a killed worker; none else."""
     left = progress.not_begun()
-    if not left or progress.plan.varied is None or not progress.launcher.endswith(_JOBLIB):
+    if not left or progress.plan.tuned or not progress.launcher.endswith(_JOBLIB):
         return []
     folder = str(progress.plan.folder).replace("'", r"\'")
     return [f"sweep.resume='{folder}'", f"sweep.jobs=[{','.join(map(str, left))}]"]

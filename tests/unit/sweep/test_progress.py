@@ -12,7 +12,7 @@ from workbench.sweep.progress import Progress, close, rest_of
 
 @pytest.fixture
 def progress(tmp_path):
-    found = Progress(Plan(tmp_path, None, ("seed",), (("seed=0",), ("seed=1",)), (0, 1)), "JoblibLauncher")
+    found = Progress(Plan(tmp_path, None, ("seed",), (0, 1)), "JoblibLauncher")
     yield found
     found.stop()
 
@@ -28,7 +28,7 @@ def test_a_job_that_runs_again_after_it_was_interrupted_is_not_interrupted(tmp_p
     job = leave(tmp_path / "1", day=1, status="interrupted")
     progress.stop()
     assert progress.not_ended() == []
-    assert progress.not_complete() == {1: "interrupted"}
+    assert progress.not_complete() == {1: "interrupted by a signal"}
 
     leave_again(job, 2, status="running")
     progress._watch()
@@ -53,7 +53,7 @@ def test_jobs_that_have_not_ended_are_told_apart(tmp_path, progress):
 def test_what_an_earlier_sweep_left_has_not_begun_until_it_is_kept_or_run(tmp_path, capsys):
     leave(tmp_path / "0")
     leave(tmp_path / "1", status="failed")
-    progress = Progress(Plan(tmp_path, None, ("seed",), (("seed=0",), ("seed=1",)), (0, 1)))
+    progress = Progress(Plan(tmp_path, None, ("seed",), (0, 1)))
     assert progress.not_begun() == [0, 1]
     (tmp_path / "0" / "summary.json").touch()
     assert close(progress, ["-m", "seed=0,1", "hydra.sweep.dir=there"]) == 1

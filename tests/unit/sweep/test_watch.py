@@ -29,7 +29,9 @@ def sweep(tmp_path):
 def test_the_jobs_are_those_of_all_combinations(sweep):
     found = read_plan(sweep)
     assert found.jobs == (0, 1, 2, 3)
-    assert found.of(2) == "prior=walking seed=0"
+    (sweep / "0" / ".hydra").mkdir()
+    (sweep / "0" / ".hydra" / "overrides.yaml").write_text("[dataset.n_frames=5, prior=smooth, seed=0]")
+    assert found.of(0) == "prior=smooth seed=0"
     (sweep / "multirun.yaml").write_text(PLAN.replace("null", "[1, 3]"))
     assert read_plan(sweep).jobs == (1, 3)
 
