@@ -31,8 +31,8 @@ class _Request:
 
 
 @contextmanager
-def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None) -> Iterator[None]:
-    """Raise Interrupted when one of SIGNALS, or of `more`, arrives in the block; `first` is called before that.
+def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
+    """Raise Interrupted when one of SIGNALS arrives in the block; `first` is called before that.
 
     Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
     (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
@@ -40,7 +40,7 @@ def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (*SIGNALS, *more)}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     before = {n: handler for n, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)}
 
     def handle(number: int, _: FrameType | None) -> None:

@@ -77,7 +77,7 @@ def main() -> int:
     """
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
     logging.raiseExceptions = False  # on a full disk, every line of run.log would bring a traceback
-    with interruptible(first=Watch.end_jobs):
+    with interruptible(first=Watch.end):
         return _main()
 
 

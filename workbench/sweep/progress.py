@@ -161,7 +161,7 @@ class Watch(Callback):
         Watch.progress = Progress(plan, str(config.hydra.launcher._target_))
 
     @classmethod
-    def end_jobs(cls) -> None:
+    def end(cls) -> None:
         """Let no more jobs begin, and interrupt those of joblib's workers, which joblib would kill."""
         cls.lock.close()
         if cls.progress is None or not cls.progress.launcher.endswith(_JOBLIB):
