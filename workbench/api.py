@@ -17,6 +17,7 @@ from workbench.errors import InputError
 from workbench.experiment.composition import composed
 from workbench.experiment.described import PYTHON, settings_of
 from workbench.experiment.execute import ending, execute
+from workbench.experiment.folder import run_folder
 from workbench.experiment.parts import GROUPS, name_parts, parts_in
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.running import record as record_steps
@@ -70,7 +71,10 @@ def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, qui
     summary = Summary(PYTHON, seed, place / RECORDING, settings=settings)
     summary.provenance = provenance(config, Command())
     one_thread = threadpool_limits(limits=1, user_api="blas")  # as `execute` does
-    with _telling(place, quiet), ending(summary), one_thread, recorder_of(config, parts, summary) as recorder:
+    with (
+        _telling(place, quiet), run_folder(place), ending(summary), one_thread,
+        recorder_of(config, parts, summary) as recorder,
+    ):  # fmt: skip
         recorder.set_departures(parts.clip.known.departures)
         record_steps(parts, recorder, seed, summary, quiet)
         recorder.set_result(summary.metrics)

@@ -22,6 +22,7 @@ MOST_NUMBERS = 50_000_000  # of one array: 400 MB of float64
 MOST_TEXT, MOST_CONFIG = 300_000_000, 1_000_000  # bytes of a text file; characters of a configuration or a calibration
 DEEPEST = 50  # levels of lists and mappings in one another
 MOST_COUNT, LARGEST, MOST_SEED = 1_000_000, 1e9, 2**63 - 1  # whole and other numbers of a configuration
+MOST_JOBS, MOST_PROCESSES = 100_000, 1_000  # of a sweep
 
 RATES_HZ = (0.1, 1e5)
 LARGEST_M, LARGEST_PX = 1e7, 1e7  # of positions
@@ -142,16 +143,3 @@ def _parsed(place: object, kind: str, parse: Callable[[Any], Any], text: str | b
         return parse(text)
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise InputError(f"{place}: expected {kind}: {' '.join(str(error).split())}") from None
-
-
-# used by admission and references only
-MOST_REFERENCES = 100
-
-
-def check_yaml(place: object, text: str, most_values: int = 0) -> None:
-    """Raise InputError for what `parse_yaml` refuses."""
-    parse_yaml(place, text)
-
-
-# used by sweep only (and check_yaml above by sweep.watch)
-MOST_JOBS, MOST_PROCESSES, MOST_ROUNDS, MOST_DIGITS = 100_000, 1_000, 1_000, 100

@@ -31,8 +31,8 @@ class _Request:
 
 
 @contextmanager
-def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None) -> Iterator[None]:
-    """Raise Interrupted when one of SIGNALS, or of `more`, arrives in the block; `first` is called before that.
+def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
+    """Raise Interrupted when one of SIGNALS arrives in the block; `first` is called before that.
 
     Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
     (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
@@ -40,12 +40,12 @@ def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (*SIGNALS, *more)}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     before = {n: handler for n, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)}
 
     def handle(number: int, _: FrameType | None) -> None:
         for each in before:
-            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else signal.SIG_IGN)
+            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else _ignore)
         if first is not None:
             first()
         _Request.received = number
@@ -63,6 +63,10 @@ def interruptible(*more: signal.Signals, first: Callable[[], None] | None = None
             signal.signal(number, handler)
         if before:
             _Request.received = _Request.pending = None
+
+
+def _ignore(number: int, frame: FrameType | None) -> None:
+    """Do nothing; with SIG_IGN instead, Python prints a traceback for a signal that has arrived already."""
 
 
 @contextmanager
@@ -94,17 +98,3 @@ def check_interrupted() -> None:
     """Raise an interruption again that was lost: Python drops exceptions in callbacks from C and in finalizers."""
     if _Request.received is not None and threading.current_thread() is threading.main_thread():
         raise Interrupted(_Request.received)
-
-
-@contextmanager
-def held_back(*more: signal.Signals) -> Iterator[Callable[[], None]]:
-    """Block SIGNALS and `more` until the block ends, or what it gives is called."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (*SIGNALS, *more))
-
-    def release() -> None:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-    try:
-        yield release
-    finally:
-        release()

@@ -48,7 +48,7 @@ def _summary(k: int) -> dict[str, object]:
     prior, n_particles = ("smooth", "walking")[k % 2], 100 * (k % 7)
     return {
         "status": "complete", "experiment": "walk_straight", "seed": k, "identity": f"{k:064d}", "host": "elsewhere",
-        "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "pid": 1, "error": None,
+        "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "error": None,
         "metrics": {"error_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
         "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench seed={k}"},
         "settings": {"seed": k, "inference": {"n_particles": n_particles}, **parts},

@@ -9,8 +9,9 @@ import sys
 import pytest
 from kills import MOST_LOST, main
 
-from workbench.experiment.folder import taken
+from workbench.experiment.folder import run_folder
 from workbench.recording.read.reader import read
+from workbench.run_files import EARLIER, LOCK
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
@@ -22,11 +23,11 @@ def cache(tmp_path_factory):
 
 
 def test_the_folder_of_another_run_is_refused_before_anything_is_written(run, tmp_path):
-    with taken(tmp_path / "out"):
+    with run_folder(tmp_path / "out"):
         code, told, folder = run("out", *SMALL)
         assert code == 2
-        assert f"out: a run is at work there, process {os.getpid()} on " in told
-        assert [path.name for path in folder.iterdir()] == [".taken"]
+        assert f"out: process {os.getpid()} on " in told
+        assert [path.name for path in folder.iterdir()] == [LOCK]
 
 
 def test_a_complete_run_is_not_overwritten(run):
@@ -35,8 +36,8 @@ def test_a_complete_run_is_not_overwritten(run):
     code, told, _ = run("out", "seed=1", *SMALL)
     assert code == 0
     assert "held a complete run, which is now in" in told
-    assert (folder / ".before" / "1" / "run.rrd").read_bytes() == kept
-    assert json.loads((folder / ".before" / "1" / "summary.json").read_text())["seed"] == 0
+    assert (folder / EARLIER / "1" / "run.rrd").read_bytes() == kept
+    assert json.loads((folder / EARLIER / "1" / "summary.json").read_text())["seed"] == 0
     assert read(folder / "run.rrd").settings["seed"] == 1
     code, told, _ = run("out", f"from={folder / 'run.rrd'}@2")
     assert code == 2
@@ -67,7 +68,7 @@ def test_of_two_runs_at_once_in_one_folder_one_ends_well_and_the_other_is_told(t
     told = [process.communicate(timeout=120)[0] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2], told
     well, refused = sorted(range(2), key=lambda k: both[k].returncode)
-    assert f"a run is at work there, process {both[well].pid} on " in told[refused]
+    assert f"out: process {both[well].pid} on " in told[refused]
     assert read(tmp_path / "out" / "run.rrd").settings["seed"] == well
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["seed"] == well
 

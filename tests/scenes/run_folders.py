@@ -14,7 +14,7 @@ def summary(prior="smooth", n=500, seed=0, status="complete", error=40.0, day=1,
             "seed": seed, "prior": {"_target_": f"workbench.priors.{prior}"}, "inference": {"n_particles": n},
             "likelihood": {"weights": {"edges": 0.5}}, "recorder": {"live": False},
         },
-        "identity": f"{prior}-{n}-{seed}", "started": f"202611{day:02d}T150000.123456Z", "host": "elsewhere", "pid": 1,
+        "identity": f"{prior}-{n}-{seed}", "started": f"202611{day:02d}T150000.123456Z", "host": "elsewhere",
         "error": None, **other,
     }  # fmt: skip
 

@@ -49,7 +49,7 @@ def hand_built(n_frames=3):
 def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
     run, folder = swapped
     assert run.folder == folder
-    assert {path.name for path in folder.iterdir()} == {".taken", "run.rrd", "summary.json"}
+    assert {path.name for path in folder.iterdir()} == {".lock", "run.rrd", "summary.json"}
     assert run.status == "complete"
     assert run.settings["seed"] == 3
     prior = run.settings["prior"]

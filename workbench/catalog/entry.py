@@ -1,8 +1,6 @@
 """What is known of one run without opening it in a viewer: how it ended, its configuration, its numbers."""
 
 import json
-import os
-import platform
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -14,8 +12,8 @@ from typing import Any
 
 from workbench.errors import InputError
 from workbench.recording.settings import choices_of, leaves
-from workbench.run_files import PART, RECORDING
-from workbench.run_files import SUMMARY as SUMMARY
+from workbench.run_files import PART, RECORDING, SUMMARY
+from workbench.run_lock import is_locked
 
 _NO_SUMMARY = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 """What reading something else than a summary ends with."""
@@ -81,6 +79,8 @@ def entry_of_folder(folder: Path) -> Entry:
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         entry = Entry(**known, **_of_summary(summary))
+        if entry.status == "running" and not is_locked(folder):
+            entry = replace(entry, status="killed")
         if entry.status in ("running", "killed") and entry.recording == str(folder / RECORDING):
             # published, and then killed before it could say so
             whole = entry_of_recording(Path(entry.recording), suspicious=True)
@@ -125,7 +125,7 @@ def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
     origin |= {"verdict": str((summary.get("verdict") or {}).get("kind", ""))} if summary.get("verdict") else {}
     seed = summary.get("seed")
     return {
-        "status": _status(summary),
+        "status": str(summary["status"]),
         "experiment": str(summary.get("experiment", "")),
         "seed": None if seed is None else int(seed),
         "started": _iso(str(summary.get("started", ""))),
@@ -135,20 +135,6 @@ def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
         "origin": origin | {"identity": summary.get("identity") or origin.get("identity", "")},
         "error": " ".join(str(summary.get("error") or "").split())[:300],
     }
-
-
-def _status(summary: Mapping[str, Any]) -> str:
-    """What became of it; one that is still `running` by its summary but not on this machine was killed."""
-    status = str(summary["status"])
-    if status != "running" or summary.get("host") != platform.node():
-        return status
-    try:
-        os.kill(int(summary["pid"]), 0)
-    except ProcessLookupError:
-        return "killed"
-    except PermissionError:  # somebody else's process
-        return status
-    return status
 
 
 def _iso(started: str) -> str:

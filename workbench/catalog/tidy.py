@@ -4,17 +4,19 @@ import os
 import shutil
 import tarfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from uuid import uuid4
 
 from workbench.catalog.entry import Entry, entry_of_folder
 from workbench.catalog.index import runs_in
 from workbench.errors import InputError
-from workbench.experiment.folder import BEFORE, LOCK, RUN, earlier_runs, held, kept_before
+from workbench.experiment.folder import earlier_names, earlier_runs
 from workbench.files import whole_file
 from workbench.recording.compare.condense import condense, is_condensed
 from workbench.recording.read.probe import read_sound_run
+from workbench.run_files import EARLIER, LOCK, RECORDING, SUMMARY
+from workbench.run_lock import locked
 from workbench.signals import deferred
 
 BASELINES = "baselines"
@@ -93,7 +95,7 @@ def goes_with(entry: Entry) -> str:
     """Tell what else lies in a run's folder that nobody listed, and what becomes of it when the run is removed."""
     if earlier := earlier_runs(Path(entry.path)):
         return f"the run that was there before, {earlier[-1]}, takes its place"
-    if any(name.endswith(".part") for name in kept_before(Path(entry.path))):
+    if any(name.endswith(".part") for name in earlier_names(Path(entry.path))):
         return "with what an earlier attempt recorded, from which sweep.resume would go on"
     return ""
 
@@ -127,9 +129,9 @@ def _set_apart(path: Path, apart: Path) -> None:
     apart.mkdir()
     with deferred():
         for each in os.listdir(path):
-            if each not in (BEFORE, LOCK):
+            if each not in (EARLIER, LOCK):
                 os.rename(path / each, apart / each)
-        for name in RUN:
+        for name in (RECORDING, SUMMARY):
             if (earlier[-1] / name).is_file():
                 os.rename(earlier[-1] / name, path / name)
     shutil.rmtree(earlier[-1])
@@ -153,14 +155,12 @@ def _unchanged(entry: Entry) -> Iterator[None]:
     gone.
     """
     path = Path(entry.path)
+    path.stat()
     if not path.is_dir():
-        path.stat()
         yield
         return
-    with held(path):
+    with locked(path) if os.access(path, os.W_OK) else nullcontext():  # in one of somebody else's no run can begin
         now = entry_of_folder(path)
-        if now.status == "running":
-            raise InputError(f"{path}: expected a run that has ended, found one at work")
         if (now.started, now.origin.get("identity")) != (entry.started, entry.origin.get("identity")):
             raise InputError(f"{path}: another run came there since it was listed")
         yield

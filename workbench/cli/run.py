@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import sys
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,8 +25,7 @@ from workbench.errors import InputError, shortened
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.experiment.schema import prepare_hydra
 from workbench.signals import Interrupted, interruptible
-from workbench.sweep.halving import KEY, best_third, frames_of, metrics_of, round_of
-from workbench.sweep.plan import metric_of, run_job
+from workbench.sweep.job import metric_of, run_job
 from workbench.sweep.progress import Watch, close, rest_of
 from workbench.sweep.stopping import stop_when
 
@@ -43,7 +41,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """What the operating system says where there is no room to write; told in one sentence, too."""
 
 LAUNCHER_DIED = RuntimeError
-"""What joblib (BrokenProcessPool) and submitit (UncompletedJobError) raise when a process of theirs is killed."""
+"""What joblib (TerminatedWorkerError) and submitit (UncompletedJobError) raise when a process of theirs is killed."""
 
 PLAIN = ("from=", "hydra.run.dir=")
 """Arguments that are not for Hydra where a recording's configuration runs."""
@@ -94,7 +92,7 @@ def main() -> int:
 
 
 def _main() -> int:
-    Watch.progress, Watch.rounds = None, ()
+    Watch.progress = None
     arguments: list[str] = []
     code = 0
     try:
@@ -114,8 +112,6 @@ def _main() -> int:
             _branch([_plain(text) if text.startswith(PLAIN) else text for text in arguments])
         elif there := sentences.mistyped(arguments):
             return _print([*there[:-1], shortened(there[-1])], code=2)
-        elif halved := [text.removeprefix(KEY) for text in arguments if text.startswith(KEY)]:
-            code = _rounds(arguments, frames_of(halved[-1]))
         else:
             _whole_sweep(arguments)
     except MENDABLE as error:
@@ -126,9 +122,8 @@ def _main() -> int:
         code = _tell(error)
     finally:
         if Watch.progress is not None:
-            Watch.progress.stop()
-            told = close(Watch.progress, arguments)
-            code = code or told
+            left = close(Watch.progress, arguments)
+            code = code or left
     return code
 
 
@@ -153,35 +148,11 @@ def _branch(arguments: list[str]) -> None:
     _report(branch(arguments))
 
 
-def _rounds(arguments: list[str], frames: list[int]) -> int:
-    """Run a sweep in rounds of more and more frames, of each the best third; returns the worst exit code."""
-    if "-m" not in arguments and "--multirun" not in arguments:
-        raise InputError("sweep.halving is of a sweep: say -m")
-    given = [text.partition("=")[2] for text in arguments if text.startswith("hydra.sweep.dir=")]
-    folder = given[-1] if given else f"recordings/sweeps/halving/{datetime.now():%Y-%m-%d_%H-%M-%S-%f}"
-    jobs: list[int] | None = None
-    code, Watch.rounds = 0, frames
-    for k, n_frames in enumerate(frames):
-        print(f"round {k + 1} of {len(frames)}: {n_frames} frames", flush=True)
-        Watch.progress = None
-        own = round_of(arguments, folder, k, n_frames, jobs)
-        _whole_sweep(own)
-        if Watch.progress is None:
-            return 1
-        Watch.progress.stop()
-        code, plan = max(code, close(Watch.progress, own)), Watch.progress.plan
-        if not (jobs := best_third(plan, metrics_of(plan))):
-            break
-        print(f"best: {plan.of(jobs[0])}", flush=True)
-    Watch.progress = None
-    return code
-
-
 def _whole_sweep(arguments: list[str]) -> None:
-    """Run Hydra; when a sweep's launcher dies of one job, run it again for those that have not ended."""
-    left: list[str] = []
+    """Run Hydra; when joblib dies of a killed worker, run it again for the jobs that have not begun."""
+    rest: list[str] = []
     while True:
-        sys.argv[1:] = [*arguments, *left]
+        sys.argv[1:] = [*arguments, *rest]
         try:
             _job()
             return
@@ -189,12 +160,11 @@ def _whole_sweep(arguments: list[str]) -> None:
             if (progress := Watch.progress) is None:
                 raise
             progress.stop()
-            before, left = left, rest_of(progress)
             reason = next(iter(str(error).splitlines()), "")  # pages follow, of what its process printed
             print(f"workbench: the launcher died: {type(error).__name__}: {reason}", file=sys.stderr)
-            if not left or left == before:  # all have ended, or none did this time
+            if not (rest := rest_of(progress)):
                 return
-            print(f"workbench: it is started again for {len(progress.cut())} jobs", file=sys.stderr)
+            print(f"workbench: it is started again for {len(progress.not_begun())} jobs", file=sys.stderr)
 
 
 @hydra.main(version_base="1.3", config_path="pkg://workbench.conf", config_name="config")

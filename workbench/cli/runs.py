@@ -165,10 +165,10 @@ def _changes(place: str) -> int:
 
 
 def _watch(place: Path) -> int:
-    from workbench.sweep.watch import watch, watched
+    from workbench.sweep.watch import watch
 
     try:
-        return watch(watched(place))
+        return watch(place)
     except KeyboardInterrupt:
         return 130
 

@@ -10,14 +10,15 @@ from omegaconf import DictConfig, OmegaConf
 from workbench.errors import InputError
 from workbench.experiment.build import check_names, check_targets, targets_in
 from workbench.experiment.compatibility import incompatibility
-from workbench.experiment.folder import taken
+from workbench.experiment.folder import run_folder, set_aside
 from workbench.experiment.identity import identity
 from workbench.experiment.lacking import what_lacks
 from workbench.experiment.parts import GROUPS
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary
 from workbench.limits import check_products, check_sizes
-from workbench.signals import deferred
+from workbench.run_files import RECORDING, SUMMARY
+from workbench.signals import deferred, interruptible
 from workbench.streams import rng_streams
 
 if TYPE_CHECKING:
@@ -37,41 +38,44 @@ def execute(
     recorded run goes on; None: from the first frame. stop: ends the run where it holds. anew: why it does not go on
     where an earlier attempt ended. Raises InputError for what a person can mend, DegenerateWeights where the
     configuration asks to end there; summary.json then says so, and the recording up to there is kept as `run.rrd.part`.
-    One run at a time works in a folder, see `folder.taken`.
+    One run at a time works in a folder, see `run_lock`.
     """
-    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / "run.rrd", anew=anew)
-    with ending(summary):
-        _execute(config, summary, quiet, command or Command(), continued, stop)
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING, anew=anew)
+    with run_folder(folder), ending(summary):
+        run_checked(config, summary, quiet, command or Command(), continued, stop)
     return summary
 
 
 @contextmanager
 def ending(summary: Summary) -> Iterator[None]:
-    """Take the run's folder, and keep summary.json there at the beginning and, with how it ended, at the end.
+    """Write summary.json at the beginning of a run and, with how it ended, at its end; SIGTERM and its like interrupt.
 
-    The recording decides: once it is published the run is over, whatever is asked for or goes wrong from there on.
+    The caller holds the lock of the run's folder. A complete run in it is set aside. The recording decides: once it is
+    published the run is complete, whatever is asked for or fails from there on.
     """
-    told = summary.recording.parent / "summary.json"
-    with taken(told.parent):
+    path = summary.recording.parent / SUMMARY
+    set_aside(path.parent)
+    with interruptible():
         try:
-            summary.write(told)  # "running", which is how a run that is killed is told
+            summary.write(path)  # "running", which is what a killed run leaves
             yield
-            _end(summary, told, None)
+            _end(summary, path, None)
         except BaseException as error:
-            _end(summary, told, error)  # once more, where it was asked to end while it was about to do that
+            _end(summary, path, error)  # once more, where it was asked to end while it was about to do that
             raise
 
 
-def _end(summary: Summary, told: Path, error: BaseException | None) -> None:
+def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
     with deferred():
         summary.end(error)
-        summary.write(told)
+        summary.write(path)
 
 
-def _execute(
+def run_checked(
     config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: "Continued | None",
     stop: Stop | None,
 ) -> None:  # fmt: skip
+    """Check the configuration and run it, counted in the summary; parameters and errors as of `execute`."""
     said: Any = OmegaConf.to_container(config, resolve=True)
     _check_components(config)
     check_names(targets_in(said, ""))

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from workbench.experiment.identity import input_files
 from workbench.processes import CAPTURED, run
@@ -39,16 +39,6 @@ class Command:
     def line(self) -> str:
         """The command, which a shell takes, or what was said in Python."""
         return self.said or shlex.join(["workbench", *self.overrides])
-
-
-def command_of(folder: Path) -> Command:
-    """Read what Hydra leaves in the folder of a job before it runs; an empty command where there is nothing."""
-    try:
-        runtime = OmegaConf.load(folder / ".hydra" / "hydra.yaml").hydra
-    except FileNotFoundError:
-        return Command()
-    choices = {str(group): str(option) for group, option in runtime.runtime.choices.items()}
-    return Command([str(override) for override in runtime.overrides.task], choices)
 
 
 def provenance(config: DictConfig, command: Command) -> dict[str, Any]:

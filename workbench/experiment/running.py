@@ -127,7 +127,8 @@ def record(
     tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
     if continued is not None and (earlier := continued.earlier) is not None:
         summary.take_over(len(earlier.frames), earlier.per_frame)
-    with logging_redirect_tqdm(), tqdm(total=n_frames, unit="frame", disable=disable) as bar:
+    redirected = logging_redirect_tqdm(loggers=[] if quiet else None)  # which would show a quiet run's log
+    with redirected, tqdm(total=n_frames, unit="frame", disable=disable) as bar:
         for step, errors in tracked:
             check_interrupted()
             if not np.isfinite(step.log_evidence):

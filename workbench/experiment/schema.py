@@ -106,16 +106,13 @@ class ToleranceSchema:
 class SweepSchema:
     """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
 
-    fail_fast: begin no job after one has failed. retries: of a job that a signal ended. stop_when: ends a run early.
-    halving: frames of each round of a sweep, of which the next has the best third.
+    fail_fast: begin no job after one has failed. stop_when: ends a run early.
     """
 
     resume: str | None = None
     reuse: str | None = None
     fail_fast: bool = False
-    retries: int = 0
     stop_when: str | None = None
-    halving: list[int] | None = None
     jobs: list[int] | None = None
     metric: str | None = None
 

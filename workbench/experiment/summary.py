@@ -1,7 +1,6 @@
 """A run's scalar results, as `summary.json` keeps them."""
 
 import json
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -90,7 +89,8 @@ class Summary:
         if self.recording.is_file():
             self.status = "complete" if self.stopped is None else "stopped"
             return
-        self.status = "interrupted" if error is None or isinstance(error, KeyboardInterrupt) else "failed"
+        asked = error is None or isinstance(error, KeyboardInterrupt | SystemExit)  # the latter by Slurm's submitit
+        self.status = "interrupted" if asked else "failed"
         self.error = None if error is None else f"{type(error).__name__}: {error}"
 
     def add(self, step: "Step", errors: Mapping[str, float]) -> None:
@@ -165,7 +165,6 @@ class Summary:
             "provenance": self.provenance,
             "settings": self.settings,
             "host": platform.node(),
-            "pid": os.getpid(),
             "started": self.started,
             "wall_s": round(perf_counter() - self.began_s, 3),
             "error": self.error,

@@ -1,1 +1,1 @@
-"""Many runs: their plan, a process for each, and what a person sees of them."""
+"""Sweeps over configurations: their plan, their jobs, which Hydra's launchers run, and the table of them."""

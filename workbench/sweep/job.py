@@ -1,132 +1,142 @@
-"""One job of a sweep, in another process: however violently it ends, the sweep and its other jobs go on.
+"""One job of a sweep, run by its launcher: however it ends, its summary.json is true and the sweep goes on."""
 
-A process whose job ended well waits for the next one, so that imports, kernels and what was learned are there already.
-"""
-
-import fcntl
-import json
+import logging
+import math
 import os
-import platform
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from time import perf_counter, time_ns
+from time import time_ns
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
 
-from workbench.files import replace_text
-from workbench.signals import SIGNALS, Interrupted, held_back
-from workbench.sweep.process import BEFORE, CONFIG, STOP_WHEN, WARNING, process_for
+from workbench.errors import InputError
+from workbench.evaluation.headline import ERRORS
+from workbench.experiment.identity import identity
+from workbench.run_files import EARLIER, PART, RECORDING, SUMMARY
+from workbench.run_lock import is_locked, locked
+from workbench.sweep.reuse import read_summary, set_aside, take_over
+from workbench.sweep.stopping import StopWhen, stop_when
 
-ENDED = ("complete", "stopped", "failed", "interrupted")
-"""What `status` in summary.json comes to; before that it is "running"."""
+log = logging.getLogger(__name__)
 
-KILLED = "killed by"
-"""How the error of a job begins that a signal ended."""
+FAILED = ".failed"
+"""In a sweep's folder: the number of a job that has failed since the sweep began."""
 
-CUT_OFF = "cut off: its process is gone"
-"""Of a job that was killed together with whoever started it."""
+_ALONE, _DETACHED = "BasicLauncher", "submitit"
+"""In the names of launchers: one runs jobs in the sweep's own process, the other's jobs survive that process."""
 
 
-@contextmanager
-def alone(folder: Path) -> Iterator[int]:
-    """Wait until no other process works in the folder, then keep others waiting; gives the lock's file descriptor.
+def run_job(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any) -> float | None:
+    """Run one job of a sweep, unless a complete run that would come out the same exists.
 
-    A process that inherits the descriptor keeps the lock until it ends, too.
+    Parameters
+    ----------
+    config : the configuration without the keys of `sweep`.
+    sweep : the keys of that name.
+    experiment : its name.
+    settings : Hydra's own, for this job.
+
+    Returns
+    -------
+    The metric that a tuner minimises; the worst number for a job that did not complete or has no finite metric.
+
+    Raises
+    ------
+    InputError : the run has no number called sweep.metric.
+    Interrupted : a signal asked the sweep's own process to end; a launcher's other process only ends its job.
     """
-    with (folder / ".lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield file.fileno()
-
-
-def at_work(folder: Path) -> bool:
-    """Tell whether a process works in the folder."""
-    try:
-        with (folder / ".lock").open() as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except FileNotFoundError:
-        pass
-    return False
-
-
-def run_apart(
-    config: DictConfig, experiment: str, folder: Path, output: Path, lock: int, stop: str | None = None
-) -> None:
-    """Run the configured experiment in another process, which leaves run.rrd and summary.json in `folder`.
-
-    stop: see `stopping.stop_when`. What it prints is added to the file `output`. The process inherits `lock`. Whatever
-    becomes of it, summary.json says so afterwards: "failed" with the signal or the exit code where it could not say so
-    itself.
-    """
-    (folder / CONFIG).parent.mkdir(exist_ok=True)
-    (folder / CONFIG).write_text(OmegaConf.to_yaml(config, resolve=True))
-    (folder / STOP_WHEN).write_text(stop or "")
-    (folder / "summary.json").unlink(missing_ok=True)  # an earlier attempt's, which says nothing about this one
-    began = perf_counter()
-    with output.open("ab") as out, held_back(WARNING) as release:
-        process = process_for(out)
+    folder, launcher = Path(settings.runtime.output_dir), str(settings.launcher._target_)
+    chosen = sweep.jobs is None or settings.job.num in sweep.jobs
+    if chosen and (_DETACHED in launcher or is_locked(folder.parent)):  # else the sweep has ended
         try:
-            process.begin(experiment, folder, lock, out)
-            release()
-            code = process.wait()
-        except KeyboardInterrupt as error:
-            process.end(error.number if isinstance(error, Interrupted) and error.number != signal.SIGINT else None)
-            raise
-    summary = read_summary(folder) or {"experiment": experiment, "metrics": {}}
-    if summary.get("status") not in ENDED:
-        _write_end(folder, code, output.name, {**summary, "wall_s": round(perf_counter() - began, 3)})
-
-
-def _write_end(folder: Path, code: int, output: str, summary: dict[str, Any]) -> None:
-    """Write what became of a job that could not say so itself, or was asked to end before it began."""
-    if code in (asked := {128 + number: number for number in (*SIGNALS, WARNING)}):
-        _write(folder, {**summary, "status": "interrupted", "error": f"Interrupted: {Interrupted(asked[code])}"})
-    else:
-        cause = f"{KILLED} {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}, see {output}"
-        write_failure(folder, cause, summary)
-
-
-def put_back(folder: Path, stop: str | None) -> None:
-    """Move what an attempt that did not complete recorded to where the next one finds it and may go on with it.
-
-    stop: the condition that may end the next one; where the last had another, it may have gone on for too long.
-    """
-    written = folder / STOP_WHEN
-    if stop and (not written.is_file() or written.read_text() != stop):
-        return
-    for name in ("run.rrd", "run.rrd.part"):
-        if (path := folder / name).is_file():
-            (folder / BEFORE).mkdir(exist_ok=True)
-            os.replace(path, folder / BEFORE / f"{time_ns()}.rrd.part")
-
-
-def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Read what summary.json in the folder says; None where there is none or it cannot be read."""
-    try:
-        summary = json.loads((folder / "summary.json").read_text())
-    except (OSError, ValueError):
-        return None
-    return summary if isinstance(summary, dict) else None
-
-
-def write_failure(folder: Path, error: str, summary: dict[str, Any]) -> None:
-    """Write the summary again as that of a failed run."""
-    _write(folder, {**summary, "status": "failed", "error": error})
-
-
-def say_if_gone(folder: Path) -> None:
-    """Write that a job was cut off where its summary says "running" and this machine has no such process any more."""
+            with locked(folder, wait=True):
+                _run_unless_there(config, sweep, experiment, settings, folder)
+        except KeyboardInterrupt:
+            if launcher.endswith(_ALONE):
+                raise
     summary = read_summary(folder) or {}
-    if (summary.get("status"), summary.get("host")) == ("running", platform.node()):
-        try:
-            os.kill(summary["pid"], 0)
-        except ProcessLookupError:
-            write_failure(folder, CUT_OFF, summary)
+    complete = summary.get("status") == "complete"
+    metric = metric_of(summary["metrics"], sweep.metric) if complete else None
+    if metric is None and (sweep.metric is not None or not complete):
+        return -math.inf if "maximize" in str(settings.sweeper.get("direction")) else math.inf
+    return metric
 
 
-def _write(folder: Path, summary: dict[str, Any]) -> None:
-    replace_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+def metric_of(metrics: Mapping[str, float | None], name: str | None) -> float | None:
+    """Return the run's number called `name`, of None the usual error; raises InputError when there is none."""
+    if name is None:
+        return next((metrics[error] for error in ERRORS if error in metrics), None)
+    if name not in metrics:
+        raise InputError(f"sweep.metric: expected one of {', '.join(sorted(metrics))}, found {name!r}")
+    return metrics[name]
+
+
+def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, settings: Any, folder: Path) -> None:
+    """Run a job whose folder is locked; a defect is logged, as the run's summary describes it."""
+    stop = None if sweep.stop_when is None else stop_when(sweep.stop_when)
+    if _is_there(config, sweep, folder, stop) or (sweep.fail_fast and (folder.parent / FAILED).is_file()):
+        return
+    root = logging.getLogger()
+    for handler in [each for each in root.handlers if type(each) is logging.StreamHandler]:
+        root.removeHandler(handler)  # the terminal is the table's
+    try:
+        with warnings.catch_warnings():  # so that each job logs its warnings
+            _run(config, experiment, settings, folder, stop)
+    except Exception:
+        (folder.parent / FAILED).write_text(folder.name)
+        log.exception("job %s failed", folder.name)
+
+
+def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopWhen | None) -> None:
+    """Run the configuration in the folder, from where an earlier attempt ended if it has checkpoints."""
+    from workbench.experiment.execute import ending, run_checked  # here, as the sweep's own process may do without
+    from workbench.experiment.provenance import Command
+    from workbench.experiment.resuming import resumed
+    from workbench.experiment.summary import Summary
+
+    choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
+    command = Command(list(settings.overrides.task), choices)
+    attempts = _earlier_attempts(folder)
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
+    with ending(summary):
+        found = None if stop is not None else resumed(config, attempts)  # an attempt may have missed the condition
+        continued, summary.anew = (None, found) if isinstance(found, str) else (found, None)
+        run_checked(config, summary, True, command, continued, stop)
+    for attempt in attempts:
+        attempt.unlink()
+    if attempts and not os.listdir(folder / EARLIER):
+        (folder / EARLIER).rmdir()
+
+
+def _earlier_attempts(folder: Path) -> list[Path]:
+    """Move what the last attempt recorded to where no run writes; return the recordings of all attempts."""
+    aside = folder / EARLIER
+    if (folder / PART).is_file():
+        aside.mkdir(exist_ok=True)
+        os.replace(folder / PART, aside / f"{time_ns()}.rrd.part")
+    return list(aside.glob("*.rrd.part"))
+
+
+def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhen | None) -> bool:
+    """Return whether a complete run that would come out the same is in the folder, or could be taken over from another.
+
+    sweep.resume and sweep.reuse say where else to look. The time of its summary becomes now, which marks it as ended.
+    """
+    places = [Path(place) for place in (sweep.resume, sweep.reuse) if place is not None]
+    if not places:
+        return False
+    try:
+        wanted = identity(config)
+    except (InputError, OmegaConfBaseException):  # the run itself will report it
+        return False
+    summary = read_summary(folder) or {}
+    stopped = str(summary.get("stopped")).rpartition(" in frame ")[0]
+    ended = summary.get("status") == "complete" or (summary.get("status") == "stopped" and stopped == str(stop))
+    if ended and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
+        os.utime(folder / SUMMARY)
+        return True
+    set_aside(folder)
+    return take_over(wanted, folder, places)

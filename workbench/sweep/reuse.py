@@ -5,13 +5,22 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from workbench.files import whole_file
-from workbench.sweep.job import read_summary
+from workbench.run_files import RECORDING, SUMMARY
 
-RECORDING = "run.rrd"
 ASIDE = ".aside"
 """Where in a sweep's folder a job's run waits whose number now belongs to another."""
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Read summary.json in a folder; None where there is none or it cannot be read."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text())
+    except (OSError, ValueError):
+        return None
+    return summary if isinstance(summary, dict) else None
 
 
 def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
@@ -24,7 +33,7 @@ def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
         if source == folder or (summary.get("status"), summary.get("identity")) != ("complete", identity):
             continue
         if _linked(source / RECORDING, folder / RECORDING):
-            with whole_file(folder / "summary.json") as part:
+            with whole_file(folder / SUMMARY) as part:
                 part.write_text(json.dumps({**summary, "taken_from": str(source)}, indent=2) + "\n")
             if source.parent.name == ASIDE:
                 shutil.rmtree(source, ignore_errors=True)  # another sweep may take it over, too
@@ -39,13 +48,13 @@ def set_aside(folder: Path) -> None:
         return
     target = folder.parent / ASIDE / str(summary.get("identity"))
     target.mkdir(parents=True, exist_ok=True)
-    for name in (RECORDING, "summary.json"):
+    for name in (RECORDING, SUMMARY):
         os.replace(folder / name, target / name)
 
 
 def left_aside(folder: Path) -> int:
     """Count the runs of an earlier sweep in this folder that are none of its jobs any more."""
-    return len(list((folder / ASIDE).glob("*/summary.json")))
+    return len(list((folder / ASIDE).glob(f"*/{SUMMARY}")))
 
 
 def _runs(places: Sequence[Path]) -> Iterator[Path]:

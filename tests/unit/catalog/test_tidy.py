@@ -13,8 +13,10 @@ from small_recordings import leave_recorded
 from workbench.catalog import tidy
 from workbench.catalog.index import entries
 from workbench.errors import InputError
-from workbench.experiment.folder import held, taken
+from workbench.experiment.folder import set_aside
 from workbench.recording.compare import condense
+from workbench.run_files import EARLIER
+from workbench.run_lock import locked
 
 
 @pytest.fixture
@@ -74,8 +76,8 @@ def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root
         (root / f"new{k}").rmdir()
         if k < 2:
             (folder / "run.rrd").write_text(f"run {k}")
-            with taken(folder):
-                leave_nothing_but_a_summary(folder)
+            set_aside(folder)
+            (folder / "summary.json").write_text("{}")
     (folder / "run.log").write_text("of the last")
     (folder / ".hydra").mkdir()
     for seed, left in ((12, "run 1"), (11, "run 0")):
@@ -91,14 +93,9 @@ def test_a_run_that_was_there_before_takes_the_place_of_one_that_is_removed(root
     assert os.listdir(root / "sweep") == ["0"]
 
 
-def leave_nothing_but_a_summary(folder):
-    """As a run that has just begun."""
-    (folder / "summary.json").write_text("{}")
-
-
 def test_what_an_attempt_recorded_is_told_before_it_is_removed_with_its_run(root):
     entry = entries(root)[0]
-    before = Path(entry.path, ".before")
+    before = Path(entry.path, EARLIER)
     before.mkdir()
     assert tidy.goes_with(entry) == ""
     (before / "1.rrd.part").write_bytes(b"0" * 1000)
@@ -115,16 +112,23 @@ def test_a_baseline_is_never_touched(root):
 
 
 def test_a_run_at_work_is_not_touched(root):
-    leave(root / "busy", status="running")
-    with pytest.raises(InputError, match="found one at work"):
+    with locked(leave(root / "busy", status="running")), pytest.raises(InputError, match="found one at work"):
         tidy.check_movable(entries(root), [root])
+
+
+def test_a_run_that_was_killed_is_removed(root):
+    leave(root / "killed", status="running")
+    found = [entry for entry in entries(root) if entry.status == "killed"]
+    tidy.check_movable(found, [root])
+    tidy.remove(found[0])
+    assert not (root / "killed").exists()
 
 
 def test_a_run_that_has_begun_again_since_is_not_touched(root):
     found = entries(root)
     leave(root / "again", status="running")
     os.replace(root / "again" / "summary.json", root / "sweep" / "1" / "summary.json")
-    with pytest.raises(InputError, match="found one at work"):
+    with locked(root / "sweep" / "1"), pytest.raises(InputError, match="is at work in this folder"):
         tidy.remove(found[0])
     assert (root / "sweep" / "1").is_dir()
 
@@ -170,10 +174,8 @@ def test_a_run_that_another_has_taken_the_place_of_is_not_touched(root, tmp_path
 
 def test_a_folder_that_another_command_works_in_is_not_touched(root):
     found = entries(root)
-    with taken(Path(found[0].path)), pytest.raises(InputError, match="found it or another command at work"):
+    with locked(Path(found[0].path)), pytest.raises(InputError, match="is at work in this folder"):
         tidy.remove(found[0])
-    with held(Path(found[0].path)), pytest.raises(InputError, match="a run is at work there"):
-        taken(Path(found[0].path)).__enter__()
     tidy.remove(found[0])
 
 

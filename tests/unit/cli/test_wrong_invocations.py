@@ -22,7 +22,7 @@ MAIN = (
     "+prior.new_key=3",
     "++inference.what=1", "~prior", "~seed", "prior=[walking", "'seed=3", "--bogus", "-x", "--seed 3",
     "from=nowhere.rrd", "from=nowhere.rrd@12 seed=1", "parts=[no_such_package]", "parts=no_such_package",
-    "study=nothing", "sweep.halving=[10] seed=1", "inference=hybrid likelihood=image_motion", "likelihood=keypoints",
+    "study=nothing", "inference=hybrid likelihood=image_motion", "likelihood=keypoints",
     "dataset=blank", "dataset=points likelihood=image_motion", "inference=least_squares",
 )  # fmt: skip
 OTHERS = (

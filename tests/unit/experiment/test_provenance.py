@@ -7,7 +7,7 @@ from omegaconf import OmegaConf
 
 from workbench.experiment import provenance as module
 from workbench.experiment.identity import input_files
-from workbench.experiment.provenance import CUT, Command, code_state, command_of, has_commit
+from workbench.experiment.provenance import CUT, code_state, has_commit
 
 
 def git(folder, *arguments):
@@ -59,16 +59,6 @@ def test_a_long_difference_is_cut_and_says_so(clone, monkeypatch):
 def test_a_folder_inside_somebody_elses_clone_is_none(clone):
     (clone / "inner").mkdir()
     assert code_state(clone / "inner") == {}
-
-
-def test_a_job_knows_its_command_from_what_hydra_leaves(tmp_path):
-    assert command_of(tmp_path) == Command()
-    (tmp_path / ".hydra").mkdir()
-    runtime = {"runtime": {"choices": {"prior": "smooth", "study": None}}, "overrides": {"task": ["seed=3", "a='b c'"]}}
-    (tmp_path / ".hydra" / "hydra.yaml").write_text(OmegaConf.to_yaml({"hydra": runtime}))
-    command = command_of(tmp_path)
-    assert command.choices == {"prior": "smooth", "study": "None"}
-    assert command.line == """workbench seed=3 'a='"'"'b c'"'"''"""
 
 
 def test_inputs_are_the_files_that_are_named(tmp_path):

@@ -1,50 +1,124 @@
-"""What a job's folder says of it."""
+"""One job of a sweep: what an earlier attempt left, and what becomes of the sweep when it ends."""
 
 import json
-import os
-import platform
-import subprocess
-import sys
+import math
+from types import SimpleNamespace
 
 import pytest
+from omegaconf import OmegaConf
 
-from workbench.sweep.job import BEFORE, CUT_OFF, STOP_WHEN, alone, at_work, put_back, read_summary, say_if_gone
+from workbench.errors import InputError
+from workbench.experiment import execute, resuming
+from workbench.run_files import EARLIER
+from workbench.run_lock import is_locked, locked
+from workbench.signals import Interrupted
+from workbench.sweep.job import FAILED, run_job
 
-
-@pytest.mark.parametrize(
-    ("changes", "status"),
-    [
-        ({}, "failed"),
-        ({"pid": os.getpid()}, "running"),
-        ({"host": "another"}, "running"),
-        ({"status": "complete"}, "complete"),
-    ],
-)
-def test_a_job_whose_process_is_gone_was_cut_off(tmp_path, changes, status):
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    said = {"status": "running", "host": platform.node(), "pid": gone.pid, "error": None, "metrics": {}}
-    (tmp_path / "summary.json").write_text(json.dumps({**said, **changes}))
-    say_if_gone(tmp_path)
-    summary = read_summary(tmp_path)
-    assert summary["status"] == status
-    assert (summary["error"] == CUT_OFF) == (status == "failed")
+BASIC = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
+JOBLIB = "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher"
+SUBMITIT = "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher"
 
 
-@pytest.mark.parametrize(
-    ("written", "stop", "waits"), [("", None, True), ("a>0", "a>0", True), ("a>0", None, True), ("", "a>0", False)]
-)
-def test_what_an_attempt_recorded_waits_for_the_next_that_ends_no_earlier(tmp_path, written, stop, waits):
-    (tmp_path / STOP_WHEN).parent.mkdir()
-    (tmp_path / STOP_WHEN).write_text(written)
-    (tmp_path / "run.rrd.part").write_text("frames")
-    put_back(tmp_path, stop)
-    assert [each.read_text() for each in (tmp_path / BEFORE).glob("*.rrd.part")] == ["frames"] * waits
-    assert (tmp_path / "run.rrd.part").is_file() != waits
+@pytest.fixture
+def runs(monkeypatch):
+    """What the runs do instead of tracking, one after another; `runs.found` are the attempts that they could resume."""
+    runs = SimpleNamespace(acts=[], found=[])
+
+    def run_checked(config, summary, *_):
+        runs.acts.pop(0)(summary)
+
+    def resumed(config, attempts):
+        runs.found.append(sorted(each.read_text() for each in attempts))
+
+    monkeypatch.setattr(execute, "run_checked", run_checked)
+    monkeypatch.setattr(resuming, "resumed", resumed)
+    return runs
 
 
-def test_a_folder_is_worked_in_as_long_as_its_lock_is_held(tmp_path):
-    assert not at_work(tmp_path)
-    with alone(tmp_path):
-        assert at_work(tmp_path)
-    assert not at_work(tmp_path)
+def act(sweep, number=0, launcher=BASIC, **keys):
+    """Run a job in its folder, as Hydra's launcher does."""
+    (folder := sweep / str(number)).mkdir(exist_ok=True)
+    said = {"jobs": None, "resume": None, "reuse": None, "metric": None, "fail_fast": False, "stop_when": None, **keys}
+    settings = {
+        "runtime": {"output_dir": str(folder), "choices": {"prior": "smooth"}}, "job": {"num": number},
+        "overrides": {"task": ["seed=3"]}, "launcher": {"_target_": launcher}, "sweeper": {"direction": "minimize"},
+    }  # fmt: skip
+    return run_job(OmegaConf.create({"seed": 3}), OmegaConf.create(said), "walk", OmegaConf.create(settings))
+
+
+def status(sweep, number=0):
+    summary = json.loads((sweep / str(number) / "summary.json").read_text())
+    return summary["status"], summary["error"]
+
+
+def completes(summary):
+    summary.recording.write_text("whole")
+    summary.per_frame["error_abs_mm"] = [12.0]
+
+
+def fails(summary):
+    summary.recording.with_name("run.rrd.part").write_text("a part")
+    raise InputError("nonsense")
+
+
+def is_interrupted(summary):
+    summary.recording.with_name("run.rrd.part").write_text("ten frames")
+    raise Interrupted(15)
+
+
+def test_a_job_that_fails_is_the_worst_and_the_next_one_runs(tmp_path, runs):
+    runs.acts = [fails, completes]
+    with locked(tmp_path):
+        assert act(tmp_path, 0) == math.inf
+        assert act(tmp_path, 1) == 12.0
+    assert status(tmp_path, 0) == ("failed", "InputError: nonsense")
+    assert status(tmp_path, 1) == ("complete", None)
+    assert not is_locked(tmp_path / "0")
+
+
+def test_no_job_begins_after_one_has_failed_where_that_is_asked_for(tmp_path, runs):
+    runs.acts = [fails]
+    with locked(tmp_path):
+        act(tmp_path, 0, fail_fast=True)
+        assert act(tmp_path, 1, fail_fast=True) == math.inf
+    assert (tmp_path / FAILED).read_text() == "0"
+    assert not (tmp_path / "1" / "summary.json").exists()
+
+
+def test_no_job_begins_once_the_sweep_has_ended_unless_it_is_a_cluster_s(tmp_path, runs):
+    assert act(tmp_path) == math.inf
+    runs.acts = [completes]
+    assert act(tmp_path, launcher=SUBMITIT) == 12.0
+
+
+def test_an_interruption_ends_the_sweep_only_in_its_own_process(tmp_path, runs):
+    runs.acts = [is_interrupted, is_interrupted]
+    with locked(tmp_path):
+        with pytest.raises(Interrupted):
+            act(tmp_path)
+        assert act(tmp_path, launcher=JOBLIB) == math.inf
+    assert status(tmp_path) == ("interrupted", "Interrupted: SIGTERM")
+
+
+def test_the_next_attempt_finds_what_all_recorded_until_one_is_complete(tmp_path, runs):
+    """Also without sweep.resume, as when Slurm runs a job again."""
+    runs.acts = [is_interrupted, fails, completes]
+    with locked(tmp_path):
+        for _ in range(3):
+            act(tmp_path, launcher=JOBLIB)
+    assert runs.found == [[], ["ten frames"], ["a part", "ten frames"]]
+    assert not (tmp_path / "0" / EARLIER).exists()
+
+
+def test_a_run_that_may_be_stopped_early_starts_from_scratch(tmp_path, runs):
+    runs.acts = [is_interrupted, completes]
+    with locked(tmp_path):
+        for _ in range(2):
+            act(tmp_path, launcher=JOBLIB, stop_when="times_lost>0")
+    assert runs.found == []
+
+
+def test_a_metric_that_the_run_has_not_is_a_sentence(tmp_path, runs):
+    runs.acts = [completes]
+    with locked(tmp_path), pytest.raises(InputError, match=r"sweep\.metric: expected one of .*error_abs_mm"):
+        act(tmp_path, metric="error")
