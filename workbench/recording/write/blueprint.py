@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import rerun as rr
@@ -21,7 +22,6 @@ KEY = {
     "truth": "truth blue", "marks": "marks blue", "particles": "particles purple", "keypoints": "keypoints green",
 }  # fmt: skip
 """What may be drawn beside the estimate, and how titles call it; marks and keypoints in images only."""
-_NO_LEGEND = rrb.PlotLegend(visible=False)
 # of a window of 1500 × 950, the least one that is looked at: heights, and a legend's row and frame
 HEIGHT, CURVES_HEIGHT, ROW, FRAME = 815.0, 170.0, 23.0, 14.0
 _AXIS, _LANE = 54.0, 40.0
@@ -65,6 +65,12 @@ class Shown:
     def key(self, *names: str) -> str:
         """Say which colour is what, of the estimate and those of `names` that are drawn."""
         return ", ".join(["estimate orange", *(KEY[name] for name in names if name in self.drawn)])
+
+
+@cache
+def no_legend() -> rrb.PlotLegend:
+    """Return a plot's hidden legend; made on first use, as making it takes Rerun a quarter of a second."""
+    return rrb.PlotLegend(visible=False)
 
 
 def layout(shown: Shown) -> rrb.Blueprint:
@@ -173,7 +179,7 @@ def _details(shown: Shown) -> list[rrb.View | rrb.Container]:
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
     ranked = [rrb.Horizontal(ranks_view(), name="ranks")] if "log_score" in shown.metrics else []
     coefficients = [  # samples, and the model as thin bars before them
-        rrb.BarChartView(origin=f"/coefficients/{k}", name=f"c{k}, model grey", plot_legend=_NO_LEGEND)
+        rrb.BarChartView(origin=f"/coefficients/{k}", name=f"c{k}, model grey", plot_legend=no_legend())
         for k in range(1, shown.n_coefficients + 1)
     ]
     row = [rrb.Horizontal(*coefficients, name="coefficients")] if coefficients else []
@@ -190,7 +196,7 @@ def _bands(shown: Shown) -> rrb.Grid:
         rrb.TimeSeriesView(
             origin=f"/{DEGREES if _unit(shown, name) == 'rad' else PARAMETERS}/{name}",
             name=styles.title(name, _unit(shown, name)),
-            plot_legend=_NO_LEGEND,
+            plot_legend=no_legend(),
         )
         for name in shown.pictured
     ]
@@ -234,7 +240,7 @@ def _others(shown: Shown) -> list[rrb.Grid]:
 def _curves(title: str, metrics: Sequence[str], shown: Shown, named: bool = False) -> rrb.TimeSeriesView:
     """Several metrics in one plot. named: by the title, so that no legend is needed."""
     paths = [f"metrics/{name}" for name in metrics]
-    legend, axis = (_NO_LEGEND, None) if named or len(metrics) == 1 else _legend(paths, shown)
+    legend, axis = (no_legend(), None) if named or len(metrics) == 1 else _legend(paths, shown)
     return rrb.TimeSeriesView(
         origin="/metrics", contents=[f"/{path}" for path in paths], name=title, plot_legend=legend, axis_y=axis,
         overrides=_marks(metrics, shown),
@@ -248,7 +254,7 @@ def _metric(
     axis, title = None if span is None else rrb.ScalarAxis(range=span), title or styles.title(name)
     paths = [f"/metrics/{name}", *[f"/{path}" for path in styles.guides([name])]]
     return rrb.TimeSeriesView(
-        origin=paths[0], contents=paths, name=title, plot_legend=_NO_LEGEND, axis_y=axis,
+        origin=paths[0], contents=paths, name=title, plot_legend=no_legend(), axis_y=axis,
         overrides=_marks([name], shown),
     )  # fmt: skip
 

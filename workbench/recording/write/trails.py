@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from workbench.arrays import FloatArray
 from workbench.recording.write import colours, verdict_view
 from workbench.recording.write import series_styles as styles
-from workbench.recording.write.blueprint import page
+from workbench.recording.write.blueprint import no_legend, page
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.posterior import DEGREES
 from workbench.recording.write.scene import ESTIMATE, Figure
@@ -18,7 +18,6 @@ from workbench.recording.write.scene import ESTIMATE, Figure
 EVERY = 4
 """Frames from one stick figure to the next."""
 HANDS = (("left_wrist", colours.ESTIMATE), ("right_wrist", (60, 180, 90)))
-_HIDDEN = rrb.PlotLegend(visible=False)
 
 
 class Trails:
@@ -51,7 +50,7 @@ class Trails:
         """Lay out the verdict, the whole way from its right-hand side, and below it curves of the legs' angles, in
         which left and right have their hands' colours, and of the metrics."""
         plots = [
-            rrb.TimeSeriesView(origin=f"/metrics/{name}", name=styles.title(name), plot_legend=_HIDDEN)
+            rrb.TimeSeriesView(origin=f"/metrics/{name}", name=styles.title(name), plot_legend=no_legend())
             for name in metrics
         ]
         plots += [plot for joint in ("hip", "knee") if (plot := self._legs(joint)) is not None]
@@ -72,7 +71,7 @@ class Trails:
         }
         title = f"flexion of the {joint}s (degrees)"
         return rrb.TimeSeriesView(
-            origin=f"/{DEGREES}", contents=list(paths), name=title, plot_legend=_HIDDEN, overrides=paths
+            origin=f"/{DEGREES}", contents=list(paths), name=title, plot_legend=no_legend(), overrides=paths
         ) if paths else None  # fmt: skip
 
     def _eye(self) -> rrb.EyeControls3D:
