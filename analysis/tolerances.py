@@ -19,11 +19,10 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-import workbench as wb
 from workbench.arrays import FloatArray
 from workbench.experiment.stored import TOLERANCES
 from workbench.recording.compare.agreement import Agreement, agreement
-from workbench.recording.read.reader import find_recordings
+from workbench.recording.read.reader import Run, find_recordings, read
 
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
@@ -41,7 +40,7 @@ LEVEL = 0.01
 """How often, at most, any number of a recording is to leave its tolerance in an environment like those measured."""
 
 
-def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, wb.Run]:
+def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, Run]:
     """Run the recordings with a seed in a process with these environment variables; the new runs by name."""
     command = [sys.executable, "-m", "workbench.cli.check", *map(str, recordings), "--run", "--keep", str(folder)]
     done = subprocess.run(
@@ -49,7 +48,7 @@ def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, 
     )
     if done.returncode not in (0, 1):
         sys.exit(f"{dict(variables)}: {done.stderr.strip()}")
-    return {path.stem: wb.read(folder / f"{k:03d}" / "run.rrd") for k, path in enumerate(recordings)}
+    return {path.stem: read(folder / f"{k:03d}" / "run.rrd") for k, path in enumerate(recordings)}
 
 
 def tolerances(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
@@ -80,7 +79,7 @@ def tolerances(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: b
     return max(float(reach * np.sqrt(np.mean(d**2))), 1.5 * float(np.abs(d).max()))
 
 
-def measured(runs: Mapping[tuple[str, int], Mapping[str, wb.Run]], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
+def measured(runs: Mapping[tuple[str, int], Mapping[str, Run]], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
     """Return the tolerances by recording and metric; runs: by environment and seed, "" for the usual environment."""
     found: dict[str, dict[str, float]] = defaultdict(dict)
     places = sorted({place for place, _ in runs if place})
