@@ -5,7 +5,6 @@ import platform
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from workbench.arrays import AnyArray
 from workbench.errors import InputError
@@ -47,21 +46,21 @@ def damage(path: Path) -> str:
 def fatal(paths: Sequence[Path]) -> set[Path]:
     """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unknown error.
 
-    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several of them;
-    where it ends early, the next begins with the recording that this one was decoding.
+    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several.
     """
-    pending, found = [path for path in paths if path.is_file() and not is_own(path)], set[Path]()
-    with TemporaryDirectory() as folder:
-        while pending:
-            (decoded := Path(folder, "decoded")).write_bytes(b"")
-            try:
-                parse_limited(decode, *pending[:_BATCH], decoded, what="a whole recording")
-                pending = pending[_BATCH:]
-            except InputError:
-                if (n := decoded.stat().st_size) == 0:
-                    found.add(pending[0])
-                pending = pending[max(n, 1) :]
-    return found
+    untrusted = [path for path in paths if path.is_file() and not is_own(path)]
+    batches = (untrusted[k : k + _BATCH] for k in range(0, len(untrusted), _BATCH))
+    return {path for batch in batches for path in _crashing(batch)}
+
+
+def _crashing(paths: Sequence[Path]) -> list[Path]:
+    """Find the recordings that a child does not survive, by halves."""
+    try:
+        parse_limited(decode, *paths, what="a whole recording")
+        return []
+    except InputError:
+        half = len(paths) // 2
+        return [*_crashing(paths[:half]), *_crashing(paths[half:])] if half else list(paths)
 
 
 def is_own(path: Path) -> bool:
@@ -74,11 +73,8 @@ def is_own(path: Path) -> bool:
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:
-    """Decode all that is in recordings, and append a byte to the last of the files after each.
-
-    Recordings that raise InputError are no danger: reading them raises it again.
-    """
-    for path in paths[:-1]:
+    """Decode all that is in recordings. Those that raise InputError are no danger: reading them raises it again."""
+    for path in paths:
         with suppress(InputError):
             run = read(path)
             if not run.is_study:
@@ -87,6 +83,4 @@ def decode(*paths: Path) -> dict[str, AnyArray]:
         with suppress(InputError):
             for chunk in read_chunks(path, EVERYTHING):
                 chunk.to_record_batch()
-        with paths[-1].open("ab") as decoded:
-            decoded.write(b".")
     return {}
