@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from threading import Barrier
 
 import numba
 
@@ -31,7 +30,8 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
         for first in parts:
             work(first, min(first + size, n))
 
-    helpers = [_helpers(os.getpid()).submit(take) for _ in range(threads - 1)]
+    with deferred():  # Python would wait at its end for a thread that has started but is not listed in its pool
+        helpers = [_helpers(os.getpid()).submit(take) for _ in range(threads - 1)]
     try:
         take()
     finally:
@@ -42,18 +42,5 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
 
 @cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
-    """Return the threads that help the caller's, one pool for each process: a forked child has none of its parent's.
-
-    All are started here, while interruptions wait: Python would wait for ever for one that is started but not listed.
-    """
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    others, begun = ThreadPoolExecutor(most, "over_threads"), Barrier(most + 1)
-    with deferred():
-        try:
-            for _ in range(most):
-                others.submit(begun.wait)
-        except RuntimeError:  # no more threads are to be had
-            begun.abort()
-            raise
-        begun.wait()
-    return others
+    """Return the threads that help the caller's, one pool for each process: a forked child has none of its parent's."""
+    return ThreadPoolExecutor(int(numba.config.NUMBA_NUM_THREADS), "over_threads")  # type: ignore[attr-defined]
