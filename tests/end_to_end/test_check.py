@@ -21,6 +21,7 @@ from workbench.experiment import against
 from workbench.experiment import stored as again_module
 from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.stored import runnable, tolerances
+from workbench.recording.compare.agreement import Tolerance
 from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
 
@@ -423,6 +424,17 @@ def test_wrong_arguments_are_told_in_one_sentence(walk, capsys, arguments, words
     assert code == 2
     assert words in told
     assert "Traceback" not in told
+
+
+def test_measured_tolerances_next_to_a_recording_come_first(settings, tmp_path):
+    run, own = stored(tmp_path / "run.rrd", yaml.safe_load(settings)), own_defaults([])
+    usual = tolerances(run, own)
+    (tmp_path / "tolerances.json").write_text('{"tolerances": {"run": {"error_px": 0.25}, "other": {"ess": 1.0}}}')
+    assert tolerances(run, own) == usual | {"error_px": Tolerance(absolute=0.25)}
+    for wrong in ("[]", '{"tolerances": {"run": 3}}', "{"):
+        (tmp_path / "tolerances.json").write_text(wrong)
+        with pytest.raises(InputError, match=r"tolerances\.json: expected"):
+            tolerances(run, own)
 
 
 def test_tolerances_travel_in_the_recording(settings, tmp_path):
