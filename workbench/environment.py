@@ -11,6 +11,8 @@ import numpy as np
 from llvmlite import binding as llvm  # type: ignore[import-untyped]
 from threadpoolctl import threadpool_info
 
+_SHOWN = 6
+"""Processor features that are named where two lists differ."""
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
@@ -32,7 +34,7 @@ def environment() -> dict[str, str]:
     libc = "".join(platform.libc_ver())
     return {
         "system": f"{platform.system()} {platform.machine()} {libc}".rstrip(),
-        "numpy_cpu": " ".join(np.show_config(mode="dicts")["SIMD Extensions"]["found"]),
+        "numpy_cpu": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ["baseline"])),
         "opencv_cpu": cv2.getCPUFeaturesLine().strip(),
         "numba_cpu": _numba_cpu(),
         "blas": "; ".join(sorted(_blas())),
@@ -54,7 +56,8 @@ def differing(was: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple
 def _shortened(first: str, second: str) -> tuple[str, str]:
     one, other = first.split(), second.split()
     parts = ([word for word in one if word not in other], [word for word in other if word not in one])
-    return " ".join(parts[0]) or "less", " ".join(parts[1]) or "less"
+    shown = [" ".join(words[:_SHOWN]) + f" and {len(words) - _SHOWN} more" * (len(words) > _SHOWN) for words in parts]
+    return shown[0] or "less", shown[1] or "less"
 
 
 def _numba_cpu() -> str:

@@ -80,7 +80,7 @@ def notes(checks: Sequence[Check]) -> list[str]:
     lines = []
     for difference, group in groups.items():
         lines.append(f"{len(group)} of {len(checks)} were recorded in another environment: {difference}.")
-        lines.append(f"There numbers may move by what is allowed for it, and changes remain unseen: {_unseen(group)}.")
+        lines.append(f"There numbers may move by their tolerances; changes that remain unseen: {_unseen(group)}.")
     return [*lines, "--against REV compares two commits on this machine to rounding."] if lines else []
 
 
@@ -105,7 +105,7 @@ def _unseen(group: Sequence[Check]) -> str:
             words.append(
                 f"{name} by up to {100 * median(shares):.2g} % in half of them, {100 * max(shares):.2g} % in all"
             )
-    return "; ".join(words) or "as far as each tolerance reaches"
+    return "; ".join(words) or "those within the tolerance of each number"
 
 
 def write_junit(path: Path, checks: Sequence[Check]) -> None:
