@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import tarfile
 from io import StringIO
 from pathlib import Path
 
@@ -102,11 +101,3 @@ def test_removing_leaves_what_is_outside(called, home, index):
         (home / ".runs.json").write_text(json.dumps(content))
     assert called(".", "--rm", "--yes")[0] == 0
     assert sorted(each.name for each in home.iterdir()) == [".runs.json", "linked"]
-
-
-def test_an_archive_unpacks_below_the_folder_it_is_unpacked_in(called, tmp_path):
-    assert called(".", "--archive", str(tmp_path / "all.tar.gz"))[0] == 0
-    with tarfile.open(tmp_path / "all.tar.gz") as tar:
-        names = tar.getnames()
-    assert {name.partition("/")[0] for name in names} == {*NAMES, NO_TEXT}
-    assert not any(name.startswith("/") or ".." in Path(name).parts for name in names)

@@ -139,8 +139,8 @@ COMMANDS = {
     "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
     "runs": (runs, ["{run}", "--all"]), "runs, published": (runs, ["{folder}", "--all"]),
     "restore": (runs, ["--restore", "{folder}"]), "changes": (runs, ["--changes", "{folder}"]),
-    "slim": (runs, ["{root}", "--slim", "--yes"]), "from": (started, ["from={run}"]),
-    "from a folder": (started, ["from={folder}"]), "from a frame": (started, ["from={run}@1"]),
+    "from": (started, ["from={run}"]), "from a folder": (started, ["from={folder}"]),
+    "from a frame": (started, ["from={run}@1"]),
 }  # fmt: skip
 
 
@@ -152,7 +152,7 @@ def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, 
         path.write_bytes(kinds[0])
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
     monkeypatch.setattr(probe, "fatal", lambda paths: {Path(path) for path in paths})
-    places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder, "root": tmp_path}
+    places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder}
     code = command([argument.format(**places) for argument in arguments])
     printed = " ".join("".join(capsys.readouterr()).split())
     assert "run.rrd: expected a whole recording, found damage that crashes its decoder" in printed

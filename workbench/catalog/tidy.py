@@ -1,10 +1,9 @@
-"""Make room: runs without their images, packed into one file, or gone. Nothing outside the folders that were named."""
+"""Delete runs, none of them outside the folders that were named."""
 
 import os
 import shutil
-import tarfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -12,9 +11,6 @@ from workbench.catalog.entry import Entry, entry_of_folder
 from workbench.catalog.index import runs_in
 from workbench.errors import InputError
 from workbench.experiment.folder import earlier_names, earlier_runs
-from workbench.files import whole_file
-from workbench.recording.compare.condense import condense, is_condensed
-from workbench.recording.read.probe import read_sound_run
 from workbench.run_files import EARLIER, LOCK, RECORDING, SUMMARY
 from workbench.run_lock import locked
 from workbench.signals import deferred
@@ -52,43 +48,6 @@ def bytes_of(entry: Entry) -> int:
         with suppress(FileNotFoundError):
             sizes.append(os.lstat(file).st_size)
     return sum(sizes)
-
-
-def slim(entry: Entry) -> int:
-    """Leave out what a complete run's recording shows, and keep its numbers; returns the bytes won, 0 for one that is.
-
-    Raises InputError for a recording that cannot be read or written, and where another run came since it was listed.
-    """
-    if entry.status != "complete" or entry.recording is None:
-        return 0
-    with suppress(FileNotFoundError), _unchanged(entry):
-        path = Path(entry.recording)
-        run = read_sound_run(path)
-        if not is_condensed(run):
-            with whole_file(path) as part:
-                condense(run, part)
-                won = path.stat().st_size - part.stat().st_size
-            return won
-    return 0
-
-
-def archive(entries: Sequence[Entry], file: Path) -> None:
-    """Pack runs into a .tar.gz, by their names below the folder they share; they stay where they are.
-
-    Raises InputError where the file is there already or cannot be written, and where one of the runs has gone or has
-    become another since it was listed.
-    """
-    if file.exists():
-        raise InputError(f"{file}: is there already")
-    folders = [Path(entry.path).resolve() for entry in entries]
-    shared = os.path.commonpath([folder.parent for folder in folders])
-    with whole_file(file) as part, tarfile.open(part, "w:gz") as tar:
-        for entry, folder in zip(entries, folders, strict=True):
-            try:
-                with _unchanged(entry):
-                    tar.add(folder, arcname=str(folder.relative_to(shared)))
-            except FileNotFoundError:
-                raise InputError(f"{entry.path}: was removed meanwhile, and nothing is packed") from None
 
 
 def goes_with(entry: Entry) -> str:
@@ -159,7 +118,7 @@ def _unchanged(entry: Entry) -> Iterator[None]:
     if not path.is_dir():
         yield
         return
-    with locked(path) if os.access(path, os.W_OK) else nullcontext():  # in one of somebody else's no run can begin
+    with locked(path):
         now = entry_of_folder(path)
         if (now.started, now.origin.get("identity")) != (entry.started, entry.origin.get("identity")):
             raise InputError(f"{path}: another run came there since it was listed")

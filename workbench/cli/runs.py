@@ -61,8 +61,8 @@ def _act(arguments: argparse.Namespace) -> int:
         from workbench.cli import report  # here, as a query does without
 
         return report.main(_recordings(found))
-    if arguments.slim or arguments.rm or arguments.archive is not None:
-        return _tidy(found, places, arguments)
+    if arguments.rm:
+        return _remove(found, places, arguments.yes)
     if arguments.json or arguments.csv:
         print(as_json(found) if arguments.json else as_csv(found, columns), end="\n" if arguments.json else "")
     elif arguments.sweeps:
@@ -173,46 +173,35 @@ def _watch(place: Path) -> int:
         return 130
 
 
-def _tidy(found: Sequence[Entry], places: Sequence[Path], arguments: argparse.Namespace) -> int:
-    """Say what would be done and how large it is, and do it where that was said twice."""
+def _remove(found: Sequence[Entry], places: Sequence[Path], yes: bool) -> int:
+    """Delete runs, or without `yes` list them with their sizes."""
     from workbench.catalog import tidy
 
     if not found:
         raise InputError("no run fits")
     tidy.check_movable(found, places)
-    if arguments.archive is not None:
-        tidy.archive(found, arguments.archive)
-        print(f"{len(found)} runs in {arguments.archive}, {_size(arguments.archive.stat().st_size)}")
-        return 0
-    what, act = ("slimmed", tidy.slim) if arguments.slim else ("removed", _removed)
-    if not arguments.yes:
+    if not yes:
         sizes = [tidy.bytes_of(entry) for entry in found]
         for entry, size in zip(found, sizes, strict=True):
-            more = f": {printable(told)}" if arguments.rm and (told := tidy.goes_with(entry)) else ""
+            more = f": {printable(consequence)}" if (consequence := tidy.goes_with(entry)) else ""
             print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}{more}")
-        print(f"{len(found)} runs, {_size(sum(sizes))}: would be {what}; nothing was done, --yes does it")
+        print(f"{len(found)} runs, {_size(sum(sizes))}: would be removed; nothing was done, --yes does it")
         return 0
     from tqdm import tqdm
 
-    done = won = 0
+    removed = []
     for entry in tqdm(found, unit="run", disable=None):
+        size, consequence = tidy.bytes_of(entry), tidy.goes_with(entry)
         try:
-            won += act(entry)
-            done += 1
-        except InputError as error:  # of this one, which is none of the others' business
+            tidy.remove(entry)
+        except InputError as error:  # the other runs are removed all the same
             tell(str(error))
-    print(f"{done} runs {what}, {_size(won)} won")
-    return 0 if done == len(found) else 2
-
-
-def _removed(entry: Entry) -> int:
-    from workbench.catalog import tidy
-
-    size, told = tidy.bytes_of(entry), tidy.goes_with(entry)
-    tidy.remove(entry)
-    if told:
-        tell(f"{entry.path}: {told}")
-    return size
+            continue
+        removed.append(size)
+        if consequence:
+            tell(f"{entry.path}: {consequence}")
+    print(f"{len(removed)} runs removed, {_size(sum(removed))} won")
+    return 0 if len(removed) == len(found) else 2
 
 
 def _size(n_bytes: int) -> str:
@@ -246,10 +235,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--restore", metavar="RUN", help="the commands that bring a run's code and configuration back")
     parser.add_argument("--changes", metavar="RUN", help="how its code differed from its commit, for git apply")
     parser.add_argument("--watch", metavar="SWEEP", type=Path, help="follow a sweep started elsewhere until it is done")
-    parser.add_argument("--archive", metavar="FILE.tar.gz", type=Path, help="pack them into a file; they stay")
-    parser.add_argument("--slim", action="store_true", help="leave out images, keep numbers; tells what, --yes does it")
-    parser.add_argument("--rm", action="store_true", help="delete them; tells what, --yes does it")
-    parser.add_argument("--yes", action="store_true", help="do it")
+    parser.add_argument("--rm", action="store_true", help="delete them; without --yes, list what would be deleted")
+    parser.add_argument("--yes", action="store_true", help="with --rm: delete them")
     return parser
 
 

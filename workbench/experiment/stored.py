@@ -47,7 +47,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
     Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
     results do not depend on them, and no viewer is called. Words of earlier versions become today's. Raises InputError,
     naming the recording and the key, for an interpolation, a target that is no option's, an override of a key that is
-    not there, or a path that leads out of paths.data and was not given as an override.
+    not there, another device than the CPU, or a path that leads out of paths.data and was not given as an override.
     """
     settings = run.settings
     if settings.get("experiment") == PYTHON:
@@ -55,7 +55,7 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
             f"{run.path}: its parts were built in Python, which no configuration does: run that code again"
         )
     _refuse_foreign(run, settings)
-    settings = in_todays_words(settings)
+    settings = in_todays_words(run.path, settings)
     ours = {name: str(own.paths[name]) for name in ("data", "cache") if own.paths[name]}
     moved = {**dict.fromkeys(GROUPS), "seed": 0, **_moved(settings, settings.get("paths"), ours), "threads": None}
     moved["paths"] = {"data": ours.get("data"), "cache": ours.get("cache")}

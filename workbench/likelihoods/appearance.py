@@ -48,23 +48,6 @@ class Templates:
 
 
 @dataclass(frozen=True, eq=False)
-class TemplateJudge:
-    """Judges poses by where samples (n, 2) of the patches lie in an image (height, width); see `Appearance`."""
-
-    image: Float32Array
-    template: Template
-    samples: FloatArray
-    k: float
-    sigma: float
-    epsilon: float
-
-    def __call__(self, points: LimbPoints) -> FloatArray:
-        """Log likelihoods (N,)."""
-        ratios = template_log_ratio(self.image, points, self.samples, self.template, self.sigma, self.epsilon)
-        return self.k * ratios.sum(axis=1)
-
-
-@dataclass(frozen=True, eq=False)
 class Appearance:
     """Every limb carries a template of its grey levels; a point shows its cell's level, or anything at all:
 
@@ -122,12 +105,15 @@ class Appearance:
         for view, image in zip(frame.views, images, strict=True):
             template = known.by_camera.get(view.camera.name)
             if template is not None:
-                judge = TemplateJudge(image, template, self.samples, self.k, self.sigma, self.epsilon)
-                judges.append(ViewJudge(view.camera, self.samples, judge))
+                judges.append(ViewJudge(view.camera, self.samples, partial(self._log_prob, image, template)))
             elif previous is not None:
                 notes += (f"appearance: nothing is known yet of how {view.camera.name} sees the person",)
         learn = partial(self._learn, known, frame, images)
         return LimbLook("appearance", self.body, judges, learn, notes)
+
+    def _log_prob(self, image: Float32Array, template: Template, points: LimbPoints) -> FloatArray:
+        ratios = template_log_ratio(image, points, self.samples, template, self.sigma, self.epsilon)
+        return self.k * ratios.sum(axis=1)
 
     def _learn(
         self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
@@ -179,27 +165,16 @@ def template_log_ratio(
     image: Float32Array, points: LimbPoints, samples: FloatArray, template: Template, sigma: float, epsilon: float
 ) -> FloatArray:
     """log(ε + (1−ε) 256 N) at the points that count and whose cell is known, summed for each limb (N, L), over n."""
-    along, offsets = places_on_template(samples)
-    peak, slope = heights(template, sigma, epsilon)
+    variance = sigma**2 * (1.0 + 1.0 / np.maximum(template.n, 1.0))
+    peak = np.where(template.n > 0.0, (1.0 - epsilon) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
+    along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
+    offsets = -np.arccos(np.clip(samples[:, 1], -1.0, 1.0))
     sums = np.empty(points.turns.shape)
     _template_sums(
         *(image, points.pixels, points.counts, points.turns, along, offsets),
-        *(template.mean, peak, slope, epsilon, sums),
+        *(template.mean, peak, -0.5 / variance, epsilon, sums),
     )
     return sums / len(samples)
-
-
-def places_on_template(samples: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The cells along the limb of points (n, 2) of a patch, and their azimuths, rad, less that of its side at v = 1."""
-    along = np.clip((samples[:, 0] * ALONG).astype(np.int64), 0, ALONG - 1)
-    return along, -np.arccos(np.clip(samples[:, 1], -1.0, 1.0))
-
-
-def heights(template: Template, sigma: float, epsilon: float) -> tuple[FloatArray, FloatArray]:
-    """Of every cell (L, ALONG, AROUND): (1−ε) 256 N at its mean, 0 where it was never seen, and −1 / 2 σ² there."""
-    variance = sigma**2 * (1.0 + 1.0 / np.maximum(template.n, 1.0))
-    peak = np.where(template.n > 0.0, (1.0 - epsilon) * 256.0 / np.sqrt(2.0 * np.pi * variance), 0.0)
-    return peak, -0.5 / variance
 
 
 @kernel(parallel=True, error_model="numpy", fastmath=FAST)

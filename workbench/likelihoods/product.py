@@ -3,12 +3,11 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from workbench.arrays import FloatArray
-from workbench.core.checks import check, one_of
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Likelihood, Look
 from workbench.core.observations import Observables, Observed
@@ -16,8 +15,6 @@ from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLik
 from workbench.core.traits import Traits, needs_of_all, offers_of_all
 from workbench.errors import InputError
 from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
-
-Device = Literal["cpu", "gpu"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +34,8 @@ class Product:
     over the particles whose likelihood is not zero. They sum to one; a cue that contradicts the others is below zero.
     In a run's first frame, which is given, all are 0.
 
-    device: "gpu" judges on an NVIDIA GPU, which appearance, edges and silhouette can alone, in float32: as exactly as
-    images tell, but not to the same bits as "cpu". It pays from some thousands of particles on.
-
     Least squares minimises the residuals of all terms together, where all have some.
-    Raises InputError when there is no term, the weights are not those of the terms or negative, the device is none
-    of the two, there is no GPU to judge on, or a term with a weight cannot be judged there.
+    Raises InputError when there is no term, or the weights are not those of the terms or negative.
     """
 
     @staticmethod
@@ -53,14 +46,8 @@ class Product:
 
     terms: Mapping[str, Likelihood]
     weights: Mapping[str, float]
-    device: Device = "cpu"
 
     def __post_init__(self) -> None:
-        check("likelihood", self, device=one_of("cpu", "gpu"))
-        if self.device == "gpu":
-            from workbench.likelihoods.gpu.looks import check_gpu  # what it imports is needed here alone
-
-            check_gpu()
         if not self.terms:
             raise InputError("likelihood: a product needs at least one term")
         if set(self.weights) != set(self.terms):
@@ -75,13 +62,8 @@ class Product:
         return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
 
     def look(self, previous: Frame | None, frame: Frame) -> "ProductLook":
-        """Let every term with a weight look; raises InputError for one that cannot be judged on the device."""
-        looks = {name: term.look(previous, frame) for name, term in self._used.items()}
-        if self.device == "gpu":
-            from workbench.likelihoods.gpu.looks import check_looks
-
-            check_looks(looks)
-        return ProductLook(self, looks)
+        """Let every term with a weight look."""
+        return ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
@@ -160,18 +142,11 @@ class ProductLook:
                 bodies.setdefault(id(look.body), {})[name] = look
         together: dict[str, Evaluation] = {}
         for looks in bodies.values():
-            together |= zip(looks, self._together(list(looks.values()), pose), strict=True)
+            together |= zip(looks, evaluate_together(list(looks.values()), pose), strict=True)
         return {
             name: together[name] if name in together else look.evaluate(previous_pose, pose)
             for name, look in self.looks.items()
         }
-
-    def _together(self, looks: list[LimbLook], pose: FloatArray) -> list[Evaluation]:
-        if self.product.device == "cpu":
-            return evaluate_together(looks, pose)
-        from workbench.likelihoods.gpu.looks import evaluate_on_gpu
-
-        return evaluate_on_gpu(looks, pose)
 
     def remember(self, expected_pose: FloatArray) -> Product:
         """The product of what the terms remember; a term without a weight stays as it is."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
@@ -41,21 +41,6 @@ class Seen:
 
     area: float
     uncovered: Uncovered | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class OutlineJudge:
-    """Judges poses by where CORNERS of the patches lie: scale times the sum over the outlines' union of what `reached`
-    holds the running sums of. spheres, rim_px: see `outline_sums`."""
-
-    reached: FloatArray
-    scale: float
-    spheres: BoolArray
-    rim_px: float
-
-    def __call__(self, corners: LimbPoints) -> FloatArray:
-        """Log likelihoods (N,)."""
-        return self.scale * outline_sums(self.reached, corners.pixels, self.spheres, self.rim_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +95,7 @@ class Silhouette:
             known = seen.get(view.camera.name)
             ratio = self._ratio(known, view)
             if known is not None:
-                scale, spheres = self.k / known.area, self.body.limbs.spheres
-                judge = OutlineJudge(running_sums(ratio), scale, spheres, self.rim_px)
+                judge = partial(self._log_prob, running_sums(ratio), known.area)
                 judges.append(ViewJudge(view.camera, CORNERS, judge))
             elif previous is not None:
                 name = view.camera.name
@@ -127,6 +111,9 @@ class Silhouette:
         ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
         ratio[known.uncovered.unknown] = 0.0
         return ratio
+
+    def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
+        return self.k / area * self._sums(reached, corners)
 
     def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""

@@ -2,19 +2,15 @@
 
 import os
 import shutil
-import tarfile
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from run_folders import leave, leave_sweep
-from small_recordings import leave_recorded
 
 from workbench.catalog import tidy
 from workbench.catalog.index import entries
 from workbench.errors import InputError
 from workbench.experiment.folder import set_aside
-from workbench.recording.compare import condense
 from workbench.run_files import EARLIER
 from workbench.run_lock import locked
 
@@ -150,26 +146,14 @@ def test_a_run_that_others_lie_in_is_not_touched(root):
         tidy.check_movable([entry for entry in entries(root) if entry.path.endswith("outer")], [root])
 
 
-def test_an_archive_holds_the_runs_by_their_names(root, tmp_path):
-    file = tmp_path / "runs.tar.gz"
-    tidy.archive(entries(root), file)
-    with tarfile.open(file) as tar:
-        assert {"0/summary.json", "1/summary.json"} <= set(tar.getnames())
-    assert len(entries(root)) == 2
-    with pytest.raises(InputError, match="is there already"):
-        tidy.archive(entries(root), file)
-
-
-def test_a_run_that_another_has_taken_the_place_of_is_not_touched(root, tmp_path):
+def test_a_run_that_another_has_taken_the_place_of_is_not_touched(root):
     found = entries(root)
     (root / "sweep" / "1" / "summary.json").unlink()
     leave(root / "again", day=2, identity="another")
     os.replace(root / "again" / "summary.json", root / "sweep" / "1" / "summary.json")
-    for touch in (tidy.remove, tidy.slim, lambda entry: tidy.archive([entry], tmp_path / "runs.tar.gz")):
-        with pytest.raises(InputError, match=r"sweep/1: another run came there since it was listed"):
-            touch(replace(found[0], recording=found[0].path + "/run.rrd"))
+    with pytest.raises(InputError, match=r"sweep/1: another run came there since it was listed"):
+        tidy.remove(found[0])
     assert (root / "sweep" / "1" / "summary.json").is_file()
-    assert not list(tmp_path.glob("runs*"))
 
 
 def test_a_folder_that_another_command_works_in_is_not_touched(root):
@@ -206,45 +190,3 @@ def test_what_a_killed_command_did_not_come_to_delete_is_deleted_by_the_next(roo
     monkeypatch.undo()
     tidy.remove(found[1])
     assert os.listdir(root / "sweep") == []
-
-
-def test_a_run_that_is_removed_while_it_is_packed_is_said(root, tmp_path, monkeypatch):
-    found, add = entries(root), tarfile.TarFile.add
-
-    def removed(*words, **options):
-        tidy.remove(found[1])
-        return add(*words, **options)
-
-    monkeypatch.setattr(tarfile.TarFile, "add", removed)
-    with pytest.raises(InputError, match=r"sweep/0: was removed meanwhile, and nothing is packed"):
-        tidy.archive(found, tmp_path / "runs.tar.gz")
-    assert not list(tmp_path.glob("runs*"))
-
-
-def test_a_recording_that_is_removed_while_it_is_slimmed_is_said(root, monkeypatch):
-    leave_recorded(root / "a", "a", day=30)
-    found, chunks = entries(root)[0], condense.read_chunks
-
-    def removed(path, contents):
-        path.unlink()
-        return chunks(path, contents)
-
-    monkeypatch.setattr(condense, "read_chunks", removed)
-    with pytest.raises(InputError, match=r"run\.rrd: no such recording"):
-        tidy.slim(found)
-    shutil.rmtree(found.path)
-    assert tidy.slim(found) == 0
-
-
-def test_a_slimmed_recording_for_which_there_is_no_room_is_said_and_the_old_one_kept(root, monkeypatch):
-    leave_recorded(root / "a", "a", day=30)
-    found = entries(root)[0]
-    before = Path(found.recording).read_bytes()
-
-    def full(*_, **__):
-        raise RuntimeError("No space left on device (os error 28)")
-
-    monkeypatch.setattr(condense.ChunkStore, "write_rrd", full)
-    with pytest.raises(InputError, match="cannot be written: No space left"):
-        tidy.slim(found)
-    assert Path(found.recording).read_bytes() == before

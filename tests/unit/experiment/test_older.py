@@ -1,11 +1,14 @@
 """What an earlier workbench recorded is understood, and said in today's words."""
 
 import warnings
+from pathlib import Path
 
 import pytest
 
+from workbench.errors import InputError
 from workbench.experiment.older import in_todays_words
 
+PATH = Path("run.rrd")
 VIDEO, MULTI = "workbench.datasets.video.Video", "workbench.datasets.multi_view.MultiView"
 POINTS = "workbench.datasets.point_files.PointFiles"
 
@@ -21,13 +24,13 @@ POINTS = "workbench.datasets.point_files.PointFiles"
 )
 def test_the_last_frame_is_a_number_of_frames(target, recorded, today):
     with pytest.warns(UserWarning, match=rf"dataset.last_frame=\d+ is dataset.n_frames={today['n_frames']} today"):
-        found = in_todays_words({"seed": 1, "dataset": {"_target_": target, **recorded}})
+        found = in_todays_words(PATH, {"seed": 1, "dataset": {"_target_": target, **recorded}})
     assert found == {"seed": 1, "dataset": {"_target_": target, **today}}
 
 
 def test_the_first_frame_of_a_truth_is_where_it_begins():
     with pytest.warns(UserWarning, match="dataset.first_frame=2 is dataset.truth_first=-2 today"):
-        found = in_todays_words({"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
+        found = in_todays_words(PATH, {"dataset": {"_target_": POINTS, "source": "x", "first_frame": 2}})
     assert found["dataset"] == {"_target_": POINTS, "source": "x", "truth_first": -2}
 
 
@@ -42,11 +45,30 @@ def test_the_first_frame_of_a_truth_is_where_it_begins():
 def test_what_is_said_in_todays_words_stays(settings):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert in_todays_words(settings) == settings
+        assert in_todays_words(PATH, settings) == settings
 
 
 def test_a_last_frame_that_was_not_said_is_gone_without_a_word():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = in_todays_words({"dataset": {"_target_": VIDEO, "last_frame": None, "n_frames": None}})
+        found = in_todays_words(PATH, {"dataset": {"_target_": VIDEO, "last_frame": None, "n_frames": None}})
     assert found == {"dataset": {"_target_": VIDEO, "n_frames": None}}
+
+
+PRODUCT = {"_target_": "workbench.likelihoods.product.Product", "weights": {"edges": 0.5}}
+WRAPPED = {"likelihood": {"_target_": "my.Wrapped", "device": "tpu"}, "terms": [1, 2]}
+
+
+@pytest.mark.parametrize("device", ["cpu", None])
+def test_the_device_of_a_product_is_removed_wherever_it_is(device):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        recorded = {"likelihood": {**WRAPPED, "terms": {"both": {**PRODUCT, "device": device}}}}
+        assert in_todays_words(PATH, recorded) == {"likelihood": {**WRAPPED, "terms": {"both": PRODUCT}}}
+        assert in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}}) == {"likelihood": PRODUCT}
+
+
+@pytest.mark.parametrize("device", ["gpu", ["cpu"], {"cpu": 1}])
+def test_another_device_is_refused_with_its_place(device):
+    with pytest.raises(InputError, match=r"run\.rrd: likelihood\.device: expected cpu, .* found "):
+        in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}})

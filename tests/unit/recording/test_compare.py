@@ -8,6 +8,7 @@ from recording_steps import BODY, SPACE, errors, steps
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, StudyResult
+from workbench.errors import InputError
 from workbench.recording.compare.agreement import Agreement, Tolerance, agreement
 from workbench.recording.compare.compare import Demand, compare, compare_seeds, demand_on, same_environment
 from workbench.recording.compare.condense import condense
@@ -260,6 +261,15 @@ def test_a_condensed_recording_keeps_every_number_and_no_picture(made, tmp_path)
     np.testing.assert_array_equal(kept.true_joints.positions, run.true_joints.positions)
     assert components(kept.path).isdisjoint({"EncodedImage:blob", "Ellipsoids3D:centers", "BarChart:values"})
     assert components(kept.path) < components(run.path)
+
+
+def test_condensing_a_recording_that_is_gone_or_into_no_folder_is_refused(made, tmp_path):
+    run = made()
+    with pytest.raises(InputError, match=r"kept\.rrd: cannot be written: "):
+        condense(run, tmp_path / "none" / "kept.rrd")
+    run.path.unlink()
+    with pytest.raises(InputError, match=r"\.rrd: no such recording"):
+        condense(run, tmp_path / "kept.rrd")
 
 
 def test_a_condensed_study_keeps_its_figures_without_drawings(tmp_path):

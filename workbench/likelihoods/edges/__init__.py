@@ -1,7 +1,7 @@
 """Edges and ridges as learned likelihood ratios (Sidenbladh & Black, IJCV 54, 2003)."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numba
@@ -27,21 +27,6 @@ from workbench.likelihoods.edges.filters import (
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
 from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
 from workbench.likelihoods.limb_points import LimbPoints, looked_up
-
-
-@dataclass(frozen=True, eq=False)
-class ResponseJudge:
-    """Judges poses by where POINTS of the patches lie in a view. table: log ratios (2, L, BINS); see `Edges`."""
-
-    view: SmoothedView
-    table: Float32Array
-    k: float
-
-    def __call__(self, points: LimbPoints) -> FloatArray:
-        """Log likelihoods (N,)."""
-        box = looked_up(points)
-        seen = filtered(self.view.about(box), box)
-        return self.k * response_log_ratio(seen, points, self.table).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +62,13 @@ class Edges:
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at every view; only where the limbs turn out to be is it smoothed and filtered."""
-        judges = [
-            ViewJudge(view.camera, POINTS, ResponseJudge(SmoothedView(view), self.log_ratio, self.k))
-            for view in frame.views
-        ]
+        judges = [ViewJudge(view.camera, POINTS, partial(self._log_prob, SmoothedView(view))) for view in frame.views]
         return LimbLook("edges", self.body, judges, lambda expected_pose: self)
+
+    def _log_prob(self, view: SmoothedView, points: LimbPoints) -> FloatArray:
+        box = looked_up(points)
+        seen = filtered(view.about(box), box)
+        return self.k * response_log_ratio(seen, points, self.log_ratio).sum(axis=1)
 
 
 def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:

@@ -59,20 +59,20 @@ class Filtered:
 
 
 class SmoothedView:
-    """A view, smoothed where it is looked at; what was smoothed is kept. grey: its levels (height, width)."""
+    """A view, smoothed where it is looked at; what was smoothed is kept."""
 
     def __init__(self, view: View) -> None:
         """Raises InputError when the image has not the size that its camera states."""
-        self.grey = image_levels.grey_levels(view, 0.0)
+        self._grey = image_levels.grey_levels(view, 0.0)
         self._kept: Smoothed | None = None
 
     def about(self, box: Box) -> Smoothed:
         """Smooth all that the filters need within a box."""
-        part = _grown(box, self.grey, _NEXT_PX)
+        part = _grown(box, self._grey, _NEXT_PX)
         if self._kept is not None:
             part = _around(part, self._kept.box)
         if self._kept is None or part != self._kept.box:
-            self._kept = _smoothed(self.grey, part)
+            self._kept = _smoothed(self._grey, part)
         return self._kept
 
 

@@ -52,7 +52,7 @@ def images_in(path: Path) -> list[str]:
 
 
 def has_layout(path: Path) -> bool:
-    """Whether a recording says how it is to be laid out, which a slimmed one does not."""
+    """Whether a recording says how it is to be laid out, which a condensed one does not."""
     try:
         return bool(RrdReader(path).blueprints())
     except (RuntimeError, ValueError, OSError):
