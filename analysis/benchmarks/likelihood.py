@@ -15,6 +15,7 @@ import numpy as np
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
 from analysis.benchmarks.timing import fastest_s
+from tests.oracles import image_motion as oracle
 from workbench.arrays import ByteArray, Float32Array, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
@@ -25,8 +26,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Look
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion
-from workbench.likelihoods.image_motion import reference as image_motion_reference
-from workbench.likelihoods.image_motion.kernel import PosedView, packed
+from workbench.likelihoods.image_motion.kernel import packed
 from workbench.likelihoods.limb_points import limb_points
 
 N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
@@ -121,9 +121,9 @@ def _reference(
     for frame, poses in ((before, poses_before), (now, poses_now)):
         view = frame.views[0]
         image = grey_levels(view, likelihood.blur_px)
-        posed.append(PosedView(view.camera, image, forward(body.skeleton, poses)))
+        posed.append(oracle.PosedView(view.camera, image, forward(body.skeleton, poses)))
     model, samples = likelihood.model, likelihood.samples
-    return image_motion_reference.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]
+    return oracle.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]
 
 
 def _texture(rng: np.random.Generator, height: int, width: int) -> ByteArray:

@@ -17,8 +17,8 @@ import numpy as np
 from tqdm import tqdm
 
 from analysis.benchmarks.machine import processor, versions
+from tests.oracles import surface as oracle
 from workbench.arrays import FloatArray
-from workbench.body import surface_reference
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
@@ -63,7 +63,7 @@ def _print_rows(skeleton: Skeleton, surface: Surface, rng: np.random.Generator) 
             ],
             REPEATS,
         )
-        (reference,) = _fastest_us([partial(surface_reference.residual_jacobian, *arguments)], REPEATS // 100)
+        (reference,) = _fastest_us([partial(oracle.residual_jacobian, *arguments)], REPEATS // 100)
         print(
             f"{len(pose):<6}{len(surface):<12}{kind:<10}{plain:>5.0f}{full:>10.0f}{full / plain:>8.2f}{search:>9.0f}"
             f"{(full + search) / (plain + search):>20.2f}{reference:>20.0f}"
