@@ -1,6 +1,6 @@
-"""Time of the image-motion likelihood: against its NumPy reference, against bare lookups, and on two threads.
+"""Time of the image-motion likelihood: against the NumPy oracle, against bare lookups, and on two threads.
 
-For 10⁴ particles, 12 limbs, n = 50, 640×480 px; the reference runs on fewer particles and is scaled up. Everything is
+For 10⁴ particles, 12 limbs, n = 50, 640×480 px; the oracle runs on fewer particles and is scaled up. Everything is
 measured in one process, in turns, so that other load hits all alike, and the fastest of the repeats counts. Figures of
 one thread are of processor time; that of two threads is by the clock, and so wants a quiet machine.
 """
@@ -34,7 +34,7 @@ CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
 
 
 def kernel_figures() -> list[Figure]:
-    """One thread: against the reference, and against the lookups that no likelihood of images can do without."""
+    """One thread: against the oracle, and against the lookups that no likelihood of images can do without."""
     rng = np.random.default_rng(0)
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
@@ -44,7 +44,7 @@ def kernel_figures() -> list[Figure]:
     one, reference, float32, plain8, plain16 = fastest_s(
         [
             partial(on_threads, 1, likelihood.look(before, now), *poses),
-            partial(_reference, likelihood, before, now, *few),
+            partial(_by_oracle, likelihood, before, now, *few),
             partial(float32_lookups, image, *places),
             partial(packed_lookups, packed_bytes(image), *places, 8),
             partial(packed_lookups, words, *places, 16),
@@ -114,7 +114,7 @@ def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, F
     return np.clip(x, 0.0, CAMERA.width - 2.0), np.clip(y, 0.0, CAMERA.height - 2.0)
 
 
-def _reference(
+def _by_oracle(
     likelihood: ImageMotion, before: Frame, now: Frame, poses_before: FloatArray, poses_now: FloatArray
 ) -> FloatArray:
     body, posed = likelihood.body, []

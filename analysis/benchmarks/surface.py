@@ -2,7 +2,7 @@
 
     python -m analysis.benchmarks.surface
 
-Prints microseconds for 400 points, the minimum over the repeats, of the kernels and of their NumPy reference, on the
+Prints microseconds for 400 points, the minimum over the repeats, of the kernels and of their NumPy oracle, on the
 25-parameter person and on the same person with a joint in the middle of every bone: 29 joints, 75 degrees of freedom,
 as paper D's body (28 joints, about 80). (F and J) / F is what D's section 4 bounds by the logarithm of their number;
 "ratio with attach" counts the search for the points' parts in both.

@@ -72,7 +72,7 @@ class LimbModel:
 
 @dataclass(frozen=True, eq=False)
 class PackedView:
-    """One camera's view at one time: image, see `packed`, of smoothed grey levels, and poses (N, P) of the body then."""
+    """One camera's view at one time. image: smoothed grey levels, see `packed`. poses: (N, P) of the body."""
 
     camera: Camera
     image: Packed
