@@ -1,6 +1,6 @@
-"""Time of the image-motion likelihood: against its NumPy reference, against bare lookups, and on two threads.
+"""Time of the image-motion likelihood: against the NumPy oracle, against bare lookups, and on two threads.
 
-For 10⁴ particles, 12 limbs, n = 50, 640×480 px; the reference runs on fewer particles and is scaled up. Everything is
+For 10⁴ particles, 12 limbs, n = 50, 640×480 px; the oracle runs on fewer particles and is scaled up. Everything is
 measured in one process, in turns, so that other load hits all alike, and the fastest of the repeats counts. Figures of
 one thread are of processor time; that of two threads is by the clock, and so wants a quiet machine.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
 from analysis.benchmarks.timing import fastest_s
+from tests.oracles import image_motion as oracle
 from workbench.arrays import ByteArray, Float32Array, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
@@ -25,8 +26,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Look
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion
-from workbench.likelihoods.image_motion import reference as image_motion_reference
-from workbench.likelihoods.image_motion.kernel import PosedView, packed
+from workbench.likelihoods.image_motion.kernel import packed
 from workbench.likelihoods.limb_points import limb_points
 
 N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
@@ -34,7 +34,7 @@ CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))
 
 
 def kernel_figures() -> list[Figure]:
-    """One thread: against the reference, and against the lookups that no likelihood of images can do without."""
+    """One thread: against the oracle, and against the lookups that no likelihood of images can do without."""
     rng = np.random.default_rng(0)
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
@@ -44,7 +44,7 @@ def kernel_figures() -> list[Figure]:
     one, reference, float32, plain8, plain16 = fastest_s(
         [
             partial(on_threads, 1, likelihood.look(before, now), *poses),
-            partial(_reference, likelihood, before, now, *few),
+            partial(_by_oracle, likelihood, before, now, *few),
             partial(float32_lookups, image, *places),
             partial(packed_lookups, packed_bytes(image), *places, 8),
             partial(packed_lookups, words, *places, 16),
@@ -114,16 +114,16 @@ def _places(likelihood: ImageMotion, poses: FloatArray) -> tuple[Float32Array, F
     return np.clip(x, 0.0, CAMERA.width - 2.0), np.clip(y, 0.0, CAMERA.height - 2.0)
 
 
-def _reference(
+def _by_oracle(
     likelihood: ImageMotion, before: Frame, now: Frame, poses_before: FloatArray, poses_now: FloatArray
 ) -> FloatArray:
     body, posed = likelihood.body, []
     for frame, poses in ((before, poses_before), (now, poses_now)):
         view = frame.views[0]
         image = grey_levels(view, likelihood.blur_px)
-        posed.append(PosedView(view.camera, image, forward(body.skeleton, poses)))
+        posed.append(oracle.PosedView(view.camera, image, forward(body.skeleton, poses)))
     model, samples = likelihood.model, likelihood.samples
-    return image_motion_reference.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]
+    return oracle.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]
 
 
 def _texture(rng: np.random.Generator, height: int, width: int) -> ByteArray:

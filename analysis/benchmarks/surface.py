@@ -2,7 +2,7 @@
 
     python -m analysis.benchmarks.surface
 
-Prints microseconds for 400 points, the minimum over the repeats, of the kernels and of their NumPy reference, on the
+Prints microseconds for 400 points, the minimum over the repeats, of the kernels and of their NumPy oracle, on the
 25-parameter person and on the same person with a joint in the middle of every bone: 29 joints, 75 degrees of freedom,
 as paper D's body (28 joints, about 80). (F and J) / F is what D's section 4 bounds by the logarithm of their number;
 "ratio with attach" counts the search for the points' parts in both.
@@ -17,8 +17,8 @@ import numpy as np
 from tqdm import tqdm
 
 from analysis.benchmarks.machine import processor, versions
+from tests.oracles import surface as oracle
 from workbench.arrays import FloatArray
-from workbench.body import surface_reference
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
@@ -63,7 +63,7 @@ def _print_rows(skeleton: Skeleton, surface: Surface, rng: np.random.Generator) 
             ],
             REPEATS,
         )
-        (reference,) = _fastest_us([partial(surface_reference.residual_jacobian, *arguments)], REPEATS // 100)
+        (reference,) = _fastest_us([partial(oracle.residual_jacobian, *arguments)], REPEATS // 100)
         print(
             f"{len(pose):<6}{len(surface):<12}{kind:<10}{plain:>5.0f}{full:>10.0f}{full / plain:>8.2f}{search:>9.0f}"
             f"{(full + search) / (plain + search):>20.2f}{reference:>20.0f}"

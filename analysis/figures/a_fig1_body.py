@@ -16,6 +16,7 @@ from analysis.figures.frames import Picture, pictures
 from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import ON_IMAGE, bare, canvas
 from analysis.figures.told import setup
+from tests.oracles.image_motion import PosedView, hidden_samples, inside_image, limb_patches
 from workbench.arrays import BoolArray, FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import forward
@@ -24,8 +25,6 @@ from workbench.body.shape import read_shape
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.likelihoods.image_motion import ImageMotion
-from workbench.likelihoods.image_motion.kernel import PosedView
-from workbench.likelihoods.image_motion.reference import hidden_samples, inside_image, limb_patches
 from workbench.recording.read.chunks import read_chunks, static_values
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import FAINT, INK, SERIES

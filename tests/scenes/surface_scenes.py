@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.body.kinematics import forward_reference
+from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, Skeleton
@@ -80,7 +80,7 @@ def lone(half_sizes=(0.05, 0.05, 0.05), **options):
 def pose_and_points(rng, skeleton, surface, n, spread=0.06):
     """A pose all over, and points around the ellipsoids: inside, on the skin and decimetres off."""
     pose = np.concatenate([rng.normal(0.0, 2.0, 3), rng.normal(0.0, 0.7, len(skeleton.dof_names) - 3)])
-    frames = forward_reference(skeleton, pose[None])
+    frames = forward_oracle(skeleton, pose[None])
     carriers = rng.integers(len(surface), size=n)
     joints = surface.joints[carriers]
     centers = np.einsum("kab,kb->ka", frames.rotations[0, joints], surface.centers[carriers])

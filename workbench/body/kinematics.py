@@ -22,8 +22,8 @@ class JointFrames:
 
 
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """World frames of every joint; poses: (N, P), rad and m. The numba kernel, on as many threads as numba is set to;
-    see `forward_reference`."""
+    """Return the world frames of every joint in poses (N, P), rad and m, on as many threads as numba is set to:
+    T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
     poses = _checked(skeleton, poses)
     size = (len(poses), len(skeleton.names), 3)
     rotations, positions = np.empty((*size, 3)), np.empty(size)
@@ -39,23 +39,6 @@ def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
 def joints(skeleton: Skeleton, poses: FloatArray) -> FloatArray:
     """Joint positions in the world, (N, J, 3) m, of poses (N, P)."""
     return forward(skeleton, poses).positions
-
-
-def forward_reference(skeleton: Skeleton, poses: FloatArray) -> JointFrames:
-    """Compute `forward` in plain NumPy: T_world_joint = T_world_parent [R, offset] (paper A, section 3)."""
-    poses = _checked(skeleton, poses)
-    size = (len(poses), len(skeleton.names), 3)
-    rotations, positions = np.zeros((*size, 3)), np.zeros(size)
-    for j, parent in enumerate(skeleton.parents):
-        if parent < 0:
-            rotations[:, j], positions[:, j] = np.eye(3), poses[:, :3]
-        else:
-            rotations[:, j] = rotations[:, parent]
-            positions[:, j] = positions[:, parent] + rotations[:, parent] @ skeleton.offsets[j]
-        for p in range(3, poses.shape[1]):
-            if skeleton.dof_joints[p] == j:
-                rotations[:, j] = rotations[:, j] @ axis_rotations(skeleton.dof_axes[p], poses[:, p])
-    return JointFrames(rotations, positions)
 
 
 def axis_rotations(axis: FloatArray, angles: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The fused kernels of the implicit surface: what `surface_reference` defines, for K points and one pose, or many.
+"""The fused kernels of the implicit surface, for K points and one pose, or many; `surface` has the formulas.
 
 Every degree of freedom moves the joints below it along a screw: turning about the world axis w through o, or shifting
 along v, with v = o × w for a turn. Seen from the body, a point X held in the world moves the other way, so a residual

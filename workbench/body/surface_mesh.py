@@ -8,7 +8,6 @@ import numpy as np
 from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import JointFrames
 from workbench.body.surface import Surface
-from workbench.body.surface_reference import log_field
 from workbench.errors import InputError
 
 _OUTSIDE = -100.0  # the log field far from every part; only its sign matters
@@ -37,11 +36,21 @@ def surface_mesh(surface: Surface, frames: JointFrames, spacing_m: float = 0.015
     for part in range(len(surface.part_names)):
         block = tuple(slice(*ends) for ends in zip(first[part], last[part], strict=True))
         points = corner + spacing_m * np.moveaxis(np.mgrid[block], 0, -1)
-        field = log_field(surface, frames, part, points.reshape(-1, 3)).reshape(points.shape[:3])
+        field = _log_field(surface, frames, part, points.reshape(-1, 3)).reshape(points.shape[:3])
         np.maximum(fields[block], field, out=fields[block])
     spacing = (spacing_m,) * 3
     vertices, triangles, _, _ = measure.marching_cubes(fields, 0.0, spacing=spacing, gradient_direction="ascent")
     return corner + vertices.astype(np.float64), triangles.astype(np.int64)
+
+
+def _log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
+    """Return log(f / C), (K,), of one part at points (K, 3), m, in one pose."""
+    exponents = []
+    for i in range(surface.bounds[part], surface.bounds[part + 1]):
+        rotation, position = frames.rotations[0, surface.joints[i]], frames.positions[0, surface.joints[i]]
+        local = ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
+        exponents.append(surface.sharpness * (1.0 - np.sum((local / surface.half_sizes[i]) ** 2, axis=1)))
+    return np.logaddexp.reduce(exponents)
 
 
 def _boxes(surface: Surface, frames: JointFrames) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+import scipy
 from tqdm import tqdm
 
 from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
@@ -33,6 +34,15 @@ def colour_levels(view: View, blur_px: float) -> Float32Array:
     """Return a view's one or three levels (height, width, C), 0..255, smoothed; raises as `grey_levels`."""
     smooth = _smoothed(_float_levels(view), blur_px)
     return smooth.reshape(*smooth.shape[:2], -1)
+
+
+def bilinear(image: Float32Array, points: FloatArray) -> FloatArray:
+    """Interpolate an image (height, width) bilinearly at points (..., 2), px; 0 outside it and where a point is NaN."""
+    height, width = image.shape
+    x, y = points[..., 0], points[..., 1]
+    inside = (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
+    places = np.where(inside[..., None], points, -1.0)
+    return scipy.ndimage.map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
 
 
 def _smoothed(image: AnyArray, blur_px: float) -> Float32Array:

@@ -33,8 +33,8 @@ class LimbPoints:
 def limb_points(
     body: Body, samples: FloatArray, camera: Camera, frames: JointFrames, beside: bool = False
 ) -> LimbPoints:
-    """Place points (n, 2) of every patch, u along and v across it; those in the image count that no other limb hides,
-    as `reference.hidden_samples` says for "sample", or, `beside` it, |v| > 1, that no limb covers at any depth."""
+    """Place points (n, 2) of every patch, u along and v across it; those in the image count that no other limb hides by
+    the rule "sample" of `ImageMotion`, or, `beside` it, |v| > 1, that no limb covers at any depth."""
     (points,) = limb_points_of_all(body, [samples], camera, frames, beside)
     return points
 

@@ -240,15 +240,6 @@ def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> Fl
     return channels
 
 
-def decode_reference(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
-    """Compute `decode` in plain NumPy."""
-    place = (phase % 1.0) * len(table)
-    first = np.floor(place).astype(np.int64)
-    part = (place - first)[:, None, None]
-    curves = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
-    return curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])
-
-
 @kernel()
 def _decode(first: int, last: int, table: Any, coefficients: Any, phase: Any, channels: Any) -> None:
     n_phases, n_curves, n_channels = table.shape

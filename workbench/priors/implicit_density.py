@@ -19,7 +19,6 @@ from workbench.priors.implicit_search import (
     KdTree,
     check_probes,
     found_entries,
-    found_entries_reference,
     group_equal,
     nearest_entries,
     padded,
@@ -159,20 +158,6 @@ def log_mixture(
     result[order] = density - float(np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum())
     chosen[order] = entries
     return result, chosen
-
-
-def log_mixture_reference(
-    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray
-) -> FloatArray:
-    """The log terms log p(i | c) N(way; way_i, Σ) of `log_mixture` for one probe (b,) and way (K,), (n,), in NumPy."""
-    entries, probabilities = found_entries_reference(tree, probe, beta, epsilon)
-    apart = ways.white[entries] - white
-    noisy = len(ways.deviations)
-    terms = np.full(len(ways.white), -np.inf)
-    terms[entries] = np.log(probabilities) - 0.5 * (apart[:, :noisy] ** 2).sum(axis=1)
-    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum()
-    terms[entries[(np.abs(apart[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
-    return terms
 
 
 @kernel(parallel=True, error_model="numpy")

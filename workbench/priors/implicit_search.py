@@ -142,49 +142,6 @@ def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: fl
     return distribution, int(visited)
 
 
-def found_distribution_reference(
-    tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01
-) -> tuple[FloatArray, int]:
-    """Compute `found_distribution` in plain NumPy."""
-    probe, n = padded(probe[None])[0], len(tree.order)
-    exponents = np.full(n, np.inf)  # of the places found
-    scanned: list[int] = []
-
-    def scan(leaf: int) -> None:
-        places = slice(leaf * LANES, min((leaf + 1) * LANES, n))
-        inside = tree.coefficients[leaf].T[: places.stop - places.start]
-        found = ((inside - probe) ** 2).sum(axis=1) / (2.0 * beta)
-        exponents[places] = np.where(found < farthest, found, np.inf)
-        scanned.append(leaf)
-
-    def log_mass() -> float:
-        return float(scipy.special.logsumexp(-exponents))
-
-    groups, leaves = (
-        (np.maximum(np.maximum(boxes[:, :, 0] - p, p - boxes[:, :, 1]), 0.0) ** 2).sum(axis=1).ravel() / (2.0 * beta)
-        for p in [probe[:, None]]
-        for boxes in (tree.group_boxes, tree.leaf_boxes)
-    )
-    farthest, nearest = np.inf, int(groups.argmin()) * LANES
-    scan(nearest + int(leaves[nearest : nearest + LANES].argmin()))
-    reach = np.log(2.0 * n / epsilon) - log_mass()
-    low = groups.min()
-    near = np.flatnonzero((leaves <= reach) & (np.repeat(groups, LANES)[: len(leaves)] <= reach))
-    scale = (BINS - 1) / (reach - low)
-    bins = ((leaves[near] - low) * scale).astype(np.int64)
-    left = np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
-    for i in np.unique(bins):
-        if scipy.special.logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
-            break
-        farthest = np.log(2.0 * n / epsilon) - log_mass()
-        for leaf in near[bins == i]:
-            if leaf != scanned[0]:
-                scan(leaf)
-    distribution = np.empty(n)
-    distribution[tree.order] = np.exp(-exponents - scipy.special.logsumexp(-exponents))
-    return distribution, sum(min(LANES, n - leaf * LANES) for leaf in scanned)
-
-
 def exact_log_prob(coefficients: Float32Array, probe: FloatArray, beta: float) -> FloatArray:
     """log p(c_i | c_t), (n,), by looking at every entry (C, eq. 6); probe: (b,), all whitened."""
     exponents = -((coefficients - probe.astype(np.float64)) ** 2).sum(axis=1) / (2.0 * beta)
@@ -209,15 +166,6 @@ def nearest_entries(tree: KdTree, probes: FloatArray, beta: float, epsilon: floa
     entries = np.empty(len(probes), dtype=np.int64)
     _nearest(tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), beta, epsilon, entries)
     return entries
-
-
-def found_entries_reference(
-    tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01
-) -> tuple[IntArray, FloatArray]:
-    """The entries (F,) that `found_entries` finds for one probe (b,), and their probabilities (F,), in plain NumPy."""
-    distribution, _ = found_distribution_reference(tree, probe, beta, epsilon)
-    entries = np.flatnonzero(distribution)
-    return entries, distribution[entries]
 
 
 def padded(rows: FloatArray | Float32Array) -> Float32Array:

@@ -16,7 +16,6 @@ from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.lanes import inlined
 from workbench.errors import InputError
 from workbench.kernel_cache import kernel
-from workbench.priors.implicit_search import exact_log_prob
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0
@@ -88,29 +87,6 @@ def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf
         turns = np.argsort(leaves, kind="stable")
         _pick(tree.rows, probes, firsts, sizes, turns, beta, uniforms[:, -1], places)
     return tree.order[firsts + places]
-
-
-def draw_reference(
-    tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian"
-) -> IntArray:
-    """Compute `draw` in plain NumPy."""
-    entries = np.empty(len(probes), dtype=np.int64)
-    for i, (probe, uniform) in enumerate(zip(probes, uniforms, strict=True)):
-        node, low, high = 0, 0, 1 << tree.depth
-        for level in range(tree.depth):
-            middle = (low + high) // 2
-            left, right = tree.starts[middle] - tree.starts[low], tree.starts[high] - tree.starts[middle]
-            odds = scipy.special.ndtr((probe[level] - tree.splits[node]) / np.sqrt(beta))
-            goes_right = right > 0 and (left == 0 or uniform[level] < odds)
-            node = 2 * node + 1 + goes_right
-            low, high = (middle, high) if goes_right else (low, middle)
-        inside = tree.order[tree.starts[low] : tree.starts[high]]
-        if leaf == "uniform":
-            odds = np.full(len(inside), 1.0 / len(inside)).cumsum()
-        else:
-            odds = np.exp(exact_log_prob(tree.coefficients[inside], probe, beta)).cumsum()
-        entries[i] = inside[min(np.searchsorted(odds, uniform[-1] * odds[-1], side="right"), len(inside) - 1)]
-    return entries
 
 
 def log_proposal(tree: Tree, probe: FloatArray, beta: float, leaf: str = "gaussian") -> FloatArray:

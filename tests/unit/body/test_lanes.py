@@ -5,7 +5,7 @@ import numba
 import numpy as np
 import pytest
 
-from workbench.body.kinematics import forward_reference
+from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.lanes import FRAME, LANES, POSITION, lane_frames, load_frames
 from workbench.threads import over_threads
 
@@ -38,7 +38,7 @@ def unpacked(frames):
 def test_lanes_agree_with_the_reference(scale):
     poses = scale * np.random.default_rng(0).standard_normal((LANES, 25))
     rotations, positions = unpacked(frames_in_lanes(poses))
-    expected = forward_reference(SKELETON, poses)
+    expected = forward_oracle(SKELETON, poses)
     # 22 turns add up their rounding, and each is of an angle that is reduced by up to 1e3 quadrants of 6e-17 each
     np.testing.assert_allclose(rotations, expected.rotations, rtol=0.0, atol=22 * (1e-15 + scale * 3 * 6e-17))
     np.testing.assert_allclose(
@@ -50,7 +50,7 @@ def test_quadrants_of_one_joint_are_exact_enough():
     poses = np.zeros((LANES, 25))
     poses[:, 3] = np.linspace(-4.0 * np.pi, 4.0 * np.pi, LANES)
     rotations, _ = unpacked(frames_in_lanes(poses))
-    expected = forward_reference(SKELETON, poses).rotations
+    expected = forward_oracle(SKELETON, poses).rotations
     np.testing.assert_allclose(rotations, expected, rtol=0.0, atol=4e-15)
 
 
@@ -71,7 +71,7 @@ def test_the_last_pose_fills_the_lanes_that_are_left():
 
 def test_frames_computed_before_are_loaded_as_they_are():
     poses = np.random.default_rng(1).standard_normal((LANES + 5, 25))
-    expected = forward_reference(SKELETON, poses)
+    expected = forward_oracle(SKELETON, poses)
     frames = np.empty((len(SKELETON.parents), FRAME))
     compiled_load_frames(expected.rotations, expected.positions, 5, frames)
     rotations, positions = unpacked(frames)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import surface_scenes as scenes
 
+from tests.oracles.surface import log_fields
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
 from workbench.body.surface import attach, limbs_surface, person_surface, residuals
-from workbench.body.surface_reference import log_fields
 from workbench.errors import InputError
 
 NEUTRAL = np.zeros(25)

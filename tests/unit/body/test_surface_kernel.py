@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import surface_scenes as scenes
 
-from workbench.body import surface_reference
-from workbench.body.kinematics import forward, forward_reference
+from tests.oracles import surface as oracle
+from tests.oracles.kinematics import forward as forward_oracle
+from workbench.body.kinematics import forward
 from workbench.body.limbs import skeleton_limbs
 from workbench.body.surface import (
     KINDS,
@@ -33,10 +34,10 @@ def test_kernels_agree_with_the_reference(scene, kind):
     for _ in range(3):
         pose, frames, points = scenes.pose_and_points(rng, *scene, 150)
         attachment = attach(scene[1], forward(scene[0], pose[None]), points, kind)
-        np.testing.assert_array_equal(attachment, surface_reference.attach(scene[1], frames, points, kind))
+        np.testing.assert_array_equal(attachment, oracle.attach(scene[1], frames, points, kind))
         for parts in (attachment, rng.integers(len(scene[1].part_names), size=150)):  # the nearest, and any
             arguments = (*scene, pose, points, kind, parts)
-            expected, expected_jacobian = surface_reference.residual_jacobian(*arguments)
+            expected, expected_jacobian = oracle.residual_jacobian(*arguments)
             found, jacobian = residual_jacobian(*arguments)
             # sums of tens of terms in another order; the residuals are of the size of 1
             np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
@@ -49,7 +50,7 @@ def test_kernels_agree_with_the_reference(scene, kind):
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
 def test_the_search_and_the_derivative_at_once_agree_with_one_after_the_other(scene, kind, n):
     pose, frames, points = scenes.pose_and_points(np.random.default_rng(6), *scene, n)
-    attachment = surface_reference.attach(scene[1], frames, points, kind)
+    attachment = oracle.attach(scene[1], frames, points, kind)
     expected, expected_jacobian = residual_jacobian(*scene, pose, points, kind, attachment)
     found, jacobian = nearest_residual_jacobian(*scene, pose, points, kind)
     # the same formulas, which another kernel's compiler may round otherwise
@@ -66,8 +67,8 @@ def test_distances_in_many_poses_agree_with_the_reference(scene, n):
     found = nearest_distances(*scene, poses, points)
     assert found.shape == (20, n)
     for one, row in zip(poses, found, strict=True):
-        frames = forward_reference(scene[0], one[None])
-        expected = np.abs(surface_reference.distances(scene[1], frames, points)).min(axis=-1)
+        frames = forward_oracle(scene[0], one[None])
+        expected = np.abs(oracle.distances(scene[1], frames, points)).min(axis=-1)
         np.testing.assert_allclose(np.abs(row), expected, rtol=1e-11, atol=1e-13)
 
 

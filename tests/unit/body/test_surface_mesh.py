@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import surface_scenes as scenes
 
+from tests.oracles.surface import distances
 from workbench.body.kinematics import forward
 from workbench.body.surface_mesh import surface_mesh
-from workbench.body.surface_reference import distances
 from workbench.errors import InputError
 
 with_scikit_image = pytest.mark.skipif(

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.oracles import rendering as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Limbs, person
@@ -98,7 +99,7 @@ def test_hits_lie_on_the_limbs_surfaces(pose):
 @given(poses())
 def test_the_kernel_agrees_with_its_reference(pose):
     depth, limb = whole(render.cast(BODY, pose, CAMERA, RAYS), CAMERA)
-    reference = render.cast_reference(BODY, pose, CAMERA, RAYS)
+    reference = oracle.cast(BODY, pose, CAMERA, RAYS)
     # A ray that touches a rim rests on the root of a difference near zero, where the last bit counts: two at most.
     assert ((limb >= 0) != (reference.limb >= 0)).sum() <= 2  # so the limbs' boxes cut nothing off
     both = (limb >= 0) & (reference.limb >= 0)
@@ -134,7 +135,7 @@ def test_nothing_is_seen_of_a_body_behind_the_camera_and_all_of_one_around_it():
     crossing = STANDING.copy()
     crossing[:3] = CAMERA.position - [0.0, 0.0, 0.6]  # the camera's plane cuts the body
     depth, _ = whole(render.cast(BODY, crossing, CAMERA, RAYS), CAMERA)
-    assert np.allclose(depth, render.cast_reference(BODY, crossing, CAMERA, RAYS).depth, rtol=0.0, atol=1e-9)
+    assert np.allclose(depth, oracle.cast(BODY, crossing, CAMERA, RAYS).depth, rtol=0.0, atol=1e-9)
 
 
 def test_rays_undo_the_lens():

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.oracles import rendering as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.limbs import Limbs, person
 from workbench.body.shape import from_height
 from workbench.datasets.points import with_depth_noise
-from workbench.datasets.scenes.render import Rays, cast_reference
+from workbench.datasets.scenes.render import Rays
 from workbench.datasets.scenes.visible import first_depth, surface_points, visible_points
 
 BODY = person(from_height(1.75))
@@ -33,7 +34,7 @@ def reference_depth(body, pose, points):
     seen = CAMERA.to_camera(points)
     directions = (seen[None, :, :2] / seen[None, :, 2:]).astype(np.float32)
     rays = Rays(1, directions)
-    return cast_reference(body, pose, CAMERA, rays).depth[0]
+    return oracle.cast(body, pose, CAMERA, rays).depth[0]
 
 
 @pytest.mark.parametrize("pose", [STANDING, BENT])

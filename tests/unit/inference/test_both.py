@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.body.kinematics import forward_reference
+from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
@@ -50,7 +50,7 @@ def two_poses(seed):
 
 
 def odds_by_distance(pose, other):
-    one, another = forward_reference(SKELETON, np.stack([pose, other])).positions
+    one, another = forward_oracle(SKELETON, np.stack([pose, other])).positions
     return OWN_M**2 / (OWN_M**2 + np.linalg.norm(one - another, axis=1).mean() ** 2)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workbench.body.kinematics import forward_reference
+from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES, Skeleton, person_skeleton
 from workbench.errors import InputError
@@ -48,7 +48,7 @@ def swings(skeleton, n, amplitude, rng):
 
 def relative(skeleton, poses):
     """Rotations (F, J, 3, 3) of every joint but the root in its parent's frame."""
-    rotations = forward_reference(skeleton, poses).rotations
+    rotations = forward_oracle(skeleton, poses).rotations
     return rotations[:, skeleton.parents[1:]].swapaxes(-1, -2) @ rotations[:, 1:]
 
 

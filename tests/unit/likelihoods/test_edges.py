@@ -5,11 +5,12 @@ import likelihood_scenes as scenes
 import numpy as np
 import pytest
 
+from tests.oracles import edges as oracle
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
 from workbench.errors import InputError
 from workbench.learning.store import Provenance, load, save
-from workbench.likelihoods.edges import Edges, response_log_ratio, response_log_ratio_reference
+from workbench.likelihoods.edges import Edges, response_log_ratio
 from workbench.likelihoods.edges.filters import (
     ALONG,
     POINTS,
@@ -17,7 +18,6 @@ from workbench.likelihoods.edges.filters import (
     Smoothed,
     SmoothedView,
     filtered,
-    filtered_reference,
     responses,
     smoothed,
 )
@@ -86,7 +86,7 @@ def test_kernel_agrees_with_plain_numpy():
     poses[0, 0] = 5.0  # behind the camera
     points = limb_points(scenes.PERSON, POINTS, scenes.FRONT, forward(scenes.PERSON.skeleton, poses))
     images = filtered(smoothed(View(scenes.FRONT, scenes.texture(rng))))
-    expected, found = (f(images, points, table) for f in (response_log_ratio_reference, response_log_ratio))
+    expected, found = (f(images, points, table) for f in (oracle.response_log_ratio, response_log_ratio))
     assert expected.std() > 0.05
     assert not found[0].any()
     # a response may fall on the edge of a bin and, in float32, on its other side: rarely, and that moves one of n terms
@@ -184,7 +184,7 @@ def test_derivatives_are_those_of_opencv_to_the_bit_in_any_box(size):
     height, width = size
     levels = rng.uniform(0.0, 255.0, (1 + len(RIDGE_SCALES_PX), height, width)).astype(np.float32)
     images = Smoothed(levels, rng.uniform(4.0, 50.0, size).astype(np.float32), (0, 0, width, height))
-    expected, found = filtered_reference(images), filtered(images)
+    expected, found = oracle.filtered(images), filtered(images)
     np.testing.assert_array_equal(found.gradient, expected.gradient)
     np.testing.assert_array_equal(found.ridges, expected.ridges)
     left, top, right, bottom = width // 3, height // 4, width, height - height // 5

@@ -8,12 +8,11 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 
+from tests.oracles.image_motion import PosedView, hidden_samples, limb_patches
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion, drawn_samples, patch_samples
-from workbench.likelihoods.image_motion.kernel import PosedView
-from workbench.likelihoods.image_motion.reference import hidden_samples, limb_patches
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))
 BALL = scenes.rods(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2))

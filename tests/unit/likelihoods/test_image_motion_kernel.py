@@ -5,12 +5,12 @@ import numba
 import numpy as np
 import pytest
 
+from tests.oracles import image_motion as oracle
+from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.camera import plain_camera
-from workbench.body.kinematics import forward_reference
 from workbench.likelihoods.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.image_motion import kernel as image_motion_kernel
-from workbench.likelihoods.image_motion import reference as image_motion_reference
 
 
 def tolerance(likelihood):
@@ -52,10 +52,10 @@ def by_reference(likelihood, previous, frame, previous_poses, poses):
     body, posed, packed = likelihood.body, [], []
     for f, p in ((previous, previous_poses), (frame, poses)):
         camera, image = f.views[0].camera, grey_levels(f.views[0], likelihood.blur_px)
-        posed.append(image_motion_kernel.PosedView(camera, image, forward_reference(body.skeleton, p)))
+        posed.append(oracle.PosedView(camera, image, forward_oracle(body.skeleton, p)))
         packed.append(image_motion_kernel.PackedView(camera, image_motion_kernel.packed(image), p))
     constants = likelihood.samples, likelihood.model
-    expected = image_motion_reference.view_log_prob(body.limbs, *constants, *posed)
+    expected = oracle.view_log_prob(body.limbs, *constants, *posed)
     return expected, image_motion_kernel.view_log_prob(body, *constants, *packed)
 
 
@@ -121,10 +121,10 @@ def test_the_scenes_hold_what_they_should():
     for name, camera in CAMERAS.items():
         previous, _, poses, _ = scene(camera, 60)
         image = grey_levels(previous.views[0], 0.0)
-        view = image_motion_kernel.PosedView(camera, image, forward_reference(scenes.PERSON.skeleton, poses))
-        patches = image_motion_reference.limb_patches(limbs, view)
-        hidden = image_motion_reference.hidden_samples(limbs, patches, likelihood.samples, "sample")
-        inside = image_motion_reference.inside_image(image, patches.positions(likelihood.samples))
+        view = oracle.PosedView(camera, image, forward_oracle(scenes.PERSON.skeleton, poses))
+        patches = oracle.limb_patches(limbs, view)
+        hidden = oracle.hidden_samples(limbs, patches, likelihood.samples, "sample")
+        inside = oracle.inside_image(image, patches.positions(likelihood.samples))
         assert 0.02 < hidden.mean() < 0.5, name
         assert hidden[:, ~limbs.spheres].any()
         assert hidden[:, limbs.spheres].any()

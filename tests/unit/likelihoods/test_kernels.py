@@ -6,19 +6,18 @@ import numba
 import numpy as np
 import pytest
 
+from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, world_axes
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.likelihoods.alignment.beside import beside, beside_reference
+from workbench.likelihoods.alignment.beside import beside
 from workbench.likelihoods.alignment.cells import (
     motion_of,
     moved_by,
     placed,
-    placed_reference,
     surface_cells,
     visible,
-    visible_reference,
 )
 from workbench.likelihoods.alignment.pictures import picture, pictures
 from workbench.likelihoods.alignment.scene import Scene
@@ -45,13 +44,13 @@ def walking(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_cells_are_placed_and_seen_as_in_numpy(name, seed):
     frames, camera = walking(seed)[1], CAMERAS[name]
-    found, expected = placed(CELLS, frames, camera), placed_reference(CELLS, frames, camera)
+    found, expected = placed(CELLS, frames, camera), oracle.placed(CELLS, frames, camera)
     for key in ("points", "facing", "depth", "pixels"):
         np.testing.assert_allclose(getattr(found, key), getattr(expected, key), rtol=1e-9, atol=1e-9)
     assert np.isnan(expected.pixels).any() == (name == "among the limbs")
     for facing in (0.0, 0.3):
         seen = visible(expected, SHAPE, facing)
-        np.testing.assert_array_equal(seen, visible_reference(expected, SHAPE, facing))
+        np.testing.assert_array_equal(seen, oracle.visible(expected, SHAPE, facing))
         assert len(seen) < len(CELLS.joints)
         assert len(seen) > 0 or name == "among the limbs"
 
@@ -70,7 +69,7 @@ def test_axes_are_those_of_kinematics(seed):
 @pytest.mark.parametrize("name", ["far", "bent"])
 def test_points_beside_limbs_are_those_of_numpy(name):
     frames = walking(1)[1]
-    found, expected = (way(BODY.limbs, frames, CAMERAS[name], (0.8, 4.0)) for way in (beside, beside_reference))
+    found, expected = (way(BODY.limbs, frames, CAMERAS[name], (0.8, 4.0)) for way in (beside, oracle.beside))
     np.testing.assert_allclose(found.points, expected.points, atol=1e-12)
     np.testing.assert_allclose(found.pixels, expected.pixels, atol=1e-9)
     np.testing.assert_array_equal(found.joints, expected.joints)
@@ -84,7 +83,7 @@ def test_normal_equations_are_those_of_numpy(bend):
         3.0 * rng.standard_normal(n), rng.standard_normal((n, 2)), placed(CELLS, frames, FAR).points, CELLS.joints,
         rng.integers(0, 2, n).astype(np.float64), bend,
     )  # fmt: skip
-    for found, expected in zip(residuals.normal(motion, FAR), residuals.normal_reference(motion, FAR), strict=True):
+    for found, expected in zip(residuals.normal(motion, FAR), oracle.normal(residuals, motion, FAR), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -93,7 +92,7 @@ def test_values_and_slopes_between_pixels_are_those_of_scipy():
     shown = picture((255.0 * rng.random((50, 70))).astype(np.float32), 1.2)
     pixels = np.column_stack([rng.uniform(2.0, 66.9, 300), rng.uniform(2.0, 46.9, 300)])
     pixels[:20] = np.rint(pixels[:20])
-    for found, expected in zip(shown.at(pixels), shown.at_reference(pixels), strict=True):
+    for found, expected in zip(shown.at(pixels), oracle.picture_at(shown, pixels), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -108,10 +107,10 @@ def test_a_scene_is_compared_and_learned_as_in_numpy(threads, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
     rng, scene = np.random.default_rng(1), half_known()
     image = (scene.level + 12.0 * rng.standard_normal(scene.level.shape)).astype(np.float32)
-    expected = scene.log_ratio_reference(image, 0.05)
+    expected = oracle.scene_log_ratio(scene, image, 0.05)
     np.testing.assert_allclose(scene.log_ratio(image, 0.05), expected, rtol=1e-5, atol=1e-5)
     covered, before = rng.random(scene.level.shape) < 0.001, scene.level.copy()
-    found, learned = scene.seen(image, covered), scene.seen_reference(image, covered)
+    found, learned = scene.seen(image, covered), oracle.scene_seen(scene, image, covered)
     np.testing.assert_array_equal(found.n, learned.n)
     np.testing.assert_allclose(found.level, learned.level, rtol=1e-12)
     assert (found.n > scene.n).any()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.oracles import alignment as oracle
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
@@ -17,8 +18,6 @@ from workbench.likelihoods.alignment.cells import surface_cells
 from workbench.likelihoods.alignment.layers import (
     Shown,
     drawn,
-    drawn_reference,
-    log_ratio_reference,
     log_ratios,
     surface_facets,
 )
@@ -48,7 +47,7 @@ def carried(name):
 def test_what_is_drawn_is_what_numpy_draws(seed):
     frames = forward(SKELETON, poses(1, seed))
     cells, depths = drawn(FACETS, frames, CAMERA, SHAPE)
-    expected, expected_depths = drawn_reference(FACETS, frames, CAMERA, NOTHING)
+    expected, expected_depths = oracle.drawn(FACETS, frames, CAMERA, NOTHING)
     assert (cells != expected).mean() < 1e-3  # a pixel's middle may lie on an edge, but for rounding
     same = cells == expected
     np.testing.assert_allclose(depths[same], expected_depths[same], rtol=1e-12)
@@ -67,7 +66,7 @@ def test_what_is_partly_out_of_sight_is_drawn_as_far_as_it_is_seen():
     pose[:, 0] += 2.4  # close to the camera, and partly beside the image
     frames = forward(SKELETON, pose)
     cells, _ = drawn(FACETS, frames, CAMERA, SHAPE)
-    assert (cells != drawn_reference(FACETS, frames, CAMERA, NOTHING)[0]).mean() < 1e-3
+    assert (cells != oracle.drawn(FACETS, frames, CAMERA, NOTHING)[0]).mean() < 1e-3
     assert (cells >= 0).any()
     behind = poses(1)
     behind[:, 0] += 30.0
@@ -91,8 +90,10 @@ def test_log_ratios_are_the_difference_of_two_layers_in_numpy():
     behind = drawn(FACETS.on(~moved), frames, CAMERA, SHAPE)
     found = log_ratios(behind, FACETS.on(moved), frames, CAMERA, what)
     for i in range(len(tried)):
-        layer = drawn_reference(FACETS.on(moved), forward(SKELETON, tried[i : i + 1]), CAMERA, behind)
-        assert found[i] == pytest.approx(log_ratio_reference(layer, what) - log_ratio_reference(behind, what), abs=4.0)
+        layer = oracle.drawn(FACETS.on(moved), forward(SKELETON, tried[i : i + 1]), CAMERA, behind)
+        assert found[i] == pytest.approx(
+            oracle.layer_log_ratio(layer, what) - oracle.layer_log_ratio(behind, what), abs=4.0
+        )
     assert np.ptp(found) > 20.0
     whole = log_ratios(NOTHING, FACETS, frames, CAMERA, what)
     apart = log_ratios(NOTHING, FACETS.on(~moved), frames, CAMERA, what)

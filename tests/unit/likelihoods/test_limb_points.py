@@ -4,16 +4,10 @@ import likelihood_scenes as scenes
 import numpy as np
 import pytest
 
-from workbench.body.kinematics import forward_reference
+from tests.oracles.image_motion import PosedView, cover, hidden_samples, inside_image, limb_patches
+from tests.oracles.kinematics import forward as forward_oracle
+from workbench.likelihoods.image_levels import bilinear
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.image_motion.kernel import PosedView
-from workbench.likelihoods.image_motion.reference import (
-    _cover,
-    grey_levels,
-    hidden_samples,
-    inside_image,
-    limb_patches,
-)
 from workbench.likelihoods.limb_points import levels_at, limb_points, mean_at
 
 LIMBS = scenes.PERSON.limbs
@@ -24,7 +18,7 @@ BESIDE = SAMPLES * [1.0, 2.0]  # some within, most beside
 def posed(camera, n=40):
     poses = scenes.people(np.random.default_rng(1), n)
     poses[0, 0] = 5.0  # behind the camera
-    frames = forward_reference(scenes.PERSON.skeleton, poses)
+    frames = forward_oracle(scenes.PERSON.skeleton, poses)
     image = scenes.texture(np.random.default_rng(2), camera.width, camera.height).astype(np.float32)
     return frames, image, limb_patches(LIMBS, PosedView(camera, image, frames))
 
@@ -32,7 +26,7 @@ def posed(camera, n=40):
 def not_covered(patches, samples):
     points = patches.positions(samples)
     covered = [
-        [_cover(patches, k, bool(LIMBS.spheres[k]), points[:, j])[0] for k in range(len(LIMBS))]
+        [cover(patches, k, bool(LIMBS.spheres[k]), points[:, j])[0] for k in range(len(LIMBS))]
         for j in range(len(LIMBS))
     ]
     return ~np.array(covered).any(axis=1).transpose(1, 0, 2)
@@ -53,7 +47,7 @@ def test_points_agree_with_the_reference(camera, beside):
     np.testing.assert_allclose(found.pixels[usable], places[usable], rtol=0.0, atol=4e-5)
     np.testing.assert_array_equal(found.counts, expected)
 
-    levels = np.where(expected, grey_levels(image, found.pixels.astype(float)), 0.0)
+    levels = np.where(expected, bilinear(image, found.pixels.astype(float)), 0.0)
     # the interpolation is of float32 grey levels, good to 255 · 2⁻²² or so
     np.testing.assert_allclose(mean_at(image, found), levels.mean(axis=-1), rtol=0.0, atol=1e-4)
     np.testing.assert_allclose(levels_at(image, found.pixels[expected]), levels[expected], rtol=0.0, atol=1e-4)
@@ -63,7 +57,7 @@ def test_points_agree_with_the_reference(camera, beside):
 def test_the_turn_of_a_limb_that_stands_upright(heading):
     """The camera looks along −x, so that v = 1 is at world y or −y, in the body's frame turned back by its heading."""
     rod = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))
-    frames = forward_reference(rod.skeleton, scenes.root(heading=heading))
+    frames = forward_oracle(rod.skeleton, scenes.root(heading=heading))
     points = limb_points(rod, np.array([[0.5, 0.9]]), scenes.FRONT, frames)
     to_the_right = points.pixels[0, 0, 0, 0] > (scenes.WIDTH - 1) / 2  # image x is world y
     expected = (np.pi / 2 if to_the_right else -np.pi / 2) - heading
@@ -74,7 +68,7 @@ def test_points_about_a_rod_that_another_covers_do_not_count():
     """A broad rod 80 cm behind covers whatever lies beside a thin one; beyond its end nothing does."""
     samples = np.array([[0.5, 0.5], [0.5, 1.5], [0.5, -1.5], [1.5, 0.0]])
     thin, broad = ((0.0, 0.0, -0.2), (0.0, 0.0, 0.2), 0.05), ((-0.8, 0.0, -0.3), (-0.8, 0.0, 0.3), 0.3)
-    frames = forward_reference(scenes.PERSON.skeleton, scenes.root())
+    frames = forward_oracle(scenes.PERSON.skeleton, scenes.root())
     alone, both = (
         limb_points(scenes.rods(*rods), samples, scenes.FRONT, frames, beside=True).counts[0, 0]
         for rods in ((thin,), (thin, broad))

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from still_clips import by_hand, clip, of_frames, with_block
 
+from tests.oracles import outlines as oracle
 from workbench.core.clip import Clip
 from workbench.datasets.synthetic import Synthetic
 from workbench.errors import InputError
 from workbench.likelihoods.image_levels import still_scene, uncovered_scene
-from workbench.likelihoods.outlines import OUTWARDS, outline_sums, outline_sums_reference, running_sums
+from workbench.likelihoods.outlines import OUTWARDS, outline_sums, running_sums
 from workbench.likelihoods.silhouette import Silhouette
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
@@ -36,7 +37,7 @@ def test_the_kernel_agrees_with_numpy():
     outlines[3, 1], outlines[4, 2] = 0.0, np.nan  # not seen, and not projected
     for rim_px in (0.0, 0.4, 3.0):
         found = outline_sums(running_sums(image), outlines.astype(np.float32), spheres, rim_px)
-        expected = outline_sums_reference(image, outlines.astype(np.float32), spheres, rim_px)
+        expected = oracle.outline_sums(image, outlines.astype(np.float32), spheres, rim_px)
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of some 1000 pixels, corners to 1e-6 of 100 px
 
 

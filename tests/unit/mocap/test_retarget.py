@@ -8,7 +8,8 @@ from own_clips import OWN, own_clip
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from workbench.body.kinematics import forward_reference, joints
+from tests.oracles.kinematics import forward as forward_oracle
+from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.errors import InputError
@@ -92,7 +93,7 @@ def test_refinement_finds_the_minimum_of_its_cost():
     for start, target, found in zip(analytic, targets, refined, strict=True):
 
         def residual(pose, start=start, target=target):
-            places = forward_reference(skeleton, pose[None]).positions[0]
+            places = forward_oracle(skeleton, pose[None]).positions[0]
             return np.concatenate([(places - target)[rows].ravel(), 0.1 * (pose - start)[3:]])
 
         best = least_squares(residual, start, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x

@@ -5,13 +5,14 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+from tests.oracles import implicit as oracle
 from workbench.body.skeleton import POSE_NAMES
 from workbench.errors import InputError
 from workbench.learning.windows import learn_windows
 from workbench.mocap.generated.gait import builtin_motions
 from workbench.priors.density import SAME
 from workbench.priors.implicit import MOST_EXAMPLES, Implicit
-from workbench.priors.implicit_density import WindowWays, log_mixture, log_mixture_reference
+from workbench.priors.implicit_density import WindowWays, log_mixture
 from workbench.priors.implicit_search import exact_log_prob, kd_tree, nearest_entries
 
 DT, P, N = 1 / 30, len(POSE_NAMES), 20_000
@@ -56,7 +57,7 @@ def test_the_kernel_agrees_with_numpy(still):
     sought = white[rng.integers(900, size=10)] + 0.3 * rng.normal(size=(10, 6)) * (np.arange(6) < 6 - still)
     density, _ = log_mixture(tree, probes, 0.3, 0.01, ways, sought)
     pairs = zip(probes, sought, strict=True)
-    terms = [log_mixture_reference(tree, probe, 0.3, 0.01, ways, way) for probe, way in pairs]
+    terms = [oracle.log_mixture(tree, probe, 0.3, 0.01, ways, way) for probe, way in pairs]
     expected = [logsumexp(one) for one in terms]
     assert density == pytest.approx(expected, rel=1e-4, abs=1e-3)  # the search's distances are float32, over 2β
     assert np.isfinite(expected).any()
@@ -67,7 +68,7 @@ def test_a_draw_given_the_way_has_the_odds_of_the_mixtures_terms():
     coefficients, white = rng.normal(size=(60, 3)).astype(np.float32), rng.normal(size=(60, 2))
     ways, tree = WindowWays(white, np.arange(2), np.ones(2)), kd_tree(coefficients)
     probe, sought = np.array([[0.2, -0.1, 0.4]]), np.array([[0.3, 0.8]])
-    terms = log_mixture_reference(tree, probe[0], 1.0, 1e-6, ways, sought[0])
+    terms = oracle.log_mixture(tree, probe[0], 1.0, 1e-6, ways, sought[0])
     p = np.exp(terms - logsumexp(terms))
     _, entries = log_mixture(
         tree, np.repeat(probe, N, axis=0), 1.0, 1e-6, ways, np.repeat(sought, N, axis=0), rng.random(N)

@@ -7,17 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chisquare, norm
 
+from tests.oracles import implicit as oracle
 from workbench.errors import InputError
 from workbench.priors.implicit_fidelity import fidelity, log_importance, total_variation
 from workbench.priors.implicit_search import (
     LANES,
     exact_log_prob,
     found_distribution,
-    found_distribution_reference,
     kd_tree,
     search,
 )
-from workbench.priors.implicit_tree import draw, draw_reference, log_proposal, median_tree, sign_tree
+from workbench.priors.implicit_tree import draw, log_proposal, median_tree, sign_tree
 
 TREES = {"sign": sign_tree, "median": median_tree}
 
@@ -105,7 +105,7 @@ def test_the_tree_kernel_agrees_with_numpy(n, b, seed, beta, leaf, kind):
     tree = TREES[kind](rng.normal(size=(n, b)).astype(np.float32))
     probes, uniforms = rng.normal(size=(25, b)), rng.random((25, b + 1))
     entries = draw(tree, probes, beta, uniforms, leaf)
-    assert (entries == draw_reference(tree, probes, beta, uniforms, leaf)).all()
+    assert (entries == oracle.draw(tree, probes, beta, uniforms, leaf)).all()
     for entry, probe in zip(entries, probes, strict=True):
         assert log_proposal(tree, probe, beta, leaf)[entry] > -np.inf
 
@@ -138,7 +138,7 @@ def test_the_search_kernel_agrees_with_numpy():
     tree = kd_tree(coefficients)
     for probe in rng.normal(size=(10, 11)):
         found, visited = found_distribution(tree, probe, 0.1)
-        expected, expected_visited = found_distribution_reference(tree, probe, 0.1)
+        expected, expected_visited = oracle.found_distribution(tree, probe, 0.1)
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-9)  # float32 distances over 2β
         assert visited == expected_visited
 

@@ -170,20 +170,6 @@ def cast(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
     return _cast_placed(_place(body, pose, camera), rays)
 
 
-def cast_reference(body: Body, pose: FloatArray, camera: Camera, rays: Rays) -> Hits:
-    """Compute `cast` in plain NumPy, every ray against every limb, over the whole picture."""
-    placed = _place(body, pose, camera)
-    directions = np.concatenate([rays.directions, np.ones((*rays.directions.shape[:2], 1))], axis=-1, dtype=np.float64)
-    depth = np.full(directions.shape[:2], np.inf)
-    limb = np.full(directions.shape[:2], -1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for k in range(len(placed.sizes)):
-            s = _depths_reference(placed.eyes[k], directions @ placed.rotations[k].T, placed.sizes[k])
-            limb[s < depth] = k
-            depth = np.minimum(depth, s)
-    return Hits(0, 0, depth, limb)
-
-
 def _place(body: Body, pose: FloatArray, camera: Camera) -> _PlacedLimbs:
     limbs = body.limbs
     frames = forward(body.skeleton, pose[None])
@@ -260,45 +246,6 @@ def _normals(points: FloatArray, size: FloatArray) -> FloatArray:
     z = np.where(on_side, slope, beyond / np.minimum(rx, ry) ** 2)
     normals = np.stack([x / rx**2, y / ry**2, z], axis=1)
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
-def _entry_reference(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Find where a s² + 2 b s + c falls through zero at s > 0, inf where it does not; c > 0 outside the surface."""
-    root = np.sqrt(b * b - a * c)  # NaN where the ray misses
-    s = c / (root - b)  # not (−b − root) / a, which fails for rays along the cone's slope
-    return np.where(s > 0.0, s, np.inf)
-
-
-def _depths_reference(eye: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
-    """Depths at which rays eye + s · direction (..., 3), in a limb's frame, meet it; inf where they do not."""
-    length, ax, ay, bx, by = size
-    depth = np.full(direction.shape[:-1], np.inf)
-    for z, rx, ry in ((0.0, ax, ay), (length, bx, by)):
-        scale = np.array([rx, ry, min(rx, ry)])
-        o, d = (eye - [0.0, 0.0, z]) / scale, direction / scale
-        depth = np.minimum(depth, _entry_reference((d * d).sum(-1), (o * d).sum(-1), np.sum(o * o) - 1.0))
-    if length == 0.0:
-        return depth
-    ox, oy, oz = eye
-    dx, dy, dz = np.moveaxis(direction, -1, 0)
-    gx, gy = (bx - ax) / length, (by - ay) / length
-    t = np.clip((oz - dz * (ox * dx + oy * dy) / (dx * dx + dy * dy)) / length, 0.0, 1.0)
-    k = ((ax + t * (bx - ax)) / (ay + t * (by - ay))) ** 2
-    exact = abs(ax * by - ay * bx) < _EVEN * ax * by
-    fat = 1.0 if exact else 1.1
-    r, g = fat * (ax + gx * oz), fat * gx
-    a, b = dx * dx + k * dy * dy - (g * dz) ** 2, ox * dx + k * oy * dy - g * dz * r
-    s = _entry_reference(a, b, ox**2 + k * oy**2 - r * r)
-    settled = np.full(s.shape, exact)
-    for _ in range(0 if exact else 8):
-        x, y, t = ox + s * dx, oy + s * dy, np.clip((oz + s * dz) / length, 0.0, 1.0)
-        rx, ry = ax + t * (bx - ax), ay + t * (by - ay)
-        f = (x / rx) ** 2 + (y / ry) ** 2 - 1.0
-        rate = x * (dx - x * gx * dz / rx) / rx**2 + y * (dy - y * gy * dz / ry) / ry**2
-        settled = np.abs(f) < 1e-7
-        s = np.where(settled, s, np.where(rate < 0.0, s - 0.5 * f / rate, np.inf))
-    z = oz + s * dz
-    return np.where(settled & (z >= 0.0) & (z <= length), np.minimum(depth, s), depth)
 
 
 @kernel()

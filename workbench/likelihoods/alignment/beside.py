@@ -25,7 +25,7 @@ class Beside:
 
 def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
     """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
-    limb's section counts as a circle of its mean radius. See `beside_reference`."""
+    limb's section counts as a circle of its mean radius."""
     starts, ends = _axes(limbs, frames)
     points = np.empty((len(starts), 2 * ALONG * len(distances_px), 3))
     place_beside(
@@ -36,42 +36,8 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
     return Beside(flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat))
 
 
-def beside_reference(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
-    """`beside` in plain NumPy."""
-    starts, ends = _axes(limbs, frames)
-    edges, outwards = _edges(limbs, starts, ends, camera.position)
-    metres_per_px = np.linalg.norm(edges - camera.position, axis=-1, keepdims=True) / camera.matrix[0, 0]
-    points = np.concatenate([edges + distance * metres_per_px * outwards for distance in distances_px], axis=1)
-    joints = np.repeat(limbs.joints, points.shape[1])
-    flat = points.reshape(-1, 3)
-    return Beside(flat, joints, camera.project(flat))
-
-
 def _axes(limbs: Limbs, frames: JointFrames) -> tuple[FloatArray, FloatArray]:
     """Where the limbs begin and end, (L, 3) m each."""
     turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
     starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
     return starts, ends
-
-
-def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (L, 2 ALONG, 3) of the limbs' outlines as seen from `eye`, and the directions outwards there."""
-    u = ((np.arange(ALONG) + 0.5) / ALONG)[:, None]
-    axis = starts[:, None] + (ends - starts)[:, None] * u
-    side = _unit(np.cross((ends - starts)[:, None], eye - axis))
-    low, high = limbs.mean_radii.T[:, :, None, None]
-    radii = low + (high - low) * u
-    edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
-    outwards[:, :ALONG], outwards[:, ALONG:] = side, -side
-    balls = limbs.spheres
-    sight = _unit(eye - starts[balls])
-    across = _unit(np.cross(sight, [0.0, 0.0, 1.0]))
-    angle = np.pi * np.arange(2 * ALONG) / ALONG
-    around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
-    outwards[balls] = around
-    edges[balls] = starts[balls][:, None] + limbs.radii[balls, 0, 0][:, None, None] * around
-    return edges, outwards
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants
 from workbench.body.limbs import Limbs
-from workbench.body.skeleton import N_ROOT, Skeleton
-from workbench.core.residual import projection_jacobian
-from workbench.likelihoods.alignment.kernels import COARSE_PX, MARGIN_PX, THICK_M, place, see, turn_axes
+from workbench.body.skeleton import Skeleton
+from workbench.likelihoods.alignment.kernels import MARGIN_PX, place, see, turn_axes
 
 ALONG, AROUND = 12, 24
 """Cells of a limb, along it and once around it; a sphere has half as many in all."""
-_N_POSITION = N_ROOT // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,7 @@ def _sphere(limbs: Limbs, k: int) -> tuple[FloatArray, FloatArray]:
 
 
 def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
-    """Place cells in the first of some poses, given by its joints' frames; see `placed_reference`."""
+    """Place cells in the first of some poses, given by its joints' frames."""
     size = len(cells.joints)
     found = Placed(np.empty((size, 3)), np.empty(size), np.empty(size), np.empty((size, 2)))
     place(
@@ -78,16 +75,6 @@ def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
         camera.row, found.points, found.facing, found.depth, found.pixels,
     )  # fmt: skip
     return found
-
-
-def placed_reference(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
-    """`placed` in plain NumPy."""
-    turned = frames.rotations[0][cells.joints]
-    points = np.einsum("sij,sj->si", turned, cells.points) + frames.positions[0][cells.joints]
-    towards = camera.position - points
-    facing = np.einsum("sij,sj,si->s", turned, cells.normals, towards) / np.linalg.norm(towards, axis=1)
-    seen = camera.to_camera(points)
-    return Placed(points, facing, seen[:, 2], camera.pixels(seen, 1e-6))
 
 
 def inside(pixels: FloatArray, shape: tuple[int, int]) -> BoolArray:
@@ -107,33 +94,14 @@ def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntAr
     return np.asarray(see(cells.pixels, cells.depth, cells.facing, shape[0], shape[1], least_facing))
 
 
-def visible_reference(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntArray:
-    """`visible` in plain NumPy and OpenCV."""
-    within = inside(cells.pixels, shape)
-    front = np.flatnonzero(within & (cells.facing > 0.0))
-    nearest = np.full((shape[0] // COARSE_PX + 1, shape[1] // COARSE_PX + 1), np.inf)
-    x, y = (cells.pixels[front] / COARSE_PX).astype(np.int64).T
-    np.minimum.at(nearest, (y, x), cells.depth[front])
-    nearest = np.asarray(cv2.erode(nearest, np.ones((3, 3), np.uint8)))
-    hidden = cells.depth[front] > nearest[y, x] + THICK_M
-    return front[~hidden & (cells.facing[front] > least_facing)]
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How points of the body move with one pose of P numbers. axes, moments: (P, 3), of every turn its axis a and
-    a × o, o being a point of the axis. moves: (J, P), 1 where a number moves what hangs on a joint, else 0."""
+    """How points of the body move with one pose of P numbers: a turn about the axis a through o moves x by a × (x − o).
+    axes, moments: (P, 3), a and a × o of every turn. moves: (J, P), 1 where a number moves what hangs on a joint."""
 
     axes: FloatArray
     moments: FloatArray
     moves: FloatArray
-
-    def slopes(self, points: FloatArray, forces: FloatArray, joints: IntArray) -> FloatArray:
-        """Differentiate by the pose (K, P) what changes by `forces` (K, 3), 1/m, as points (K, 3) on joints (K,) move:
-        a turn about a moves x by a × (x − o), so that f changes by a · (x × f) − f · (a × o)."""
-        slopes = _cross(points, forces) @ self.axes.T - forces @ self.moments.T
-        slopes[:, :_N_POSITION] = forces
-        return np.asarray(slopes * self.moves[joints])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -153,8 +121,3 @@ def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: J
     axes = np.empty((len(pose), 3))
     turn_axes(pose, skeleton.parents, skeleton.dof_joints, skeleton.dof_axes, frames.rotations[0], axes)
     return Motion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
-
-
-def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> FloatArray:
-    """Turn image gradients (K, 2), 1/px, at the pixels of points (K, 3) into what they are in the world (K, 3), 1/m."""
-    return np.asarray(np.einsum("na,nab->nb", gradients, projection_jacobian(camera, points)))

@@ -121,35 +121,6 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     return found
 
 
-def drawn_reference(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) -> Layer:
-    """Draw facets among what is drawn already in plain NumPy, pixel by pixel."""
-    cells, depths = behind[0].copy(), behind[1].copy()
-    turned, origins = frames.rotations[0][facets.joints], frames.positions[0][facets.joints]
-    points = camera.to_camera(np.einsum("kij,kj->ki", turned, facets.points) + origins)
-    seen = points[facets.corners]
-    y, x = np.mgrid[: cells.shape[0], : cells.shape[1]]
-    for corners, cell, z in zip(camera.pixels(seen, 1e-6), facets.cells, seen[..., 2], strict=True):
-        following = np.roll(corners, -1, axis=0)
-        size = np.ptp(corners, axis=0).max()
-        area = (corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1]).sum()
-        if not (z.min() > _NEAREST_M and area < 0.0 and size < _LARGEST_PX):
-            continue
-        (ax, ay), (bx, by) = corners.T[:, :, None, None], following.T[:, :, None, None]
-        inside = ((bx - ax) * (y - ay) - (by - ay) * (x - ax) <= 0.0).all(axis=0) & (z.mean() < depths)
-        cells[inside], depths[inside] = cell, z.mean()
-    return cells, depths
-
-
-def log_ratio_reference(layer: Layer, shown: Shown) -> float:
-    """By how much likelier an image is with a layer than with the scene alone, in plain NumPy."""
-    cells = layer[0]
-    there, known = shown.free & (cells >= 0), shown.free & (cells >= 0) & (shown.n[cells] > 0.0)
-    sigma = shown.sigma * np.sqrt(1.0 + 1.0 / shown.n[cells[known]])
-    misses = (shown.image[known] - shown.texture[cells[known]]) / sigma
-    normal = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * misses**2)
-    return float(shown.ratio[there].sum() + np.log(ODD + (1.0 - ODD) * normal).sum())
-
-
 def _values(shown: Shown) -> tuple[Any, ...]:
     """What is shown as the kernel takes it: of every cell its deviation and its density's peak, 0 for one not known."""
     sigma = shown.sigma * np.sqrt(1.0 + 1.0 / np.maximum(shown.n, 1e-300))

@@ -37,34 +37,18 @@ class Scene:
         return np.asarray(self.n > 0.0)
 
     def log_ratio(self, image: Float32Array, epsilon: float) -> Float32Array:
-        """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown;
-        see `log_ratio_reference`."""
+        """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown."""
         found = np.empty(image.shape, dtype=np.float32)
         arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), epsilon, found
         over_threads(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
         return found
 
-    def log_ratio_reference(self, image: Float32Array, epsilon: float) -> Float32Array:
-        """`log_ratio` in plain NumPy."""
-        sigma = max(self.noise, LEAST_NOISE) * np.sqrt(1.0 + 1.0 / np.maximum(self.n, 1.0))
-        normal = 256.0 / (np.sqrt(2.0 * np.pi) * sigma) * np.exp(-0.5 * ((image - self.level) / sigma) ** 2)
-        return np.where(self.known, -np.log(epsilon + (1.0 - epsilon) * normal), 0.0).astype(np.float32)
-
     def seen(self, image: Float32Array, covered: BoolArray) -> "Scene":
-        """Learn from an image, but near what is `covered` (height, width), and where it shows something else; see
-        `seen_reference`."""
+        """Learn from an image, but near what is `covered` (height, width), and where it shows something else."""
         near, level, n = grown(covered, BESIDE_PX), self.level.copy(), self.n.copy()
         arguments = image, near, float(KEPT), 4.0 * max(self.noise, LEAST_NOISE), level, n
         over_threads(lambda first, last: learn_scene(first, last, *arguments), len(image), _ROWS)
         return replace(self, level=level, n=n)
-
-    def seen_reference(self, image: Float32Array, covered: BoolArray) -> "Scene":
-        """`seen` in plain NumPy."""
-        near = grown(covered, BESIDE_PX)
-        alike = np.abs(image - self.level) < 4.0 * max(self.noise, LEAST_NOISE)
-        shown = ~near & (~self.known | (alike & (self.n < KEPT)))
-        n = self.n + shown
-        return replace(self, level=self.level + shown * (image - self.level) / np.maximum(n, 1.0), n=n)
 
 
 def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> Scene:

@@ -10,7 +10,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
 from workbench.likelihoods.alignment.beside import beside
-from workbench.likelihoods.alignment.cells import Motion, Placed, inside, pixel_forces
+from workbench.likelihoods.alignment.cells import Motion, Placed, inside
 from workbench.likelihoods.alignment.kernels import add_normal
 from workbench.likelihoods.alignment.pictures import Picture, picture
 from workbench.likelihoods.limb_points import limb_points
@@ -49,21 +49,13 @@ class Residuals:
         return float(self.losses.sum())
 
     def normal(self, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
-        """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss; see `normal_reference`."""
+        """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss."""
         gradient, curvature = np.zeros(len(motion.axes)), np.zeros((len(motion.axes), len(motion.axes)))
         add_normal(
             self.misses, self.gradients, self.points, self.joints, self.counts, self.bend, camera.row,
             motion.axes, motion.moments, motion.moves, gradient, curvature,
         )  # fmt: skip
         return gradient, curvature
-
-    def normal_reference(self, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
-        """`normal` in plain NumPy."""
-        forces = pixel_forces(camera, self.points, self.gradients)
-        weights = self.counts / (1.0 + (self.misses / self.bend) ** 2) ** 2
-        slopes = motion.slopes(self.points, forces, self.joints)
-        weighted = slopes * weights[:, None]
-        return weighted.T @ self.misses, weighted.T @ slopes
 
 
 @dataclass(frozen=True, eq=False)

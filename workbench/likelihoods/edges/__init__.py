@@ -22,7 +22,6 @@ from workbench.likelihoods.edges.filters import (
     Filtered,
     SmoothedView,
     filtered,
-    responses,
 )
 from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE, edge_model
 from workbench.likelihoods.limb_looks import LimbLook, ViewJudge
@@ -78,19 +77,6 @@ def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array
         images.gradient, images.ridges, *images.corner, points.pixels, points.counts, table, LOG_WIDTHS, sums
     )
     return sums / len(POINTS)
-
-
-def response_log_ratio_reference(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
-    """Compute `response_log_ratio` in plain NumPy."""
-    edges, ridges, counts = responses(images, points)
-    limb = np.arange(len(table[0]))[:, None]
-    on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)
-    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0)
-    return (on_axis + at_sides.sum(axis=(-1, -2))) / len(POINTS)
-
-
-def _bins(values: FloatArray, low: float, high: float) -> Any:
-    return np.clip((values - low) / (high - low) * BINS, 0, BINS - 1).astype(np.int64)
 
 
 @kernel(parallel=True, error_model="numpy", fastmath=FAST)

@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from workbench.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+from workbench.arrays import BoolArray, Float32Array, FloatArray
 from workbench.body.lanes import inlined_exactly
 from workbench.core.frame import View
 from workbench.kernel_cache import kernel
 from workbench.likelihoods import image_levels
-from workbench.likelihoods.image_motion.reference import grey_levels
+from workbench.likelihoods.image_levels import bilinear
 from workbench.likelihoods.limb_points import Box, LimbPoints, patch_grid
 from workbench.threads import over_threads
 
@@ -119,8 +119,7 @@ def _contrast(grey: Float32Array) -> Float32Array:
 
 
 def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
-    """The derivatives within a box of the image, about which it was smoothed; None: of all that was. The numba kernel;
-    see `filtered_reference`."""
+    """The derivatives within a box of the image, about which it was smoothed; None: of all that was."""
     left, top, right, bottom = box or images.box
     shape = (bottom - top, right - left)
     gradient, ridges = np.empty((*shape, 2), np.float32), np.empty((len(RIDGE_SCALES_PX), *shape, 3), np.float32)
@@ -130,27 +129,9 @@ def filtered(images: Smoothed, box: Box | None = None) -> Filtered:
     return Filtered(gradient, ridges, (left, top))
 
 
-def filtered_reference(images: Smoothed) -> Filtered:
-    """Compute `filtered` of the whole image by OpenCV."""
-    fine, *coarser = images.levels
-    contrast = images.contrast[..., None]
-    gradient = np.stack([_derivative(fine, 1, 0), _derivative(fine, 0, 1)], axis=-1) / contrast
-    ridges = []
-    for coarse, scale in zip(coarser, RIDGE_SCALES_PX, strict=True):
-        dx, dy = _derivative(coarse, 1, 0), _derivative(coarse, 0, 1)
-        curvature = np.stack([_derivative(dx, 1, 0), _derivative(dx, 0, 1), _derivative(dy, 0, 1)], axis=-1)
-        ridges.append(scale**2 * curvature / contrast)
-    return Filtered(gradient, np.stack(ridges))
-
-
-def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
-    """Central differences, per pixel."""
-    return np.asarray(cv2.Sobel(image, cv2.CV_32F, x, y, ksize=1, scale=0.5), dtype=np.float32)
-
-
 def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Edges (N, L, ALONG, 2) at both sides, ridges (N, L, ALONG) on the axis, and which of POINTS (N, L, ALONG, 3) to
-    look at, none of limbs too short in the image. The definition that the kernel is tested against."""
+    look at, none of limbs too short in the image. What `edges.model` learns from."""
     n, limbs = points.counts.shape[:2]
     pixels = points.pixels.astype(np.float64).reshape(n, limbs, ALONG, 3, 2)
     way = pixels[:, :, -1] - pixels[:, :, 0]  # (N, L, 3, 2) along the limb, at its sides and on its axis
@@ -160,14 +141,14 @@ def responses(images: Filtered, points: LimbPoints) -> tuple[FloatArray, FloatAr
     counts = points.counts.reshape(n, limbs, ALONG, 3) & (length > LEAST_PX)[:, :, None]
 
     pixels = pixels - images.corner
-    gradient = np.stack([grey_levels(image, pixels) for image in np.moveaxis(images.gradient, -1, 0)], axis=-1)
+    gradient = np.stack([bilinear(image, pixels) for image in np.moveaxis(images.gradient, -1, 0)], axis=-1)
     edges = np.abs((gradient * normal[:, :, None]).sum(axis=-1))[..., [0, 2]]
 
     half_width = np.linalg.norm(pixels[:, :, ALONG // 2, 2] - pixels[:, :, ALONG // 2, 0], axis=-1) / 2.0
     at_scale = np.log(RIDGE_PER_HALF_WIDTH * np.maximum(half_width, 1e-9))[..., None] - np.log(RIDGE_SCALES_PX)
     scale = np.argmin(np.abs(at_scale), axis=-1)
     three = np.moveaxis(images.ridges, -1, 1)
-    curvature = np.stack([[grey_levels(image, pixels[:, :, :, 1]) for image in each] for each in three])
+    curvature = np.stack([[bilinear(image, pixels[:, :, :, 1]) for image in each] for each in three])
     xx, xy, yy = np.moveaxis(np.take_along_axis(curvature, scale[None, None, ..., None], axis=0)[0], 0, 0)
     (tx, ty), (nx, ny) = np.moveaxis(tangent[:, :, 1], -1, 0)[..., None], np.moveaxis(normal[:, :, 1], -1, 0)[..., None]
     across = nx * nx * xx + 2.0 * nx * ny * xy + ny * ny * yy

@@ -94,7 +94,7 @@ class ImageMotion:
 
     @property
     def model(self) -> kernel.LimbModel:
-        """The constants that the kernel and its reference share."""
+        """Return the constants of the limbs' likelihood, as the kernel takes them."""
         constants = (self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background)
         return kernel.LimbModel(*constants)
 

@@ -1,4 +1,4 @@
-"""The fused kernel of the image-motion likelihood: what `reference` defines, LANES particles at once.
+"""The fused kernel of the image-motion likelihood, LANES particles at once; `tests/oracles/image_motion.py` defines it.
 
 Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
 change a bit of the result, nor can the other particles. What makes it fast:
@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames
 from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
 from workbench.body.limbs import Body, Limbs
 from workbench.kernel_cache import kernel
@@ -72,18 +71,8 @@ class LimbModel:
 
 
 @dataclass(frozen=True, eq=False)
-class PosedView:
-    """One camera's sight at one time, image (height, width) of smoothed grey levels, and where the body is supposed to
-    have been then: frames of its joints in N poses."""
-
-    camera: Camera
-    image: Float32Array
-    frames: JointFrames
-
-
-@dataclass(frozen=True, eq=False)
 class PackedView:
-    """A `PosedView` for the kernel. image: see `packed`. poses: (N, P)."""
+    """One camera's view at one time. image: smoothed grey levels, see `packed`. poses: (N, P) of the body."""
 
     camera: Camera
     image: Packed
@@ -120,8 +109,9 @@ class _Model(NamedTuple):
 def view_log_prob(
     body: Body, samples: FloatArray, model: LimbModel, before: PackedView, now: PackedView
 ) -> tuple[FloatArray, IntArray]:
-    """Compute `reference.view_log_prob` on as many threads as numba is set to; with a still background, both images are
-    of one size."""
+    """Return log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,), on as
+    many threads as numba is set to. samples: points (n, 2) of every patch. With a still background, both images are of
+    one size."""
     n, skeleton = len(now.poses), body.skeleton
     log_prob, outside = np.empty(n), np.empty(n, dtype=np.int64)
     occlusion = {"none": NO_OCCLUSION, "sample": SAMPLE_OCCLUSION, "limb": LIMB_OCCLUSION}[model.occlusion]

@@ -1,7 +1,7 @@
 """The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
 
-What `limb_patches`, `inside_image` and `hidden_samples` of `reference` define, in the same float64, so
-that kernel and reference agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
+What `limb_patches`, `inside_image` and `hidden_samples` of `tests/oracles/image_motion.py` define, in the same float64,
+so that both agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
 """
 
 from typing import Any

@@ -1,29 +1,59 @@
-"""The implicit surface in plain NumPy, formula by formula: what the kernels of `surface_kernel` are tested against.
+"""The implicit surface in plain NumPy, formula by formula, for `workbench.body.surface`, which states the formulas.
 
-The formulas stand in `surface`. Here every point meets every part, so that one function serves attachment, residuals
-and meshes alike.
+Every point meets every part, so that one function serves attachment, residuals and meshes.
 """
 
 import numpy as np
 
+from tests.oracles.kinematics import forward
 from workbench.arrays import FloatArray, IntArray
-from workbench.body.kinematics import JointFrames, descendants, forward_reference, world_axes
+from workbench.body.kinematics import JointFrames, descendants, world_axes
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface
 
 
 def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
-    """log(f / C) of every part at points (K, 3) in one pose, (K, B)."""
-    return np.stack([log_field(surface, frames, part, points) for part in range(len(surface.part_names))], axis=1)
+    """Compute log(f / C) of every part.
+
+    Parameters
+    ----------
+    surface : Surface
+        E ellipsoids in B parts.
+    frames : JointFrames
+        The joints' frames in one pose, (1, J, ...).
+    points : (K, 3) array
+        World points, m.
+
+    Returns
+    -------
+    (K, B) array
+        Logarithms of the normalised fields.
+    """
+    return np.stack([_log_field(surface, frames, part, points) for part in range(len(surface.part_names))], axis=1)
 
 
-def log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
-    """log(f / C) of one part at points (K, 3) in one pose, (K,)."""
+def _log_field(surface: Surface, frames: JointFrames, part: int, points: FloatArray) -> FloatArray:
+    """Return log(f / C), (K,), of one part at points (K, 3), m, in one pose."""
     return np.logaddexp.reduce([_exponent(surface, frames, i, points) for i in _members(surface, part)])
 
 
 def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:
-    """Pseudo-distances (K, B), m, of points (K, 3) to every part in one pose."""
+    """Compute the pseudo-distances to every part.
+
+    Parameters
+    ----------
+    surface : Surface
+        E ellipsoids in B parts.
+    frames : JointFrames
+        The joints' frames in one pose, (1, J, ...).
+    points : (K, 3) array
+        World points, m.
+
+    Returns
+    -------
+    (K, B) array
+        Pseudo-distances, m, positive outside.
+    """
     fields = log_fields(surface, frames, points)
     found = np.empty_like(fields)
     for part in range(len(surface.part_names)):
@@ -35,7 +65,24 @@ def distances(surface: Surface, frames: JointFrames, points: FloatArray) -> Floa
 
 
 def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind = "distance") -> IntArray:
-    """Compute `surface.attach`."""
+    """Find the part with the smallest |distance| or |log(f / C)|.
+
+    Parameters
+    ----------
+    surface : Surface
+        E ellipsoids in B parts.
+    frames : JointFrames
+        The joints' frames in one pose, (1, J, ...).
+    points : (K, 3) array
+        World points, m.
+    kind : str
+        What is compared: "distance" or "field".
+
+    Returns
+    -------
+    (K,) array
+        Parts, 0 to B − 1.
+    """
     away = distances(surface, frames, points) if kind == "distance" else log_fields(surface, frames, points)
     return np.abs(away).argmin(axis=1)
 
@@ -43,8 +90,29 @@ def attach(surface: Surface, frames: JointFrames, points: FloatArray, kind: Kind
 def residuals(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> FloatArray:
-    """Compute `surface.residuals`."""
-    frames = forward_reference(skeleton, pose[None])
+    """Compute the residuals of points attached to parts.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        J joints with P degrees of freedom.
+    surface : Surface
+        E ellipsoids in B parts.
+    pose : (P,) array
+        m and rad.
+    points : (K, 3) array
+        World points, m.
+    kind : str
+        What a residual is: "field" or "distance".
+    attachment : (K,) array
+        The part of each point.
+
+    Returns
+    -------
+    (K,) array
+        Residuals: dimensionless for fields, m for distances.
+    """
+    frames = forward(skeleton, pose[None])
     if kind == "distance":
         every = distances(surface, frames, points)
     else:
@@ -55,8 +123,31 @@ def residuals(
 def residual_jacobian(
     skeleton: Skeleton, surface: Surface, pose: FloatArray, points: FloatArray, kind: Kind, attachment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute `surface.residual_jacobian`, one ellipsoid and one degree of freedom after the other."""
-    frames = forward_reference(skeleton, pose[None])
+    """Compute residuals and their derivative, one ellipsoid and one degree of freedom after the other.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+        J joints with P degrees of freedom.
+    surface : Surface
+        E ellipsoids in B parts.
+    pose : (P,) array
+        m and rad.
+    points : (K, 3) array
+        World points, m.
+    kind : str
+        What a residual is: "field" or "distance".
+    attachment : (K,) array
+        The part of each point.
+
+    Returns
+    -------
+    (K,) array
+        Residuals, see `residuals`.
+    (K, P) array
+        Their derivative by the pose, per m and rad.
+    """
+    frames = forward(skeleton, pose[None])
     axes, below = world_axes(skeleton, pose[None], frames)[0], descendants(skeleton)
     jacobian = np.zeros((len(points), len(pose)))
     for part in range(len(surface.part_names)):
@@ -75,7 +166,26 @@ def residual_jacobian(
 
 
 def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatArray, kind: Kind) -> list[FloatArray]:
-    """Compute what each ellipsoid of a part adds to the gradient (K, 3) of the residual with respect to the point."""
+    """Compute what each ellipsoid of a part adds to the gradient of the residual by the point.
+
+    Parameters
+    ----------
+    surface : Surface
+        E ellipsoids in B parts.
+    frames : JointFrames
+        The joints' frames in one pose, (1, J, ...).
+    part : int
+        A part of n ellipsoids.
+    points : (K, 3) array
+        World points, m.
+    kind : str
+        What a residual is: "field" or "distance".
+
+    Returns
+    -------
+    list of n (K, 3) arrays
+        Gradients, 1/m for fields, dimensionless for distances.
+    """
     field = log_fields(surface, frames, points)[:, part]
     members = _members(surface, part)
     shares = [np.exp(_exponent(surface, frames, i, points) - field) for i in members]
@@ -96,33 +206,52 @@ def _gradients(surface: Surface, frames: JointFrames, part: int, points: FloatAr
 
 
 def _members(surface: Surface, part: int) -> range:
+    """Return the ellipsoids of a part."""
     return range(surface.bounds[part], surface.bounds[part + 1])
 
 
 def _local(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:
-    """Points (K, 3) in the axes of ellipsoid i, m from its centre."""
+    """Return points (K, 3), m, in the axes of ellipsoid i, from its centre."""
     rotation, position = frames.rotations[0, surface.joints[i]], frames.positions[0, surface.joints[i]]
     return ((points - position) @ rotation - surface.centers[i]) @ surface.axes[i]
 
 
 def _exponent(surface: Surface, frames: JointFrames, i: int, points: FloatArray) -> FloatArray:
-    """log(f_i / C) = a (1 − d_i), (K,)."""
+    """Return log(f_i / C) = a (1 − d_i), (K,), of ellipsoid i at points (K, 3), m."""
     d = np.sum((_local(surface, frames, i, points) / surface.half_sizes[i]) ** 2, axis=1)
     return np.asarray(surface.sharpness * (1.0 - d))
 
 
 def _steps(surface: Surface, field: FloatArray) -> FloatArray:
-    """Measure how far a part's normalised radius is above 1; field: (K,) log(f / C)."""
+    """Return by how much a part's normalised radius exceeds 1, (K,), from log(f / C), (K,)."""
     radius = np.sqrt(1.0 - np.minimum(field, 0.0) / surface.sharpness)
     return np.where(field > 0.0, -0.5 * field / surface.sharpness, radius - 1.0)
 
 
 def _slope(surface: Surface, field: FloatArray) -> FloatArray:
+    """Return the derivative (K,) of `_steps` by log(f / C), (K,), outside the part."""
     return np.asarray(-0.5 / (surface.sharpness * np.sqrt(1.0 - np.minimum(field, 0.0) / surface.sharpness)))
 
 
 def _scale(surface: Surface, i: int, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Metres per unit of the normalised radius of ellipsoid i, (K,), at points (K, 3) in its axes; its gradient."""
+    """Compute the metres per unit of the normalised radius of ellipsoid i.
+
+    Parameters
+    ----------
+    surface : Surface
+        E ellipsoids in B parts.
+    i : int
+        The ellipsoid.
+    local : (K, 3) array
+        Points in its axes, m from its centre.
+
+    Returns
+    -------
+    (K,) array
+        Scales, m.
+    (K, 3) array
+        Their gradient by the point.
+    """
     half = surface.half_sizes[i]
     d, d_slope = np.sum((local / half) ** 2, axis=1), 2.0 * local / half**2
     n, n_slope = np.sum((local / half**2) ** 2, axis=1), 2.0 * local / half**4

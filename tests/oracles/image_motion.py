@@ -1,46 +1,94 @@
-"""Paper A's image-motion likelihood in plain NumPy, float64: the definition that the fast kernel is tested against.
+"""Paper A's image-motion likelihood of one camera in plain NumPy, float64, for `workbench.likelihoods.image_motion`.
 
-One pair of views, written to be read beside EQUATIONS A, "Planar patch" and "Limb likelihood". N particles, L limbs,
-n sample points per limb.
+It follows the paper's equations of the planar patch and of the limb likelihood. N particles, L limbs, n sample points
+per limb.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.body.camera import Camera
+from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
-from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion, PosedView
+from workbench.likelihoods.image_levels import bilinear
+from workbench.likelihoods.image_motion.kernel import LimbModel, Occlusion
 from workbench.likelihoods.image_motion.patches import MIN_AREA, MIN_DEPTH, MIN_SINE
 
 
 @dataclass(frozen=True, eq=False)
+class PosedView:
+    """One camera's view at one time.
+
+    Attributes
+    ----------
+    camera : Camera
+        The camera.
+    image : (height, width) array
+        Smoothed grey levels.
+    frames : JointFrames
+        The joints' frames in N poses of the body at that time.
+    """
+
+    camera: Camera
+    image: Float32Array
+    frames: JointFrames
+
+
+@dataclass(frozen=True, eq=False)
 class Patches:
-    """The limbs' planar patches as one camera sees them. corners: (N, L, 2, 2, 2) px, [u = 0 or 1, v = −1 or 1, (x,
-    y)]: at the limb's start or end, at the left or right edge of a limb that points up. depths: (N, L, 2), m, of the
-    patch's axis at its start and end. cos_alpha: (N, L), 1 for spheres, 0 where a limb has no patch."""
+    """The limbs' planar patches as one camera sees them.
+
+    Attributes
+    ----------
+    corners : (N, L, 2, 2, 2) array
+        px, [u = 0 or 1, v = −1 or 1, (x, y)]: at the limb's start or end, at the left or right edge of a limb that
+        points up.
+    depths : (N, L, 2) array
+        Depths of the patch's axis at its start and end, m.
+    cos_alpha : (N, L) array
+        1 for spheres, 0 where a limb has no patch.
+    """
 
     corners: FloatArray
     depths: FloatArray
     cos_alpha: FloatArray
 
     def positions(self, samples: FloatArray) -> FloatArray:
-        """Pixels (N, L, n, 2) of points (n, 2) of the patch, u = 0..1 along the limb and v = −1..1 across it."""
+        """Return pixels (N, L, n, 2) of points (n, 2) of the patch, u = 0..1 along the limb and v = −1..1 across it."""
         u, v = samples[:, 0], samples[:, 1]
         weights = np.stack([1.0 - u, u])[:, None] * np.stack([1.0 - v, 1.0 + v])[None] / 2.0  # (2, 2, n)
         return np.einsum("nlabx,abi->nlix", self.corners, weights)
 
     def sample_depths(self, samples: FloatArray) -> FloatArray:
-        """Depths (N, L, n), m, of the same points. Across a limb they are taken as equal: it faces the camera."""
+        """Return depths (N, L, n), m, of the same points, equal across a limb because its patch faces the camera."""
         return self.depths[..., :1] + samples[:, 0] * np.diff(self.depths)
 
 
 def view_log_prob(
     limbs: Limbs, samples: FloatArray, model: LimbModel, before: PosedView, now: PosedView
 ) -> tuple[FloatArray, IntArray]:
-    """log p(I_t | φ_t, φ_t−1, I_t−1) of one camera (N,), and the number of points outside the images (N,). samples:
-    points (n, 2) of every patch, see `Patches.positions`."""
+    """Compute log p(I_t | φ_t, φ_t−1, I_t−1).
+
+    Parameters
+    ----------
+    limbs : Limbs
+        L limbs.
+    samples : (n, 2) array
+        Points (u, v) of every patch, u = 0..1 along it and v = −1..1 across it.
+    model : LimbModel
+        The constants of A eq. 10 and 11.
+    before, now : PosedView
+        The camera's images at t − 1 and t, and the joints' frames of N particles there.
+
+    Returns
+    -------
+    (N,) array
+        Log likelihoods.
+    (N,) array
+        Numbers of points outside the images.
+    """
     patches_before, patches_now = limb_patches(limbs, before), limb_patches(limbs, now)
     points_before, points_now = patches_before.positions(samples), patches_now.positions(samples)
     cos_alpha = np.where(patches_before.cos_alpha > 0.0, patches_now.cos_alpha, 0.0)
@@ -48,32 +96,62 @@ def view_log_prob(
     inside &= (cos_alpha > 0)[..., None]
     compared = inside & ~hidden_samples(limbs, patches_now, samples, model.occlusion)
     n_compared = compared.sum(axis=-1)
-    residuals = grey_levels(now.image, points_now) - grey_levels(before.image, points_before)
+    residuals = bilinear(now.image, points_now) - bilinear(before.image, points_before)
     compared_part = n_compared / len(samples)
-    log_p = limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_part, model)
+    log_p = _limb_log_prob(_exponent(residuals, compared, model), cos_alpha, cos_alpha * compared_part, model)
     if model.background == "still":
-        changes = grey_levels(now.image, points_now) - grey_levels(before.image, points_now)
+        changes = bilinear(now.image, points_now) - bilinear(before.image, points_now)
         changes = np.where(inside_image(before.image, points_now), changes, 0.0)
-        log_p -= compared_part * still_log_ratio(_exponent(changes, compared, model), model)
+        log_p -= compared_part * _still_log_ratio(_exponent(changes, compared, model), model)
     return log_p.sum(axis=-1), (~inside).sum(axis=(-1, -2))
 
 
 def _exponent(residuals: FloatArray, compared: BoolArray, model: LimbModel) -> FloatArray:
-    """k times the sum or the mean, (N, L), of the squared residuals (N, L, n) of the points compared."""
+    """Return k times the sum or the mean, (N, L), of the squared residuals (N, L, n) of the points compared."""
     exponent: FloatArray = model.k * (np.where(compared, residuals, 0.0) ** 2).sum(axis=-1)
     return exponent / np.maximum(compared.sum(axis=-1), 1) if model.exponent == "mean" else exponent
 
 
-def still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
-    """log p of points under a background that stands still, less that of points where nothing changed; at most 0."""
+def _still_log_ratio(exponent: FloatArray, model: LimbModel) -> FloatArray:
+    """Compute log p of points before a still background, less that of points where nothing changed.
+
+    Parameters
+    ----------
+    exponent : (N, L) array
+        Weighted sums of squared changes, grey levels².
+    model : LimbModel
+        The constants of A eq. 10 and 11.
+
+    Returns
+    -------
+    (N, L) array
+        Log ratios, at most 0.
+    """
     peak = np.log((1.0 - model.epsilon) / (np.sqrt(2.0 * np.pi) * model.sigma))
     with np.errstate(divide="ignore"):
         flat = np.log(model.epsilon / 256.0)
     return np.logaddexp(peak - exponent / (2.0 * model.sigma**2), flat) - np.logaddexp(peak, flat)
 
 
-def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
-    """log p_j of A eq. 10 and 11, with q = `visible` and the weighted sum of squared residuals in `exponent`."""
+def _limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArray, model: LimbModel) -> FloatArray:
+    """Compute log p_j of A eq. 10 and 11.
+
+    Parameters
+    ----------
+    exponent : (N, L) array
+        Weighted sums of squared residuals, grey levels².
+    cos_alpha : (N, L) array
+        Cosines of the angles between limbs and image plane.
+    visible : (N, L) array
+        The share q of each limb that is compared, times cos α.
+    model : LimbModel
+        The constants of A eq. 10 and 11.
+
+    Returns
+    -------
+    (N, L) array
+        Log likelihoods.
+    """
     q = np.asarray(visible)
     with np.errstate(divide="ignore"):
         sigma = model.sigma / np.where(q > 0.0, cos_alpha, 1.0)
@@ -83,9 +161,23 @@ def limb_log_prob(exponent: FloatArray, cos_alpha: FloatArray, visible: FloatArr
 
 
 def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
-    """The planar patch of every limb: it bisects the limb, holds its axis and faces the camera (A, fig. 2). A limb's
-    edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed in its
-    outline, upright along the joint frame's z axis, so that its four corners lie on the outline."""
+    """Compute the planar patch of every limb, which bisects the limb, holds its axis and faces the camera (A, fig. 2).
+
+    A limb's edges lie at the half width of its section seen from the camera. A sphere's patch is the square inscribed
+    in its outline, upright along the joint frame's z axis, so that its four corners lie on the outline.
+
+    Parameters
+    ----------
+    limbs : Limbs
+        L limbs.
+    view : PosedView
+        The camera, and the joints' frames of N particles.
+
+    Returns
+    -------
+    Patches
+        The limbs' patches.
+    """
     rotation = view.camera.rotation @ view.frames.rotations[:, limbs.joints]  # limb to camera
     origin = view.camera.to_camera(view.frames.positions[:, limbs.joints])
     start = origin + np.einsum("nlab,lb->nla", rotation, limbs.starts)
@@ -111,13 +203,29 @@ def limb_patches(limbs: Limbs, view: PosedView) -> Patches:
 
 
 def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusion: Occlusion) -> BoolArray:
-    """(N, L, n) bool: which points of which limbs other limbs hide.
+    """Find which points other limbs hide.
 
     "sample": a point is hidden by a patch (a disc for a sphere) that covers it and whose axis lies nearer by more
     than half the sum of the two limbs' mean radii, which is half the distance of the axes of two limbs that touch;
     limbs that meet at a joint run into one another and must not hide each other there.
     "limb" (A, section 5): if any point of a limb is covered by a limb whose nearest surface is nearer than its own
     nearest surface, all of its points are hidden. "none": nothing is hidden.
+
+    Parameters
+    ----------
+    limbs : Limbs
+        L limbs.
+    patches : Patches
+        The limbs' patches in N poses.
+    samples : (n, 2) array
+        Points (u, v) of every patch, u = 0..1 along it and v = −1..1 across it.
+    occlusion : str
+        The rule.
+
+    Returns
+    -------
+    (N, L, n) array of bool
+        True for hidden points.
     """
     points, depths = patches.positions(samples), patches.sample_depths(samples)
     hidden = np.zeros(points.shape[:-1], dtype=bool)
@@ -129,7 +237,7 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
         for j in range(len(limbs)):
             if j == k:
                 continue
-            covered, depth = _cover(patches, k, bool(limbs.spheres[k]), points[:, j])
+            covered, depth = cover(patches, k, bool(limbs.spheres[k]), points[:, j])
             if occlusion == "sample":
                 hidden[:, j] |= covered & (depth + (thickness[j] + thickness[k]) / 2.0 < depths[:, j])
             else:
@@ -138,8 +246,27 @@ def hidden_samples(limbs: Limbs, patches: Patches, samples: FloatArray, occlusio
     return hidden
 
 
-def _cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Tell whether limb k covers points (N, n, 2), px, and its axis' depth there, (N, n) m."""
+def cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[BoolArray, FloatArray]:
+    """Find which points a limb covers.
+
+    Parameters
+    ----------
+    patches : Patches
+        The limbs' patches in N poses.
+    k : int
+        The limb.
+    sphere : bool
+        Whether it is a sphere.
+    points : (N, n, 2) array
+        Pixels.
+
+    Returns
+    -------
+    (N, n) array of bool
+        True for points that it covers.
+    (N, n) array
+        Depths of its axis there, m.
+    """
     corners = patches.corners[:, k]
     start, end = corners[:, 0].mean(axis=1), corners[:, 1].mean(axis=1)
     edges = (corners[:, :, 1] - corners[:, :, 0]) / 2.0  # (N, 2, 2): half the patch's width at its start and end
@@ -162,16 +289,10 @@ def _cover(patches: Patches, k: int, sphere: bool, points: FloatArray) -> tuple[
 
 
 def inside_image(image: Float32Array, points: FloatArray) -> BoolArray:
-    """Tell whether points (..., 2), px, lie between the centres of the image's pixels; NaN does not."""
+    """Return whether points (..., 2), px, lie between the centres of an image's pixels; NaN does not."""
     height, width = image.shape
     x, y = points[..., 0], points[..., 1]
     return (x >= 0.0) & (x < width - 1) & (y >= 0.0) & (y < height - 1)
-
-
-def grey_levels(image: Float32Array, points: FloatArray) -> FloatArray:
-    """Bilinear interpolation (...,) at points (..., 2), px; zero outside the image."""
-    places = np.where(inside_image(image, points)[..., None], points, -1.0)
-    return scipy.ndimage.map_coordinates(image.astype(np.float64), np.moveaxis(places[..., ::-1], -1, 0), order=1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

@@ -1,0 +1,29 @@
+"""The curves of the cyclic prior in plain NumPy, for `workbench.priors.cyclic`."""
+
+import numpy as np
+
+from workbench.arrays import FloatArray
+
+
+def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:
+    """Compute channels at phases of a cycle: μ(ψ) + Σ_k c_k v_k(ψ) (paper B, section 3).
+
+    Parameters
+    ----------
+    table : (M, 1 + d, C) array
+        The mean and the d scaled components at M equidistant phases, interpolated linearly.
+    coefficients : (N, d) array
+        In units of the components' deviations.
+    phase : (N,) array
+        Cycles.
+
+    Returns
+    -------
+    (N, C) array
+        Channels in the table's units.
+    """
+    place = (phase % 1.0) * len(table)
+    first = np.floor(place).astype(np.int64)
+    part = (place - first)[:, None, None]
+    curves = (1.0 - part) * table[first % len(table)] + part * table[(first + 1) % len(table)]
+    return curves[:, 0] + np.einsum("nk,nkc->nc", coefficients, curves[:, 1:])

@@ -1,0 +1,67 @@
+"""The edge and ridge likelihood in OpenCV and plain NumPy, for `workbench.likelihoods.edges`."""
+
+import cv2
+import numpy as np
+
+from workbench.arrays import AnyArray, Float32Array, FloatArray, IntArray
+from workbench.likelihoods.edges.filters import POINTS, RIDGE_SCALES_PX, Filtered, Smoothed, responses
+from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE
+from workbench.likelihoods.limb_points import LimbPoints
+
+
+def filtered(images: Smoothed) -> Filtered:
+    """Differentiate a smoothed image (height, width) by OpenCV.
+
+    Parameters
+    ----------
+    images : Smoothed
+        The image at 1 + S scales, and its local contrast.
+
+    Returns
+    -------
+    Filtered
+        Gradient (height, width, 2) and ridges (S, height, width, 3), over the contrast.
+    """
+    fine, *coarser = images.levels
+    contrast = images.contrast[..., None]
+    gradient = np.stack([_derivative(fine, 1, 0), _derivative(fine, 0, 1)], axis=-1) / contrast
+    ridges = []
+    for coarse, scale in zip(coarser, RIDGE_SCALES_PX, strict=True):
+        dx, dy = _derivative(coarse, 1, 0), _derivative(coarse, 0, 1)
+        curvature = np.stack([_derivative(dx, 1, 0), _derivative(dx, 0, 1), _derivative(dy, 0, 1)], axis=-1)
+        ridges.append(scale**2 * curvature / contrast)
+    return Filtered(gradient, np.stack(ridges))
+
+
+def _derivative(image: AnyArray, x: int, y: int) -> Float32Array:
+    """Return central differences (height, width), 1/px, of order x and y."""
+    return np.asarray(cv2.Sobel(image, cv2.CV_32F, x, y, ksize=1, scale=0.5), dtype=np.float32)
+
+
+def response_log_ratio(images: Filtered, points: LimbPoints, table: Float32Array) -> FloatArray:
+    """Sum the log ratios of all filter responses of each limb, over the number of its points.
+
+    Parameters
+    ----------
+    images : Filtered
+        The derivatives of a view.
+    points : LimbPoints
+        `POINTS` of L limbs in N poses, and which count.
+    table : (2, L, BINS) array
+        Log ratios of edges and of ridges.
+
+    Returns
+    -------
+    (N, L) array
+        Log ratios.
+    """
+    edges, ridges, counts = responses(images, points)
+    limb = np.arange(len(table[0]))[:, None]
+    on_axis = np.where(counts[..., 1], table[1][limb, _bins(ridges, *RIDGE_RANGE)], 0.0).sum(axis=-1)
+    at_sides = np.where(counts[..., [0, 2]], table[0][limb[..., None], _bins(edges, *EDGE_RANGE)], 0.0)
+    return (on_axis + at_sides.sum(axis=(-1, -2))) / len(POINTS)
+
+
+def _bins(values: FloatArray, low: float, high: float) -> IntArray:
+    """Return the bins, 0 to BINS − 1, of values; those out of the range belong to the first or the last."""
+    return np.clip((values - low) / (high - low) * BINS, 0, BINS - 1).astype(np.int64)

@@ -1,0 +1,149 @@
+"""The implicit prior's tree, exact search and density in plain NumPy, one probe at a time (paper C, sections 3 and 4).
+
+For `workbench.priors.implicit_tree`, `implicit_search` and `implicit_density`. All coefficients are whitened.
+"""
+
+import numpy as np
+import scipy
+
+from workbench.arrays import FloatArray, IntArray
+from workbench.priors.density import SAME
+from workbench.priors.implicit_density import WindowWays
+from workbench.priors.implicit_search import BINS, LANES, KdTree, exact_log_prob, padded
+from workbench.priors.implicit_tree import Tree
+
+
+def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian") -> IntArray:
+    """Draw an entry for each probe by probabilistic search (C, eq. 7 and 8), level by level.
+
+    Parameters
+    ----------
+    tree : Tree
+        n entries with b coefficients.
+    probes : (N, b) array
+        Coefficients to search for.
+    beta : float
+        Temperature.
+    uniforms : (N, b + 1) array
+        Numbers in [0, 1), one for each level and one for the leaf.
+    leaf : str
+        How an entry of the leaf is drawn: by its probability ("gaussian") or with equal odds ("uniform").
+
+    Returns
+    -------
+    (N,) array
+        Entries, 0 to n − 1.
+    """
+    entries = np.empty(len(probes), dtype=np.int64)
+    for i, (probe, uniform) in enumerate(zip(probes, uniforms, strict=True)):
+        node, low, high = 0, 0, 1 << tree.depth
+        for level in range(tree.depth):
+            middle = (low + high) // 2
+            left, right = tree.starts[middle] - tree.starts[low], tree.starts[high] - tree.starts[middle]
+            odds = scipy.special.ndtr((probe[level] - tree.splits[node]) / np.sqrt(beta))
+            goes_right = right > 0 and (left == 0 or uniform[level] < odds)
+            node = 2 * node + 1 + goes_right
+            low, high = (middle, high) if goes_right else (low, middle)
+        inside = tree.order[tree.starts[low] : tree.starts[high]]
+        if leaf == "uniform":
+            odds = np.full(len(inside), 1.0 / len(inside)).cumsum()
+        else:
+            odds = np.exp(exact_log_prob(tree.coefficients[inside], probe, beta)).cumsum()
+        entries[i] = inside[min(np.searchsorted(odds, uniform[-1] * odds[-1], side="right"), len(inside) - 1)]
+    return entries
+
+
+def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:
+    """Compute the distribution that the search draws from for one probe.
+
+    Parameters
+    ----------
+    tree : KdTree
+        n entries with b coefficients.
+    probe : (b,) array
+        Coefficients to search for.
+    beta : float
+        Temperature.
+    epsilon : float
+        The part of the probability mass that may be missed.
+
+    Returns
+    -------
+    (n,) array
+        Probabilities of the entries.
+    int
+        Number of entries whose distance is computed.
+    """
+    probe, n = padded(probe[None])[0], len(tree.order)
+    exponents = np.full(n, np.inf)  # of the places found
+    scanned: list[int] = []
+
+    def scan(leaf: int) -> None:
+        places = slice(leaf * LANES, min((leaf + 1) * LANES, n))
+        inside = tree.coefficients[leaf].T[: places.stop - places.start]
+        found = ((inside - probe) ** 2).sum(axis=1) / (2.0 * beta)
+        exponents[places] = np.where(found < farthest, found, np.inf)
+        scanned.append(leaf)
+
+    def log_mass() -> float:
+        return float(scipy.special.logsumexp(-exponents))
+
+    groups, leaves = (
+        (np.maximum(np.maximum(boxes[:, :, 0] - p, p - boxes[:, :, 1]), 0.0) ** 2).sum(axis=1).ravel() / (2.0 * beta)
+        for p in [probe[:, None]]
+        for boxes in (tree.group_boxes, tree.leaf_boxes)
+    )
+    farthest, nearest = np.inf, int(groups.argmin()) * LANES
+    scan(nearest + int(leaves[nearest : nearest + LANES].argmin()))
+    reach = np.log(2.0 * n / epsilon) - log_mass()
+    low = groups.min()
+    near = np.flatnonzero((leaves <= reach) & (np.repeat(groups, LANES)[: len(leaves)] <= reach))
+    scale = (BINS - 1) / (reach - low)
+    bins = ((leaves[near] - low) * scale).astype(np.int64)
+    left = np.log(LANES) - low - np.arange(BINS) / scale + np.log(np.maximum(np.bincount(bins, minlength=BINS), 1e-300))
+    for i in np.unique(bins):
+        if scipy.special.logsumexp(left[i:]) <= np.log(0.5 * epsilon) + log_mass():
+            break
+        farthest = np.log(2.0 * n / epsilon) - log_mass()
+        for leaf in near[bins == i]:
+            if leaf != scanned[0]:
+                scan(leaf)
+    distribution = np.empty(n)
+    distribution[tree.order] = np.exp(-exponents - scipy.special.logsumexp(-exponents))
+    return distribution, sum(min(LANES, n - leaf * LANES) for leaf in scanned)
+
+
+def log_mixture(
+    tree: KdTree, probe: FloatArray, beta: float, epsilon: float, ways: WindowWays, white: FloatArray
+) -> FloatArray:
+    """Compute the log terms log p(i | c) N(way; way_i, Σ) of the density, for one probe and one way between poses.
+
+    Parameters
+    ----------
+    tree : KdTree
+        n windows with b coefficients.
+    probe : (b,) array
+        Coefficients c of the pose before.
+    beta : float
+        Temperature.
+    epsilon : float
+        The part of the probability mass that the search may miss.
+    ways : WindowWays
+        The ways (n, K) of the windows, over their deviations.
+    white : (K,) array
+        The way, in the same order and units.
+
+    Returns
+    -------
+    (n,) array
+        Log terms, −∞ for windows that are not found or do not lead there.
+    """
+    distribution, _ = found_distribution(tree, probe, beta, epsilon)
+    entries = np.flatnonzero(distribution)
+    apart = ways.white[entries] - white
+    noisy = len(ways.deviations)
+    terms = np.full(len(ways.white), -np.inf)
+    terms[entries] = np.log(distribution[entries]) - 0.5 * (apart[:, :noisy] ** 2).sum(axis=1)
+    terms[entries] -= np.log(np.sqrt(2.0 * np.pi) * ways.deviations).sum()
+    terms[entries[(np.abs(apart[:, noisy:]) > SAME).any(axis=1)]] = -np.inf
+    return terms

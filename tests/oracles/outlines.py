@@ -1,0 +1,58 @@
+"""Sums of an image over unions of outlines in plain NumPy, for `workbench.likelihoods.outlines`."""
+
+import numpy as np
+
+from workbench.arrays import BoolArray, Float32Array, FloatArray
+from workbench.likelihoods.outlines import OUTWARDS
+
+
+def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
+    """Sum an image over the union of L outlines; pixels count by the part of their row that is covered.
+
+    Parameters
+    ----------
+    image : (height, width) array
+        Values of pixels.
+    corners : (N, L, 4, 2) array
+        Corners, px, once around as `workbench.likelihoods.outlines.CORNERS`; all alike for a limb that is not seen.
+    spheres : (L,) array
+        Outlines that are the circle through their corners.
+    rim_px : float
+        By which outlines are wider on all sides.
+
+    Returns
+    -------
+    (N,) array
+        Sums, in the image's unit times px².
+    """
+    height, width = image.shape
+    edges = np.arange(width + 1) - 0.5
+    sums = np.zeros(len(corners))
+    for i, outlines in enumerate(corners.astype(np.float64)):
+        for y in range(height):
+            found = (_span(one, bool(spheres[k]), rim_px, float(y)) for k, one in enumerate(outlines))
+            spans = sorted(span for span in found if span)
+            end = -np.inf
+            for left, right in spans:
+                covered = np.clip(edges, max(left, end), max(right, end))
+                sums[i] += float(image[y] @ np.diff(covered))
+                end = max(end, right)
+    return sums
+
+
+def _span(corners: FloatArray, sphere: bool, rim_px: float, y: float) -> tuple[float, float] | None:
+    """Find where the row at height y, px, meets an outline (4, 2), px: from left to right, px, or None."""
+    axes = OUTWARDS.T @ corners  # along the limb and across it
+    lengths = np.linalg.norm(axes, axis=1)
+    if not lengths.min() > 0.0:
+        return None
+    if sphere:
+        centre, radius = corners.mean(axis=0), float(np.linalg.norm(corners[2] - corners[0])) / 2.0 + rim_px
+        half = radius**2 - (y - centre[1]) ** 2
+        return (centre[0] - np.sqrt(half), centre[0] + np.sqrt(half)) if half > 0.0 else None
+    corners = corners + rim_px * OUTWARDS @ (axes / lengths[:, None])
+    met = []
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if min(y0, y1) <= y < max(y0, y1):
+            met.append(float(x0 + (y - y0) / (y1 - y0) * (x1 - x0)))
+    return (min(met), max(met)) if len(met) > 1 else None
