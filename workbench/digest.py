@@ -20,11 +20,13 @@ def code_digest(*modules: ModuleType) -> str:
 
 @cache
 def source_digest(*modules: str) -> str:
-    """Return the same by the modules' names; a module outside the workbench counts by its own file alone."""
-    sources = _sources()
-    return digest_of(sources, modules) if all(name in sources for name in modules) else _own_file(modules)
+    """Return the same by the modules' names, which may be outside the workbench."""
+    sources = read_sources(_PACKAGE)
+    others = {name: Path(sys.modules[name].__file__ or "").read_bytes() for name in modules if name not in sources}
+    return digest_of(sources | others, modules)
 
 
+@cache
 def read_sources(package: Path) -> dict[str, bytes]:
     """Read the source of every module of a package, by its dotted name."""
     places = {path: path.relative_to(package.parent).with_suffix("") for path in package.rglob("*.py")}
@@ -51,13 +53,3 @@ def _imports(sources: Mapping[str, bytes], module: str) -> set[str]:
         parent = (source or whole).decode()
         names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(taken))}
     return names & sources.keys()
-
-
-@cache
-def _sources() -> dict[str, bytes]:
-    return read_sources(_PACKAGE)
-
-
-def _own_file(modules: Iterable[str]) -> str:
-    files = [sys.modules[name].__file__ for name in modules]
-    return hashlib.sha256(b"\0".join(Path(file).read_bytes() for file in files if file)).hexdigest()
