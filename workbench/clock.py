@@ -15,12 +15,6 @@ from workbench.signals import deferred
 log = logging.getLogger(__name__)
 
 
-class _Total:
-    """seconds: spent compiling inside `compiling` since the process began."""
-
-    seconds = 0.0
-
-
 class _Compilation(event.Listener):
     """Measures compilation; a kernel's helpers are compiled within it and count as part of it.
 
@@ -28,6 +22,8 @@ class _Compilation(event.Listener):
     where an exception would be lost. The garbage collector waits, too: numba makes many objects that stay, and walking
     them takes an eighth of the time.
     """
+
+    total_s = 0.0  # of all since the process began
 
     def __init__(self, bar: Any) -> None:
         self._bar, self._depth, self._began, self._waiting, self.n = bar, 0, 0.0, ExitStack(), 0
@@ -45,7 +41,7 @@ class _Compilation(event.Listener):
     def on_end(self, _event: Any) -> None:
         self._depth = max(0, self._depth - 1)  # one that began before this listener was there ends, too
         if self._depth == 0 and self._began:
-            _Total.seconds += perf_counter() - self._began
+            _Compilation.total_s += perf_counter() - self._began
             self._began, self.n = 0.0, self.n + 1
             self._bar.update()
             self._waiting.close()
@@ -69,9 +65,9 @@ def compiling(quiet: bool = False) -> Iterator[None]:
 
 def compiled_s() -> float:
     """Return the time spent compiling kernels so far, s."""
-    return _Total.seconds
+    return _Compilation.total_s
 
 
 def working_s() -> float:
     """Return the time since some moment in the past without compilation, s."""
-    return perf_counter() - _Total.seconds
+    return perf_counter() - _Compilation.total_s

@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -13,17 +12,13 @@ _WORD = re.compile(rb"\w+")
 _PACKAGE = Path(__file__).parent
 
 
+@cache
 def code_digest(*modules: ModuleType) -> str:
     """Return the SHA-256 of the sources of modules and of all that they import from the workbench, directly or not."""
-    return source_digest(*sorted(module.__name__ for module in modules))
-
-
-@cache
-def source_digest(*modules: str) -> str:
-    """Return the same by the modules' names, which may be outside the workbench."""
     sources = read_sources(_PACKAGE)
-    others = {name: Path(sys.modules[name].__file__ or "").read_bytes() for name in modules if name not in sources}
-    return digest_of(sources | others, modules)
+    files = {module.__name__: getattr(module, "__file__", None) for module in modules}
+    own = {name: Path(file).read_bytes() if file else b"" for name, file in files.items() if name not in sources}
+    return digest_of(sources | own, files)
 
 
 @cache

@@ -37,11 +37,9 @@ def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
     Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
     (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    before = {n: handler for n, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)}
+    usual, before = (signal.SIG_DFL, signal.default_int_handler), {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: handler for number in SIGNALS if (handler := signal.getsignal(number)) in usual}
 
     def handle(number: int, _: FrameType | None) -> None:
         for each in before:
