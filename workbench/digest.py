@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -13,18 +12,16 @@ _WORD = re.compile(rb"\w+")
 _PACKAGE = Path(__file__).parent
 
 
+@cache
 def code_digest(*modules: ModuleType) -> str:
     """Return the SHA-256 of the sources of modules and of all that they import from the workbench, directly or not."""
-    return source_digest(*sorted(module.__name__ for module in modules))
+    sources = read_sources(_PACKAGE)
+    files = {module.__name__: getattr(module, "__file__", None) for module in modules}
+    own = {name: Path(file).read_bytes() if file else b"" for name, file in files.items() if name not in sources}
+    return digest_of(sources | own, files)
 
 
 @cache
-def source_digest(*modules: str) -> str:
-    """Return the same by the modules' names; a module outside the workbench counts by its own file alone."""
-    sources = _sources()
-    return digest_of(sources, modules) if all(name in sources for name in modules) else _own_file(modules)
-
-
 def read_sources(package: Path) -> dict[str, bytes]:
     """Read the source of every module of a package, by its dotted name."""
     places = {path: path.relative_to(package.parent).with_suffix("") for path in package.rglob("*.py")}
@@ -51,13 +48,3 @@ def _imports(sources: Mapping[str, bytes], module: str) -> set[str]:
         parent = (source or whole).decode()
         names |= {parent, *(f"{parent}.{name.decode()}" for name in _WORD.findall(taken))}
     return names & sources.keys()
-
-
-@cache
-def _sources() -> dict[str, bytes]:
-    return read_sources(_PACKAGE)
-
-
-def _own_file(modules: Iterable[str]) -> str:
-    files = [sys.modules[name].__file__ for name in modules]
-    return hashlib.sha256(b"\0".join(Path(file).read_bytes() for file in files if file)).hexdigest()

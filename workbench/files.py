@@ -56,11 +56,7 @@ def kept_for_later() -> Iterator[None]:
     """Write, in the block, what can be made again to a cache; where that cannot be written, go on and tell it once."""
     try:
         yield
-    except (
-        NotWrittenError,
-        OSError,
-        RuntimeError,
-    ) as error:  # the last is h5py's, of a full disk
+    except (NotWrittenError, OSError, RuntimeError) as error:  # the last is h5py's, of a full disk
         _tell_once(shortened(f"{' '.join(str(error).split())}; the run goes on, and the next one makes it again"))
 
 

@@ -73,12 +73,11 @@ def contents(path: Path) -> dict[str, AnyArray]:
                     n_bytes += _size(f"{path}: {place}", each)
                     most = max(SMALL_BYTES, MOST_PACKED * path.stat().st_size)
                     check_number(path, "bytes of numbers in a file of this size", n_bytes, most)
-                    if each.dtype.kind in "biuf" and each.shape is not None:
-                        arrays[place] = np.asarray(each[()])
-                    else:
-                        text = h5py.check_string_dtype(each.dtype) and each.shape == ()
-                        arrays[place] = np.array(each.asstr()[()] if text else OTHER)
-    return arrays | {_ATTRIBUTES: np.array(json.dumps(attributes, default=_plain))}
+                    numbers = each.dtype.kind in "biuf" and each.shape is not None
+                    text = h5py.check_string_dtype(each.dtype) and each.shape == ()
+                    arrays[place] = np.asarray(each[()] if numbers else each.asstr()[()] if text else OTHER)
+    packed = json.dumps(attributes, default=lambda value: getattr(value, "tolist", lambda: None)())  # None: neither
+    return arrays | {_ATTRIBUTES: np.array(packed)}
 
 
 def _size(place: str, found: h5py.Dataset) -> int:
@@ -89,8 +88,3 @@ def _size(place: str, found: h5py.Dataset) -> int:
     if size and not found.id.get_storage_size():
         raise InputError(f"{place}: expected {size} numbers, found none stored")
     return size * int(found.dtype.itemsize)
-
-
-def _plain(value: Any) -> Any:
-    """Return an attribute's numbers or texts for JSON; None for anything else."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else None

@@ -10,6 +10,7 @@ Numba has no public way to choose the folder or the stamp for one kernel. This f
 
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -19,7 +20,7 @@ from typing import Any, TypeVar
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-from workbench.digest import source_digest
+from workbench.digest import code_digest
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parent
@@ -73,7 +74,7 @@ class _Locator:
         os.makedirs(self.get_cache_path(), exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        return source_digest(self._module)
+        return code_digest(sys.modules[self._module])
 
     def get_disambiguator(self) -> str:
         return str(self._line)

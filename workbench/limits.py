@@ -81,12 +81,12 @@ def check_sizes(value: object, place: str = "") -> None:
 def check_products(config: Mapping[str, Any]) -> None:
     """Raise InputError where a configuration needs more than half of the memory, by the products of _MEMORY."""
     most_gb = memory_bytes() / 2e9
+    groups = {group: part for group, part in config.items() if isinstance(part, Mapping)}
+    values = {f"{group}.{key}": value for group, part in groups.items() for key, value in part.items()}
     for keys, bytes_each in _MEMORY.items():
-        parts = [(config.get(text.partition(".")[0]) or {}, text.partition(".")[2]) for text in keys]
-        numbers = [part.get(key) for part, key in parts if isinstance(part, Mapping)]
-        known = [number for number in numbers if isinstance(number, int | float)]
-        if len(known) == len(keys) and not (gb := math.prod(known) * bytes_each / 1e9) <= most_gb:
-            shown = ", ".join(f"{key}={number:.6g}" for key, number in zip(keys, known, strict=True))
+        numbers = {key: values[key] for key in keys if isinstance(values.get(key), int | float)}
+        if len(numbers) == len(keys) and not (gb := math.prod(numbers.values()) * bytes_each / 1e9) <= most_gb:
+            shown = ", ".join(f"{key}={number:.6g}" for key, number in numbers.items())
             raise InputError(f"config: {shown}: needs about {gb:.3g} GB, expected at most {most_gb:.3g} GB")
 
 

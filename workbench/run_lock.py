@@ -8,7 +8,7 @@ import fcntl
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from time import monotonic, sleep
@@ -33,12 +33,15 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
     ------
     InputError : names the process that holds the lock, or why the folder cannot be locked.
     """
-    try:
-        file = FileIO(folder / LOCK, "a+")  # unbuffered: on a full disk nothing is left to write when it is closed
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
-    with file:
-        _acquire(file, folder, wait)
+    with ExitStack() as held:
+        try:
+            file = held.enter_context(FileIO(folder / LOCK, "a+"))  # unbuffered: a full disk leaves nothing to write
+            _acquire(file, wait)
+        except BlockingIOError:
+            holder = (folder / LOCK).read_text() or "another process"
+            raise InputError(f"{folder}: {holder} is at work in this folder; wait for it or choose another") from None
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
         with suppress(OSError):
             file.truncate(0)
             file.write(f"process {os.getpid()} on {platform.node()}".encode())
@@ -50,25 +53,15 @@ def is_locked(folder: Path) -> bool:
     try:
         with (folder / LOCK).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
     return False
 
 
-def _acquire(file: FileIO, folder: Path, wait: bool) -> None:
+def _acquire(file: FileIO, wait: bool) -> None:
     end = monotonic() + _PATIENCE_S
-    while True:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            return
-        except BlockingIOError:
-            if monotonic() > end:
-                holder = (folder / LOCK).read_text() or "another process"
-                raise InputError(
-                    f"{folder}: {holder} is at work in this folder; wait for it or choose another"
-                ) from None
-            sleep(_PATIENCE_S / 10)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be locked: {error.strerror}") from None
+    while not wait and monotonic() < end:
+        with suppress(BlockingIOError):
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        sleep(_PATIENCE_S / 10)
+    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -37,15 +37,13 @@ def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
     Later signals are ignored, except that a further SIGINT raises KeyboardInterrupt at once. Signals that are ignored
     (SIGHUP under nohup) or have a handler of the caller's own keep it, and nothing changes outside the main thread.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    before = {n: handler for n, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)}
+    usual, before = (signal.SIG_DFL, signal.default_int_handler), {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: handler for number in SIGNALS if (handler := signal.getsignal(number)) in usual}
 
     def handle(number: int, _: FrameType | None) -> None:
         for each in before:
-            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else _ignore)
+            signal.signal(each, signal.default_int_handler if each == signal.SIGINT else _ignored)
         if first is not None:
             first()
         _Request.received = number
@@ -65,31 +63,20 @@ def interruptible(first: Callable[[], None] | None = None) -> Iterator[None]:
             _Request.received = _Request.pending = None
 
 
-def _ignore(number: int, frame: FrameType | None) -> None:
+def _ignored(*_: object) -> None:
     """Do nothing; with SIG_IGN instead, Python prints a traceback for a signal that has arrived already."""
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Let an interruption wait until the block ends; a second SIGINT does not wait."""
-    defer()
+    """Let an interruption wait until the outermost of such blocks ends; a second SIGINT does not wait."""
+    in_main = threading.current_thread() is threading.main_thread()
+    _Request.depth += in_main
     try:
         yield
     finally:
-        resume()
-
-
-def defer() -> None:
-    """Let interruptions wait until the matching `resume`."""
-    if threading.current_thread() is threading.main_thread():
-        _Request.depth += 1
-
-
-def resume() -> None:
-    """End what `defer` began, and raise the interruption that waits, if one does."""
-    if threading.current_thread() is threading.main_thread():
-        _Request.depth -= 1
-        if _Request.depth == 0 and (number := _Request.pending) is not None:
+        _Request.depth -= in_main
+        if in_main and not _Request.depth and (number := _Request.pending) is not None:
             _Request.pending = None
             raise Interrupted(number)
 

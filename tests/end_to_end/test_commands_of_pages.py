@@ -27,9 +27,10 @@ SMALLER = {  # what makes them small; what is measured stays as it is written
 }  # fmt: skip
 ELSEWHERE = {  # what is not run here, and which test does
     "python3 -m venv": ".ci/run", "pip install": ".ci/run", "submitit_slurm": "test_slurm.py",
-    "pytest --pyargs": "test_own_parts.py", "--bisect": "test_bisect.py", "python -m analysis": "tests/unit/analysis",
-    "analysis.benchmarks": "analysis/benchmarks, by hand", "--watch": "test_watch.py",
-    "--until": "test_check.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
+    "pytest --pyargs": "test_own_parts.py", "my/experiment": "test_own_experiments.py",
+    "--config-dir": "test_own_experiments.py", "--bisect": "test_bisect.py",
+    "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
+    "--watch": "test_watch.py", "--until": "test_check.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
 }  # fmt: skip
 NEEDED = {
     "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",

@@ -58,6 +58,16 @@ def test_a_run_its_check_and_a_sweep(command):
 
 
 @pytest.mark.slow
+def test_the_workers_of_a_launcher_build_the_components_of_a_named_package(command):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    folder, call = command
+    words = ["seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=workers"]
+    done = call("workbench", "-m", "parts=[my_parts]", *SMALL, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert json.loads((folder / "workers" / "1" / "summary.json").read_text())["status"] == "complete"
+
+
+@pytest.mark.slow
 def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp_path):
     """With nothing but what the page shows: its code, its YAML and its first command, made small."""
     page = (SCENES.parents[1] / ".docs" / "howto" / "own_parts.md").read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from workbench.cli.parts import listing
 from workbench.cli.quoting import quoted, unquoted
 from workbench.cli.told import lines, tell_warnings
 from workbench.errors import InputError, shortened
-from workbench.experiment.parts import name_parts, parts_in
+from workbench.experiment.parts import name_config_dir, name_parts, parts_in
 from workbench.experiment.schema import prepare_hydra
 from workbench.signals import Interrupted, interruptible
 from workbench.sweep.job import metric_of, run_job
@@ -100,6 +100,7 @@ def _main() -> int:
         if unnamed := [text for text in arguments if text.startswith("=")]:
             raise InputError(f"expected key=value, found {unnamed[0]!r}")
         name_parts(parts_in(arguments))
+        name_config_dir(arguments)
         if "--version" in arguments:
             print(f"workbench {__version__}")
             return 0
@@ -172,7 +173,6 @@ def _job(config: DictConfig) -> float | None:
     """One job; returns the number a tuner minimises, see `metric_of`."""
     tell_warnings()
     settings, sweep = HydraConfig.get(), config.sweep
-    name_parts(parts_in(settings.overrides.task))  # as a launcher's worker has not seen the command line
     config = OmegaConf.masked_copy(config, [str(key) for key in config if key != "sweep"])  # as when it runs alone
     experiment = str(settings.runtime.choices.get("experiment") or "custom")
     if settings.mode == RunMode.MULTIRUN:

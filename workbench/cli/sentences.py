@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 
-_OPTION = re.compile(r"Could not find '(\w+)/([^']*)'")
+_OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
 _KEY = re.compile(r"Key '([^']+)' not in '")
 _PLACE = re.compile(r"full_key: (\S+)")
-_EXPERIMENT = re.compile(r"In 'experiment/([^']+)'")
+_IN = re.compile(r"In '(\w+)/([^',]+)[^']*':(?: \w+ raised while composing config:)?")
 _COMPONENT = re.compile(r"object_type=(\w+)_keys")
 _WORD = re.compile(r"([a-z]\w*)=(.*)", re.DOTALL)
 _MOST = 40
@@ -26,21 +26,40 @@ def lines(error: BaseException) -> list[str]:
         if text and not any(text in part for part in texts):
             texts.append(text)
     whole = ": ".join(texts)
+    if place := _IN.search(whole):
+        file = _file(*place.groups())
+        whole = whole.replace(place[0], file)
+        *there, sentence = _meant(whole, chain, place[2])
+        return [*there, sentence if sentence.startswith(file) else f"{file} {sentence}"]
+    return _meant(whole, chain)
+
+
+def _file(group: str, name: str) -> str:
+    """Return the file of an option, and a colon."""
+    from workbench.experiment.parts import find, folders
+
+    name = f"{'experiment' if group == 'when' else group}/{name}"
+    return f"{find(folders().values(), f'{name}.yaml') or name}:"
+
+
+def _meant(whole: str, chain: Sequence[BaseException], experiment: str = "") -> list[str]:
+    """Return what there is in place of an unknown option or key, and a sentence on it; any other error as it is.
+
+    experiment: whose file names it.
+    """
     if found := _OPTION.search(whole):
         return _no_option(found[1], found[2])
-    experiment, component = _EXPERIMENT.search(whole), _COMPONENT.search(whole)
-    if experiment and component and (place := _PLACE.search(whole)):
-        group = place[1].partition(".")[0]
+    if not (found := _KEY.search(whole)):
+        return [whole]
+    place, there, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
+    name = place[1] if place else found[1]
+    group, before = name.partition(".")[0], name.rpartition(".")[0]
+    if experiment and component and not get_close_matches(found[1], there):
         return [
-            f"experiment={experiment[1]} sets {place[1]}, which the chosen {group} ({component[1]}) does not have; "
-            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment[1]}"
+            f"the chosen {group} ({component[1]}) has no key {name}; "
+            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment}"
         ]
-    if (found := _KEY.search(whole)) and (there := _keys(chain)):
-        place = _PLACE.search(whole)
-        name = place[1] if place else found[1]
-        before = name.rpartition(".")[0]
-        return _unknown(f"there is no key {name}", found[1], there, f"{before}." if before else "")
-    return [whole]
+    return _unknown(f"there is no key {name}", found[1], there, f"{before}." if before else "") if there else [whole]
 
 
 def mistyped(arguments: Sequence[str]) -> list[str]:
@@ -93,4 +112,4 @@ def _keys(chain: Sequence[BaseException]) -> list[str]:
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
-        error = error.__cause__
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)

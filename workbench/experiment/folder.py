@@ -37,10 +37,7 @@ def earlier_runs(folder: Path) -> list[Path]:
 
 def earlier_names(folder: Path) -> list[str]:
     """Return the names of the earlier runs and attempts in a folder; none where it does not exist."""
-    try:
-        return os.listdir(folder / EARLIER)
-    except (FileNotFoundError, NotADirectoryError):
-        return []
+    return [each.name for each in (folder / EARLIER).glob("*")]
 
 
 def set_aside(folder: Path) -> None:

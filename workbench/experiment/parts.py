@@ -29,11 +29,12 @@ VARIABLE = "WORKBENCH_PARTS"
 _TARGET = re.compile(r"""_target_["']?:\s*["']?([\w.]+)""")
 _NOTE = re.compile(r"#   (\w+): (.+)")
 _named: list[str] = []
+_config_dirs: list[Path] = []
 
 
 @dataclass(frozen=True)
 class Option:
-    """A file of a group: `text` is its YAML, without the names of its package and its group."""
+    """A file of a group. package: or folder given by --config-dir. text: its YAML."""
 
     package: str
     group: str
@@ -91,6 +92,15 @@ def parts_in(arguments: Sequence[str]) -> list[str]:
     return [name for name in names[1:-1].split(",") if name]
 
 
+def name_config_dir(arguments: Sequence[str]) -> None:
+    """Let this process choose the options in the folder given by `--config-dir` among a command's arguments."""
+    words = [text.partition("=") for text in arguments]
+    following = [*arguments[1:], ""]
+    found = [value if sign else after for (name, sign, value), after in zip(words, following, strict=True)
+             if name in ("--config-dir", "-cd")]  # fmt: skip
+    _config_dirs[:] = [Path(each).absolute() for each in found]
+
+
 def packages() -> tuple[str, ...]:
     """The workbench and every package named on the command line, in $WORKBENCH_PARTS or by an entry point."""
     said = [name.strip() for name in os.environ.get(VARIABLE, "").split(",") if name.strip()]
@@ -137,14 +147,31 @@ def folder(package: str) -> Path:
     return found
 
 
+def folders() -> dict[str, Path]:
+    """Return the folders with options by package, then the one given by --config-dir by its path."""
+    return {package: folder(package) for package in packages()} | {str(path): path for path in _config_dirs}
+
+
+def find(places: Iterable[Path], name: str) -> Path | None:
+    """Return the file of an option in folders, such as prior/smooth.yaml; None where there is none.
+
+    Raises InputError where two folders have files of this name that differ.
+    """
+    found = [path for place in places if (path := place / name).is_file()]
+    if "/" in name and len({path.read_bytes() for path in found}) > 1:
+        raise InputError(
+            f"expected one {name}, found {' and '.join(map(str, found))}, which differ; rename one of them"
+        )
+    return found[0] if found else None
+
+
 def options(group: str) -> dict[str, Option]:
-    """Select those of a group in all packages, by name. Raises InputError where two packages use one name."""
-    found: dict[str, Option] = {}
-    for package in packages():
-        for path in sorted((folder(package) / group).glob("[!_]*.yaml")):
-            if path.stem in found:
-                raise InputError(f"parts: {group}={path.stem} is in both {found[path.stem].package} and {package}")
-            found[path.stem] = Option(package, group, path.stem, path.read_text(encoding="utf-8"))
+    """Return the options of a group in all folders by name; raises InputError as `find`."""
+    found, places = {}, folders()
+    for package, place in places.items():
+        for path in sorted((place / group).glob("[!_]*.yaml")):
+            if find(places.values(), f"{group}/{path.name}") == path:
+                found[path.stem] = Option(package, group, path.stem, path.read_text("utf-8", errors="replace"))
     return found
 
 

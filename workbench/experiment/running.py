@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from workbench.clock import compiled_s, working_s
+from workbench.clock import compiled_s, compiling, working_s
 from workbench.core.prior import Prior
 from workbench.core.step import continues
 from workbench.core.study import Study
@@ -25,7 +25,6 @@ from workbench.evaluation.verdict import verdict
 from workbench.experiment.assembly import assemble
 from workbench.experiment.build import build
 from workbench.experiment.compatibility import no_evidence
-from workbench.experiment.compiling import compiling
 from workbench.experiment.execute import Stop
 from workbench.experiment.given import givens
 from workbench.experiment.judging import constant, told

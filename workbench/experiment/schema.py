@@ -5,7 +5,7 @@ neither is written twice and a typo or a wrong type in an override is an error t
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass, make_dataclass
 from functools import lru_cache, partial
@@ -22,6 +22,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from workbench.errors import InputError
 from workbench.experiment import parts, strangers
@@ -237,7 +238,7 @@ def _schema_type(hint: Any) -> Any:
 
 
 class PartsConfigSource(ConfigSource):
-    """The folders `conf/` of the packages in `parts://PACKAGE,PACKAGE,…`, looked through in this order.
+    """The folders with options that `parts` has when Hydra starts, looked through in this order.
 
     An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
 
@@ -247,6 +248,15 @@ class PartsConfigSource(ConfigSource):
     in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
     Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
     """
+
+    def __init__(self, provider: str, path: str) -> None:
+        super().__init__(provider, path)
+        self._packages, self._folders = parts.packages(), list(parts.folders().values())
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Let a launcher's worker, which has not seen the command line, choose and build the same components."""
+        self.__dict__.update(state)
+        parts.name_parts(self._packages)
 
     @staticmethod
     def scheme() -> str:
@@ -259,7 +269,7 @@ class PartsConfigSource(ConfigSource):
 
     def is_group(self, config_path: str) -> bool:
         """Tell whether a package has this folder."""
-        return any((folder / config_path).is_dir() for folder in self._folders())
+        return any((folder / config_path).is_dir() for folder in self._folders)
 
     def is_config(self, config_path: str) -> bool:
         """Tell whether a package has this file, or it is one of those made up here."""
@@ -267,7 +277,7 @@ class PartsConfigSource(ConfigSource):
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """Names of the groups and options in a folder; those that begin with an underscore are not for choosing."""
-        found = [path for folder in self._folders() for path in (folder / config_path).glob("[!_]*")]
+        found = [path for folder in self._folders for path in (folder / config_path).glob("[!_]*")]
         groups = {path.name for path in found if path.is_dir() and results_filter is not ObjectType.CONFIG}
         files = {path.stem for path in found if path.suffix == ".yaml" and results_filter is not ObjectType.GROUP}
         return sorted(groups | files)
@@ -279,19 +289,25 @@ class PartsConfigSource(ConfigSource):
             return self._result(self._chosen_settings(experiment, set(chosen)), {"package": "_global_"})
         path = self._find(config_path)
         assert path is not None
-        text = path.read_text(encoding="utf-8")
+        text = _text(path)
+        self._check_options(config_path, _parsed(text, str(path)))
         config = _typed_text(text, str(path), config_path.startswith("experiment/"), parts.packages())
         return self._result(deepcopy(config), ConfigSource._get_header_dict(text))
 
     def _result(self, config: Any, header: dict[str, str | None]) -> ConfigResult:
         return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
 
-    def _folders(self) -> Iterator[Path]:
-        return map(parts.folder, self.path.split(","))
-
     def _find(self, config_path: str) -> Path | None:
-        name = self._normalize_file_name(config_path)
-        return next((folder / name for folder in self._folders() if (folder / name).is_file()), None)
+        return parts.find(self._folders, self._normalize_file_name(config_path))
+
+    def _check_options(self, config_path: str, config: DictConfig) -> None:
+        """Raise ConfigCompositionException, naming the file, where its defaults list chooses an option that is none."""
+        entries: Any = OmegaConf.to_container(config["defaults"], resolve=False) if "defaults" in config else []
+        for group, option in (item for entry in entries if isinstance(entry, dict) for item in entry.items()):
+            name = f"{group.split()[-1].partition('@')[0].lstrip('/')}/{option}"
+            fixed = isinstance(option, str) and "$" not in option and name.partition("/")[0] in parts.GROUPS
+            if fixed and self._find(name) is None:
+                raise ConfigCompositionException(f"In '{config_path}': Could not find '{name}'")
 
     def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
         """Collect what an experiment sets of the parts chosen, each `group.option`; its paper's own words last.
@@ -314,29 +330,33 @@ class PartsConfigSource(ConfigSource):
         for base in own.get("defaults", ()):
             if isinstance(base, str) and base != "_self_":
                 found.merge_with(self._settings(base, chosen, literal))
-        settings = own.get(WHEN, {})
+        settings = own.get(WHEN) or {}
         for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
             group, _, option = str(place).partition(".")
             if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
-                raise ConfigCompositionException(f"experiment={experiment}: {WHEN}: there is no part {place}")
-            elif place != LITERAL and place in chosen:
+                raise ConfigCompositionException(f"In 'experiment/{experiment}': {WHEN}: there is no part {place}")
+            if not isinstance(keys, DictConfig):
+                raise ConfigCompositionException(
+                    f"In 'experiment/{experiment}': {WHEN}: {place}: expected keys and values, found {keys}"
+                )
+            if place != LITERAL and place in chosen:
                 found.merge_with({group: keys})
         return found
 
     def _own(self, experiment: str) -> DictConfig:
         """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
         path = self._find(f"experiment/{experiment}")
-        return _parsed("" if path is None else path.read_text(encoding="utf-8"))
+        return OmegaConf.create({}) if path is None else _parsed(_text(path), str(path))
 
 
 class PartsSearchPath(SearchPathPlugin):
-    """Puts the options of all packages where Hydra would look for ours alone."""
+    """Puts the options of all packages and folders where Hydra would look for ours alone."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Called by Hydra whenever it is started, so that packages named since then are found too."""
         for element in search_path.get_path():
             if element.path == f"pkg://{parts.OURS}.conf":
-                element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.packages())}"
+                element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.folders())}"
 
 
 def open_mappings(schema: DictConfig) -> DictConfig:
@@ -348,10 +368,30 @@ def open_mappings(schema: DictConfig) -> DictConfig:
     return schema
 
 
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except ValueError as error:
+        raise ConfigCompositionException(f"{path}: expected a text in UTF-8: {error}") from None
+
+
 @lru_cache(maxsize=512)
-def _parsed(text: str) -> Any:
-    """Parse YAML, once for all configurations that a process composes; the result is to be left as it is."""
-    return OmegaConf.create(text)
+def _parsed(text: str, file: str) -> DictConfig:
+    """Parse YAML, once for all configurations that a process composes; the result is to be left as it is.
+
+    Raises ConfigCompositionException, naming the file, for anything but a mapping, and for a list that is none.
+    """
+    try:
+        config = OmegaConf.create(text)
+    except (YAMLError, OmegaConfBaseException) as error:
+        raise ConfigCompositionException(f"{file}: expected YAML: {' '.join(str(error).split())}") from None
+    kinds = {"defaults": (ListConfig, "a list"), WHEN: (DictConfig | NoneType, "a mapping")}
+    if not isinstance(config, DictConfig):
+        raise ConfigCompositionException(f"{file}: expected a mapping of keys to values")
+    for key, (kind, name) in kinds.items():
+        if key in config and not isinstance(config[key], kind):
+            raise ConfigCompositionException(f"{file}: {key}: expected {name}, found {config[key]}")
+    return config
 
 
 @lru_cache(maxsize=512)
@@ -360,7 +400,7 @@ def _typed_text(text: str, file: str, experiment: bool, packages: tuple[str, ...
 
     packages: those whose classes may be named, on which it depends, too.
     """
-    config = deepcopy(_parsed(text))
+    config = deepcopy(_parsed(text, file))
     if experiment and WHEN in config:
         del config[WHEN]
     return typed(config, file)

@@ -30,9 +30,5 @@ def give_up(stream: rr.RecordingStream) -> None:
     Rerun waits when the stream is deleted, which a thread that never ends prevents, and in its handler at exit.
     """
     _given_up.append(stream)
-    Thread(target=_hold, args=(stream,), daemon=True, name="holds a stream that was given up").start()
+    Thread(target=lambda _: Event().wait(), args=(stream,), daemon=True, name="holds a stream given up").start()
     rr.unregister_shutdown()
-
-
-def _hold(_: rr.RecordingStream) -> None:
-    Event().wait()

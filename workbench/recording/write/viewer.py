@@ -20,16 +20,9 @@ _PATIENCE_S = 5.0
 
 
 class Viewer:
-    """Sends a recording to a viewer as it grows, until it is closed or the viewer does not answer.
+    """Sends the recording `part` to the viewer at `url` as it grows, until it is closed or the viewer does not answer.
 
-    Parameters
-    ----------
-    part
-        The recording.
-    url
-        Of the viewer.
-    application, recording
-        The ids that Rerun gives to the recording.
+    application, recording: the ids that Rerun gives to the recording.
     """
 
     def __init__(self, part: Path, url: str, application: str, recording: str) -> None:

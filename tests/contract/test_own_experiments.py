@@ -1,0 +1,111 @@
+"""A copy of any experiment in a user's folder composes to the same configuration, and errors in it name its file."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from compositions import composed
+from omegaconf import OmegaConf
+
+from workbench.cli.run import main
+from workbench.experiment import parts
+from workbench.experiment.composition import composed as compose
+from workbench.run_files import SUMMARY
+
+FILES = sorted((parts.folder(parts.OURS) / "experiment").glob("*.yaml"))
+SMALL = (
+    "dataset.n_frames=3", "dataset.width=80", "dataset.height=60", "dataset.person_px=40", "dataset.focal_px=90",
+    "inference.n_particles=20",
+)  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A user's folder, as if given by --config-dir."""
+    monkeypatch.setattr(parts, "_config_dirs", [tmp_path])
+    (tmp_path / "experiment").mkdir()
+    return tmp_path
+
+
+def resolved(*overrides):
+    config = compose(["paths.data=somewhere", *overrides], with_hydra=True)
+    parameters = OmegaConf.to_container(config.hydra.sweeper.get("params") or OmegaConf.create({}))
+    own = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    return OmegaConf.to_container(own, resolve=True), parameters
+
+
+@pytest.mark.parametrize("original", FILES, ids=lambda path: path.stem)
+def test_a_copy_is_the_same_experiment(folder, original):
+    text = original.read_text(encoding="utf-8")
+    (folder / "experiment" / "copied.yaml").write_text(text, encoding="utf-8")
+    for paper in ("ours", "literal") if "paper.literal" in text else ("ours",):
+        copied = resolved("experiment=copied", f"paper={paper}")
+        assert copied == resolved(f"experiment={original.stem}", f"paper={paper}")
+
+
+def test_an_experiment_begins_with_another_of_the_folder_and_options_have_the_keys_of_their_class(folder):
+    (folder / "prior").mkdir()
+    (folder / "prior" / "stiff.yaml").write_text("_target_: workbench.priors.smooth.Smooth\n# Stiff.\nsigma: 0.25\n")
+    (folder / "experiment" / "base.yaml").write_text(
+        "# @package _global_\ndefaults: [walk_straight, override /prior: stiff]\nwhen: {prior.stiff: {damping: 7.0}}\n"
+    )
+    (folder / "experiment" / "mine.yaml").write_text("# @package _global_\ndefaults: [base]\nseed: 3\n")
+    config = compose(["experiment=mine"])
+    assert (config.seed, config.prior.sigma, config.prior.damping) == (3, 0.25, 7.0)
+    assert set(config.prior) == set(composed("prior=smooth", "experiment=custom").prior)
+
+
+ERRORS = {
+    "defaults: [override /prior: jiter]": r"prior: there is no option 'jiter'; did you mean prior=jitter",
+    "defaults: [walk_strait]": r"experiment: there is no option 'walk_strait'; did you mean experiment=walk_straight",
+    "defaults: 5": r"defaults: expected a list, found 5",
+    "prior: {no_such: 1}": r"the chosen prior \(walking\) has no key prior\.no_such",
+    "prior: {sigma_phas: 1}": r"there is no key prior\.sigma_phas; did you mean prior\.sigma_phase",
+    "liklihood: {k: 1}": r"there is no key liklihood; did you mean likelihood",
+    "seed: [1]": r"Value '\[1\]' .* could not be converted to Integer",
+    "prior: {_target_: os.system}": r"config: must name a part of the workbench, refused 'os\.system'",
+    "prior: {_target_: workbench.priors.smooth.Smooth, x: 1}": r"workbench\.priors\.smooth\.Smooth has no key 'x'",
+    "when: {prior.nothing: {a: 1}}": r"when: there is no part prior\.nothing",
+    "when: {prior.walking: {no_such: 1}}": r"the chosen prior \(walking\) has no key prior\.no_such",
+    "when: {prior.walking: 3}": r"when: prior\.walking: expected keys and values, found 3",
+    "when: [1]": r"when: expected a mapping, found \[1\]",
+    "prior: [": r"expected YAML: ",
+    "\udcff": r"expected a text in UTF-8",
+    "- 1": r"expected a mapping of keys to values",
+}
+
+
+@pytest.mark.parametrize("text", ERRORS)
+def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, monkeypatch, capsys, text):
+    file = folder / "experiment" / "mine.yaml"
+    file.write_text(f"# @package _global_\n{text}\n", encoding="utf-8", errors="surrogateescape")
+    monkeypatch.setattr(sys, "argv", ["workbench", "--config-dir", str(folder), "experiment=mine"])
+    assert main() == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert re.match(rf"workbench: {re.escape(str(file))}: {ERRORS[text]}", last)
+
+
+def test_a_name_of_ours_for_something_else_is_refused(folder):
+    (folder / "experiment" / "walk_circle.yaml").write_text("# @package _global_\nseed: 1\n")
+    with pytest.raises(ValueError, match=r"expected one experiment/walk_circle\.yaml, found .*, which differ"):
+        compose(["experiment=walk_circle"])
+
+
+@pytest.mark.slow
+def test_a_copy_runs_alone_and_in_the_workers_of_a_launcher(folder, tmp_path, cache):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    original = parts.folder(parts.OURS) / "experiment" / "walk_circle.yaml"
+    (folder / "experiment" / "mine.yaml").write_text(original.read_text(encoding="utf-8"), encoding="utf-8")
+    sweep = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
+    for words in (["hydra.run.dir=alone"], sweep):
+        command = [sys.executable, "-m", "workbench", f"--config-dir={folder}", "experiment=mine", *SMALL, *words]
+        environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    summaries = [json.loads((tmp_path / run / SUMMARY).read_text()) for run in ("alone", "sweep/0", "sweep/1")]
+    assert [each["experiment"] for each in summaries] == ["mine"] * 3
+    for metric in ("error_abs_mm", "error_px"):
+        assert summaries[0]["metrics"][metric] == summaries[1]["metrics"][metric]
