@@ -10,7 +10,6 @@ import json
 import os
 import subprocess
 import sys
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +21,9 @@ from tqdm import tqdm
 from workbench.arrays import FloatArray
 from workbench.experiment.stored import TOLERANCES
 from workbench.recording.compare.agreement import Agreement, agreement
+from workbench.recording.compare.compare import number_of
 from workbench.recording.read.reader import Run, find_recordings, read
+from workbench.recording.study.figures import numbers
 
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
@@ -36,8 +37,9 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     },
     "kernels for any x86-64": {"NUMBA_CPU_NAME": "generic"},
 }  # fmt: skip
-LEVEL = 0.01
-"""How often, at most, any number of a recording is to leave its tolerance in an environment like those measured."""
+LEVEL, MARGIN = 0.01, 3.0
+"""How often, at most, any number of a recording is to leave its tolerance in an environment like those measured; and
+times of the largest difference measured."""
 
 
 def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, Run]:
@@ -51,7 +53,7 @@ def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, 
     return {path.stem: read(folder / f"{k:03d}" / "run.rrd") for k, path in enumerate(recordings)}
 
 
-def tolerances(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
+def half_width(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: bool) -> float:
     """Return by how much a number may move.
 
     Parameters
@@ -69,33 +71,50 @@ def tolerances(usual: FloatArray, others: FloatArray, n_numbers: int, chaotic: b
     -------
     float
         The half width of the interval in which the next difference d lies with the chance 1 − LEVEL / m, for n
-        differences of mean 0 and m numbers: t(1 − LEVEL / (2 m); n) √(Σ dᵢ² / n) √(1 + 1/n), and at least 1.5 times the
-        largest difference. A number that did not move where others of its run did may move as between two seeds.
+        differences of mean 0 and m numbers: t(1 − LEVEL / (2 m); n) √(Σ dᵢ² / n) √(1 + 1/n), and at least MARGIN times
+        the largest difference, as tails are heavy. A number that did not move where others of its run did may move as
+        between two seeds.
     """
     d = (others - usual).ravel()
     if agreement(np.broadcast_to(usual, others.shape), others) <= Agreement.ROUNDING:
         return float(np.ptp(usual)) if chaotic else 1e-6 * float(np.abs(usual).max())
     reach = scipy.stats.t.ppf(1.0 - LEVEL / (2 * n_numbers), d.size) * np.sqrt(1.0 + 1.0 / d.size)
-    return max(float(reach * np.sqrt(np.mean(d**2))), 1.5 * float(np.abs(d).max()))
+    return max(float(reach * np.sqrt(np.mean(d**2))), MARGIN * float(np.abs(d).max()))
 
 
 def measured(runs: Mapping[tuple[str, int], Mapping[str, Run]], seeds: Sequence[int]) -> dict[str, dict[str, float]]:
     """Return the tolerances by recording and metric; runs: by environment and seed, "" for the usual environment."""
-    found: dict[str, dict[str, float]] = defaultdict(dict)
+    found: dict[str, dict[str, float]] = {}
     places = sorted({place for place, _ in runs if place})
     for recording, first in runs["", seeds[0]].items():
-
-        def values(metric: str, place: str, recording: str = recording) -> list[float]:
-            return [float(runs[place, seed][recording].result[metric]) for seed in seeds]
-
-        usual = {metric: np.array(values(metric, "")) for metric in sorted(first.result)}
-        others = {metric: np.array([values(metric, place) for place in places]) for metric in usual}
-        same = (agreement(np.broadcast_to(usual[m], others[m].shape), others[m]) for m in usual)
+        at = {key: by_name[recording] for key, by_name in runs.items()}
+        usual = {name: np.array([number_of(name, at["", seed]) for seed in seeds]) for name in _names(first)}
+        others = {
+            name: np.array([[number_of(name, at[place, seed]) for seed in seeds] for place in places])
+            for name in usual
+        }  # fmt: skip
+        same = (agreement(np.broadcast_to(usual[name], others[name].shape), others[name]) for name in usual)
         chaotic = any(each > Agreement.ROUNDING for each in same)
-        for metric in usual:
-            size = tolerances(usual[metric], others[metric], len(usual), chaotic)
-            found[recording][metric] = float(f"{size:.2g}")
-    return dict(found)
+        sizes = {name: half_width(usual[name], others[name], len(usual), chaotic) for name in usual}
+        pairs = [(at["", seed], at[place, seed]) for place in places for seed in seeds]
+        found[recording] = {name: float(f"{size:.2g}") for name, size in (sizes | _figures(pairs)).items()}
+    return found
+
+
+def _names(run: Run) -> list[str]:
+    return sorted({*run.result, *run.metrics})
+
+
+def _figures(pairs: Sequence[tuple[Run, Run]]) -> dict[str, float]:
+    """Return MARGIN times the largest difference of any number of a study's figures, of those that moved."""
+    sizes: dict[str, float] = {}
+    for was, now in pairs if pairs[0][0].is_study else ():
+        for old, new in zip(was.figures, now.figures, strict=True):
+            for before, after in zip(numbers(old).values(), numbers(new).values(), strict=True):
+                if np.asarray(before).dtype.kind == "f" and agreement(before, after) > Agreement.ROUNDING:
+                    size = MARGIN * float(np.nanmax(np.abs(np.subtract(after, before))))
+                    sizes[f"figure {old.name}"] = max(sizes.get(f"figure {old.name}", 0.0), size)
+    return sizes
 
 
 def main() -> None:

@@ -42,6 +42,7 @@ class Demand:
 
     agreement: Agreement
     tolerances: Mapping[str, Tolerance]
+    """By metric or "figure NAME"; "figures" and "default" are those of the others."""
 
     def of(self, name: str) -> Tolerance | None:
         """Return the tolerance of a metric; None where the demand is stricter."""
@@ -152,7 +153,7 @@ def _incomplete(was: Run, now: Run) -> Finding | None:
 
 def _metric(name: str, was: Run, now: Run, demand: Demand, place: str) -> Finding:
     """Judge the run's number and, unless tolerances are asked for and there is one, those of every frame."""
-    before, after = _number(name, was), _number(name, now)
+    before, after = number_of(name, was), number_of(name, now)
     text, tolerance = demand.words(name), demand.of(name)
     if after is None:
         return Finding(name, before, None, text, False, "missing", _CHANGED)
@@ -170,7 +171,8 @@ def _metric(name: str, was: Run, now: Run, demand: Demand, place: str) -> Findin
     return Finding(name, before, after, text, passed, "" if passed else first or place, class_)
 
 
-def _number(name: str, run: Run) -> float | None:
+def number_of(name: str, run: Run) -> float | None:
+    """Return the run's number of this name, or the mean over frames of what is recorded of frames alone, or None."""
     if name in run.result:
         return float(run.result[name])
     return float(run.metric(name)[1].mean()) if name in run.metrics else None
@@ -238,10 +240,11 @@ def _marginals(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
 
 def _figures(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
     """Compare a study's figures number by number."""
-    text, tolerance = demand.words("figures"), demand.of("figures")
     after = {figure.name: numbers(figure) for figure in now.figures}
     for figure in was.figures:
         name = f"figure {figure.name}"
+        key = name if name in demand.tolerances else "figures"
+        text, tolerance = demand.words(key), demand.of(key)
         if figure.name not in after:
             yield Finding(name, None, None, text, False, "missing", _CHANGED)
             continue
