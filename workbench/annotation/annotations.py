@@ -1,0 +1,126 @@
+"""Annotations of one video, set, removed and undone, and written to their file after every change."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.datasets.files.marks import COLUMNS, read_marks
+from workbench.errors import InputError
+from workbench.files import whole_file
+
+Annotation = tuple[float, float, bool]
+"""u and v, px, where (0, 0) is the centre of the top left pixel, and whether the joint is visible."""
+Place = tuple[int, str]
+"""A frame's number and a joint's name."""
+
+
+@dataclass
+class Annotations:
+    """Annotations of a video of n_frames frames of a size (width, height), px, sorted by frame and joint.
+
+    path is their CSV file, which `datasets.files.marks` reads; undo_stack holds what to restore, the latest last.
+    """
+
+    path: Path
+    n_frames: int
+    size: tuple[int, int]
+    values: dict[Place, Annotation] = field(default_factory=dict)
+    undo_stack: list[tuple[Place, Annotation | None]] = field(default_factory=list)
+
+    def put(self, frame: int, joint: str, annotation: Annotation | None) -> None:
+        """Set an annotation, or remove it with None, and write the file.
+
+        Raises
+        ------
+        InputError
+            For an unknown frame or joint, a pixel outside the image, and a file that cannot be written; then nothing
+            has changed.
+        """
+        self.check(frame, joint, annotation)
+        before = self.values.get((frame, joint))
+        self._replace((frame, joint), annotation)
+        self.undo_stack.append(((frame, joint), before))
+
+    def undo(self) -> Place | None:
+        """Undo the latest change since the file was opened, write the file, and return its place; None without one."""
+        if not self.undo_stack:
+            return None
+        place, before = self.undo_stack[-1]
+        self._replace(place, before)
+        self.undo_stack.pop()
+        return place
+
+    def by_frame(self) -> dict[int, dict[str, Annotation]]:
+        """Return the annotations by joint by frame, in order."""
+        frames: dict[int, dict[str, Annotation]] = {}
+        for (frame, joint), annotation in self.values.items():
+            frames.setdefault(frame, {})[joint] = annotation
+        return frames
+
+    def check(self, frame: int, joint: str, annotation: Annotation | None) -> None:
+        """Raise InputError for what does not belong to this video."""
+        if not 0 <= frame < self.n_frames:
+            raise InputError(f"no frame {frame}, expected one of 0 to {self.n_frames - 1}")
+        if joint not in JOINT_NAMES:
+            raise InputError(f"unknown joint {joint!r}, expected one of {', '.join(JOINT_NAMES)}")
+        if annotation and not all(-0.5 <= x <= n - 0.5 for x, n in zip(annotation[:2], self.size, strict=True)):
+            u, v, _ = annotation
+            raise InputError(f"({u:g}, {v:g}) lies outside the image of {self.size[0]}×{self.size[1]} px")
+
+    def _replace(self, place: Place, annotation: Annotation | None) -> None:
+        changed = {key: value for key, value in self.values.items() if key != place}
+        if annotation is not None:
+            changed[place] = annotation
+        changed = {key: changed[key] for key in sorted(changed, key=lambda key: (key[0], JOINT_NAMES.index(key[1])))}
+        rows = [f"{t},{name},{_number(u)},{_number(v)},{int(seen)}" for (t, name), (u, v, seen) in changed.items()]
+        with whole_file(self.path) as part:
+            part.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
+        self.values = changed
+
+
+def open_annotations(path: Path, n_frames: int, size: tuple[int, int]) -> Annotations:
+    """Open the annotations of a video and continue with the file's where it exists.
+
+    Parameters
+    ----------
+    path : the CSV file
+    n_frames, size : of the video; size is (width, height), px
+
+    Raises
+    ------
+    InputError
+        As `read_marks`, for annotations of another video, and without a folder to write to.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: expected a folder to write to, found none")
+    annotations = Annotations(path, n_frames, size)
+    if not path.exists() or path.read_bytes().strip() == ",".join(COLUMNS).encode():  # all have been removed
+        return annotations
+    marks = read_marks(path)
+    for row, j in np.argwhere(np.isfinite(marks.pixels[..., 0])):
+        frame, (u, v), visible = int(marks.frames[row]), marks.pixels[row, j].tolist(), bool(marks.visible[row, j])
+        try:
+            annotations.check(frame, JOINT_NAMES[j], (u, v, visible))
+        except InputError as error:
+            raise InputError(f"{path}: annotations of another video? {error}") from None
+        annotations.values[frame, JOINT_NAMES[j]] = u, v, visible
+    return annotations
+
+
+def parse_annotation(values: Any) -> tuple[int, str, Annotation | None]:
+    """Parse {frame, joint, u, v, visible}, where null for u and v removes; raises InputError for anything else."""
+    match values:
+        case {"frame": int(frame), "joint": str(joint), "u": None, "v": None} if not isinstance(frame, bool):
+            return frame, joint, None
+        case {"frame": int(frame), "joint": str(joint), "u": float() | int(), "v": float() | int(), "visible": bool()}:
+            u, v = float(values["u"]), float(values["v"])
+            if not isinstance(frame, bool) and np.isfinite([u, v]).all():
+                return frame, joint, (u, v, values["visible"])
+    raise InputError("expected a frame number, a joint name, two numbers of pixels or null, and true or false")
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}".rstrip("0").rstrip(".")
