@@ -1,6 +1,5 @@
 """Annotations of one video, set, removed and undone, and written to their file after every change."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,40 +16,43 @@ Place = tuple[int, str]
 """A frame's number and a joint's name."""
 
 
-@dataclass
 class Annotations:
-    """Annotations of a video of n_frames frames of a size (width, height), px, sorted by frame and joint.
+    """Annotations of a video by frame and joint, sorted, and the CSV file that holds them."""
 
-    path is their CSV file, which `datasets.files.marks` reads; undo_stack holds what to restore, the latest last.
-    """
+    def __init__(self, path: Path, n_frames: int, size: tuple[int, int]) -> None:
+        """Open the annotations of a video of n_frames frames of a size (width, height), px, and continue an existing
+        file; raises InputError as `read_marks`, for annotations of another video, and without a folder to write to."""
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: expected a folder to write to, found none")
+        self.path, self.n_frames, self.size = path, n_frames, size
+        self.values: dict[Place, Annotation] = {}
+        self._undo_stack: list[tuple[Place, Annotation | None]] = []
+        if not path.exists() or path.read_bytes().strip() == ",".join(COLUMNS).encode():  # all have been removed
+            return
+        marks = read_marks(path)
+        for row, j in np.argwhere(np.isfinite(marks.pixels[..., 0])):
+            place, (u, v) = (int(marks.frames[row]), JOINT_NAMES[j]), marks.pixels[row, j].tolist()
+            self.values[place] = u, v, bool(marks.visible[row, j])
+            try:
+                self._check(place, self.values[place])
+            except InputError as error:
+                raise InputError(f"{path}: annotations of another video? {error}") from None
 
-    path: Path
-    n_frames: int
-    size: tuple[int, int]
-    values: dict[Place, Annotation] = field(default_factory=dict)
-    undo_stack: list[tuple[Place, Annotation | None]] = field(default_factory=list)
-
-    def put(self, frame: int, joint: str, annotation: Annotation | None) -> None:
-        """Set an annotation, or remove it with None, and write the file.
-
-        Raises
-        ------
-        InputError
-            For an unknown frame or joint, a pixel outside the image, and a file that cannot be written; then nothing
-            has changed.
-        """
-        self.check(frame, joint, annotation)
-        before = self.values.get((frame, joint))
-        self._replace((frame, joint), annotation)
-        self.undo_stack.append(((frame, joint), before))
+    def put(self, place: Place, annotation: Annotation | None) -> None:
+        """Set an annotation, or remove it with None, and write the file; raises InputError for an unknown frame or
+        joint, a pixel outside the image, and a file that cannot be written. Then nothing has changed."""
+        self._check(place, annotation)
+        before = self.values.get(place)
+        self._replace(place, annotation)
+        self._undo_stack.append((place, before))
 
     def undo(self) -> Place | None:
         """Undo the latest change since the file was opened, write the file, and return its place; None without one."""
-        if not self.undo_stack:
+        if not self._undo_stack:
             return None
-        place, before = self.undo_stack[-1]
+        place, before = self._undo_stack[-1]
         self._replace(place, before)
-        self.undo_stack.pop()
+        self._undo_stack.pop()
         return place
 
     def by_frame(self) -> dict[int, dict[str, Annotation]]:
@@ -60,12 +62,11 @@ class Annotations:
             frames.setdefault(frame, {})[joint] = annotation
         return frames
 
-    def check(self, frame: int, joint: str, annotation: Annotation | None) -> None:
-        """Raise InputError for what does not belong to this video."""
-        if not 0 <= frame < self.n_frames:
-            raise InputError(f"no frame {frame}, expected one of 0 to {self.n_frames - 1}")
-        if joint not in JOINT_NAMES:
-            raise InputError(f"unknown joint {joint!r}, expected one of {', '.join(JOINT_NAMES)}")
+    def _check(self, place: Place, annotation: Annotation | None) -> None:
+        if not 0 <= place[0] < self.n_frames:
+            raise InputError(f"no frame {place[0]}, expected one of 0 to {self.n_frames - 1}")
+        if place[1] not in JOINT_NAMES:
+            raise InputError(f"unknown joint {place[1]!r}, expected one of {', '.join(JOINT_NAMES)}")
         if annotation and not all(-0.5 <= x <= n - 0.5 for x, n in zip(annotation[:2], self.size, strict=True)):
             u, v, _ = annotation
             raise InputError(f"({u:g}, {v:g}) lies outside the image of {self.size[0]}×{self.size[1]} px")
@@ -81,44 +82,15 @@ class Annotations:
         self.values = changed
 
 
-def open_annotations(path: Path, n_frames: int, size: tuple[int, int]) -> Annotations:
-    """Open the annotations of a video and continue with the file's where it exists.
-
-    Parameters
-    ----------
-    path : the CSV file
-    n_frames, size : of the video; size is (width, height), px
-
-    Raises
-    ------
-    InputError
-        As `read_marks`, for annotations of another video, and without a folder to write to.
-    """
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: expected a folder to write to, found none")
-    annotations = Annotations(path, n_frames, size)
-    if not path.exists() or path.read_bytes().strip() == ",".join(COLUMNS).encode():  # all have been removed
-        return annotations
-    marks = read_marks(path)
-    for row, j in np.argwhere(np.isfinite(marks.pixels[..., 0])):
-        frame, (u, v), visible = int(marks.frames[row]), marks.pixels[row, j].tolist(), bool(marks.visible[row, j])
-        try:
-            annotations.check(frame, JOINT_NAMES[j], (u, v, visible))
-        except InputError as error:
-            raise InputError(f"{path}: annotations of another video? {error}") from None
-        annotations.values[frame, JOINT_NAMES[j]] = u, v, visible
-    return annotations
-
-
-def parse_annotation(values: Any) -> tuple[int, str, Annotation | None]:
+def parse_annotation(values: Any) -> tuple[Place, Annotation | None]:
     """Parse {frame, joint, u, v, visible}, where null for u and v removes; raises InputError for anything else."""
     match values:
         case {"frame": int(frame), "joint": str(joint), "u": None, "v": None} if not isinstance(frame, bool):
-            return frame, joint, None
+            return (frame, joint), None
         case {"frame": int(frame), "joint": str(joint), "u": float() | int(), "v": float() | int(), "visible": bool()}:
             u, v = float(values["u"]), float(values["v"])
             if not isinstance(frame, bool) and np.isfinite([u, v]).all():
-                return frame, joint, (u, v, values["visible"])
+                return (frame, joint), (u, v, values["visible"])
     raise InputError("expected a frame number, a joint name, two numbers of pixels or null, and true or false")
 
 

@@ -55,24 +55,23 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self) -> None:
         token, _, path = self.path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.server.token.encode()):
-            self._send_json(HTTPStatus.FORBIDDEN, {"error": "expected the address that workbench-mark prints"})
+            self._send({"error": "expected the address that workbench-mark prints"}, HTTPStatus.FORBIDDEN)
             return
         try:
             match self.command, path.split("/"):
                 case "GET", [""]:
-                    page = files("workbench.annotation").joinpath("page.html").read_bytes()
-                    self._send(HTTPStatus.OK, "text/html; charset=utf-8", page)
+                    self._send(files("workbench.annotation").joinpath("page.html").read_bytes(), kind="text/html")
                 case "GET", ["state"]:
-                    self._send_json(HTTPStatus.OK, self._state())
+                    self._send(self._state())
                 case "GET", ["frame", number]:
-                    self._send(HTTPStatus.OK, "image/jpeg", self.server.frames.jpeg(int(number)))
+                    self._send(self.server.frames.jpeg(int(number)), kind="image/jpeg")
                 case "POST", ["annotate" | "undo" as action]:
                     body = self.rfile.read(max(int(self.headers.get("Content-Length", 0)), 0))
-                    self._send_json(HTTPStatus.OK, self._change(action, json.loads(body)))
+                    self._send(self._change(action, json.loads(body)))
                 case _:
-                    self._send_json(HTTPStatus.NOT_FOUND, {"error": "no such page"})
+                    self._send({"error": "no such page"}, HTTPStatus.NOT_FOUND)
         except (ValueError, RecursionError) as error:
-            self._send_json(HTTPStatus.BAD_REQUEST, {"error": str(error)})
+            self._send({"error": str(error)}, HTTPStatus.BAD_REQUEST)
 
     def _change(self, action: str, values: Any) -> dict[str, Any]:
         annotations = self.server.annotations
@@ -80,8 +79,8 @@ class _Handler(BaseHTTPRequestHandler):
             if action == "undo":
                 frame, joint = annotations.undo() or (None, None)
             else:
-                frame, joint, annotation = parse_annotation(values)
-                annotations.put(frame, joint, annotation)
+                (frame, joint), annotation = parse_annotation(values)
+                annotations.put((frame, joint), annotation)
             here = {} if frame is None else annotations.by_frame().get(frame, {})
         return {"frame": frame, "joint": joint, "annotations": here}
 
@@ -96,14 +95,11 @@ class _Handler(BaseHTTPRequestHandler):
             "annotations": by_frame,
         }  # fmt: skip
 
-    def _send_json(self, status: HTTPStatus, value: Any) -> None:
-        self._send(status, "application/json", json.dumps(value).encode())
-
-    def _send(self, status: HTTPStatus, content_type: str, body: bytes) -> None:
+    def _send(self, value: Any, status: HTTPStatus = HTTPStatus.OK, kind: str = "application/json") -> None:
+        body = value if isinstance(value, bytes) else json.dumps(value).encode()
         self.send_response(status)
-        headers = {"Content-Type": content_type, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
-        for name, value in headers.items():
-            self.send_header(name, value)
+        for name, text in {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}.items():
+            self.send_header(name, text)
         self.end_headers()
         self.wfile.write(body)
 

@@ -1,7 +1,7 @@
 """Lenses and poses of cameras from images of a checkerboard, by OpenCV's calibration (Zhang 2000)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,28 +64,19 @@ class BoardDetections:
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """camera: at the origin. errors_px, omitted_px: RMS distance of corners by image, used and omitted. sigma_px:
-    standard deviation of the focal length. coverage: fraction of the image's width and height that corners span."""
+    """camera: at the origin. sigma_px: standard deviation of the focal length. coverage: fractions of the image's width
+    and height that corners span. errors_px, omitted_px: RMS distance of corners by image, used and omitted."""
 
     camera: Camera
-    errors_px: Mapping[int, float]
-    omitted_px: Mapping[int, float]
     sigma_px: float
     coverage: tuple[float, float]
+    errors_px: Mapping[int, float]
+    omitted_px: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def error_px(self) -> float:
         """RMS distance of all corners used."""
         return float(np.sqrt(np.mean(np.square(list(self.errors_px.values())))))
-
-
-@dataclass(frozen=True, eq=False)
-class StereoPair:
-    """Names of a camera and of the one it was posed by. errors_px: RMS distance of corners of both, by image."""
-
-    camera: str
-    reference: str
-    errors_px: Mapping[int, float]
 
 
 def find_boards(source: Path, board: Checkerboard, extra_image: int | None = None) -> BoardDetections:
@@ -139,21 +130,14 @@ def calibrate_lens(name: str, detections: BoardDetections, board: Checkerboard) 
 
     Raises InputError where fewer than MIN_IMAGES show the board.
     """
-    errors, *_ = _fit_lens(name, detections, board, list(detections.corners))
+    errors = _fit_lens(name, detections, board, list(detections.corners)).errors_px
     limit = max(OUTLIER_RATIO * float(np.median(list(errors.values()))), 1.0)
     omitted = {number: error for number, error in errors.items() if error > limit}
-    used = [number for number in errors if number not in omitted]
-    errors, matrix, distortion, sigma_px = _fit_lens(name, detections, board, used)
-    camera = Camera(name, *detections.size, matrix, np.eye(3), np.zeros(3), distortion)
-    pixels = np.concatenate([detections.corners[number] for number in used])
-    width, height = np.ptp(pixels, axis=0) / detections.size
-    return Lens(camera, errors, omitted, sigma_px, (float(width), float(height)))
+    lens = _fit_lens(name, detections, board, [number for number in errors if number not in omitted])
+    return replace(lens, omitted_px=omitted)
 
 
-def _fit_lens(
-    name: str, detections: BoardDetections, board: Checkerboard, used: list[int]
-) -> tuple[dict[int, float], FloatArray, FloatArray, float]:
-    """Return errors by image, the matrix (3, 3), the distortion (5,) and the focal length's standard deviation, px."""
+def _fit_lens(name: str, detections: BoardDetections, board: Checkerboard, used: list[int]) -> Lens:
     if len(used) < MIN_IMAGES:
         raise InputError(
             f"{detections.source}: camera {name}: expected a board of {board.columns}×{board.rows} inner corners in "
@@ -164,33 +148,43 @@ def _fit_lens(
     unknown: Any = None
     result = cv2.calibrateCameraExtended(points, pixels, detections.size, unknown, unknown, flags=cv2.CALIB_FIX_K3)
     _, matrix, distortion, _, _, deviations, _, errors = (np.asarray(each, np.float64) for each in result)
+    camera = Camera(name, *detections.size, matrix, np.eye(3), np.zeros(3), distortion.ravel()[:5])
+    width, height = np.ptp(np.concatenate(pixels), axis=0) / detections.size
     by_image = dict(zip(used, errors.ravel().tolist(), strict=True))
-    return by_image, matrix, distortion.ravel()[:5], float(deviations[:2].max())
+    return Lens(camera, float(deviations[:2].max()), (float(width), float(height)), by_image)
 
 
 def pose_cameras(
     cameras: Sequence[Camera], detections: Sequence[BoardDetections], board: Checkerboard
-) -> tuple[list[Camera], list[StereoPair]]:
+) -> tuple[list[Camera], dict[tuple[str, str], dict[int, float]]]:
     """Pose cameras in the frame of the first by images in which two of them see the board.
 
     The next camera is always the one that shares most images with a camera already posed. Lenses remain unchanged;
-    images correspond by their numbers. Raises InputError for several cameras with a symmetric board, and for a camera
-    that shares too few images with the others.
+    images correspond by their numbers.
+
+    Returns
+    -------
+    The cameras, and by pair of a camera and the one it was posed by the RMS distance of corners, px, by image.
+
+    Raises
+    ------
+    InputError
+        For several cameras with a symmetric board, and for a camera that shares too few images with the others.
     """
     if len(cameras) > 1 and not board.is_asymmetric:
         raise InputError(
             "board: several cameras must distinguish its two ends: expected an odd and an even number of inner "
             f"corners, found {board.columns}×{board.rows}"
         )
-    posed, stereo_pairs = {0: cameras[0]}, []
+    posed, errors_px = {0: cameras[0]}, {}
     while len(posed) < len(cameras):
         pairs = [(k, reference) for k in range(len(cameras)) if k not in posed for reference in posed]
         common = {(k, j): sorted(set(detections[k].corners) & set(detections[j].corners)) for k, j in pairs}
         k, reference = max(pairs, key=lambda pair: len(common[pair]))
-        images, base = common[k, reference], posed[reference]
+        camera, base, images = cameras[k], posed[reference], common[k, reference]
         if len(images) < MIN_COMMON_IMAGES:
             raise InputError(
-                f"camera {cameras[k].name}: expected the board in {MIN_COMMON_IMAGES} images where another camera has "
+                f"camera {camera.name}: expected the board in {MIN_COMMON_IMAGES} images where another camera has "
                 f"it, found {len(images)}: do the videos start together?"
             )
         points = [board.corners_m.astype(np.float32)] * len(images)
@@ -198,15 +192,15 @@ def pose_cameras(
             [detections[j].corners[number].astype(np.float32) for number in images] for j in (reference, k)
         )
         result: tuple[Any, ...] = cv2.stereoCalibrateExtended(
-            points, first, second, base.matrix, base.distortion, cameras[k].matrix, cameras[k].distortion,
+            points, first, second, base.matrix, base.distortion, camera.matrix, camera.distortion,
             detections[reference].size, np.eye(3), np.zeros((3, 1)), flags=cv2.CALIB_FIX_INTRINSIC,
         )  # fmt: skip
         turn, shift, errors = (np.asarray(result[index], np.float64) for index in (5, 6, -1))
         translation = turn @ base.translation + shift.ravel()
-        posed[k] = replace(cameras[k], rotation=turn @ base.rotation, translation=translation)
-        by_image = dict(zip(images, np.sqrt(np.mean(errors**2, axis=1)).tolist(), strict=True))
-        stereo_pairs.append(StereoPair(cameras[k].name, base.name, by_image))
-    return [posed[k] for k in range(len(cameras))], stereo_pairs
+        posed[k] = replace(camera, rotation=turn @ base.rotation, translation=translation)
+        rms = np.sqrt(np.mean(errors**2, axis=1)).tolist()
+        errors_px[camera.name, base.name] = dict(zip(images, rms, strict=True))
+    return [posed[k] for k in range(len(cameras))], errors_px
 
 
 def place_on_floor(

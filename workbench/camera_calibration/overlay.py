@@ -1,6 +1,7 @@
 """Pictures of a floor, axes and joints over a camera's image."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -38,7 +39,7 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
             ends[:, 1 - along] += k
             ends[:, along] += [-N_TILES, N_TILES]
             pixels = _visible_pixels(camera, np.linspace(ends[0], ends[1], N_PIECES + 1))
-            for a, b in zip(pixels[:-1], pixels[1:], strict=True):
+            for a, b in pairwise(pixels):
                 if np.isfinite([a, b]).all():
                     cv2.line(canvas, _rounded(a), _rounded(b), GRID, thickness, cv2.LINE_AA)
     arrows = [(name, np.zeros(3), axis, AXES[name]) for name, axis in zip(AXES, np.eye(3), strict=True)]

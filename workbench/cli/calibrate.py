@@ -18,7 +18,6 @@ from workbench.camera_calibration.checkerboard import (
     BoardDetections,
     Checkerboard,
     Lens,
-    StereoPair,
     calibrate_lens,
     find_boards,
     place_level,
@@ -94,7 +93,7 @@ def _board(arguments: argparse.Namespace) -> list[str]:
     board = Checkerboard(*_corners(arguments.corners), arguments.square_mm / 1000.0)
     detections = [find_boards(path, board, arguments.floor) for path in sources.values()]
     lenses = [calibrate_lens(name, one, board) for name, one in zip(sources, detections, strict=True)]
-    cameras, pairs = pose_cameras([lens.camera for lens in lenses], detections, board)
+    cameras, pair_errors = pose_cameras([lens.camera for lens in lenses], detections, board)
     if arguments.floor is None:
         cameras, up = place_level(cameras), f"up is that of camera {cameras[0].name}, assumed level"
     else:
@@ -103,7 +102,7 @@ def _board(arguments: argparse.Namespace) -> list[str]:
     error_px = float(np.mean([lens.error_px for lens in lenses]))
     write_cameras(arguments.output, cameras, error_px, {"made_by": "workbench-calibrate board", "up": up})
     sentences = [text for lens, one in zip(lenses, detections, strict=True) for text in _lens_sentences(lens, one)]
-    return [*sentences, *(text for pair in pairs for text in _pair_sentences(pair)), up]
+    return [*sentences, *(text for pair in pair_errors.items() for text in _pair_sentences(*pair)), up]
 
 
 def _lens_sentences(lens: Lens, detections: BoardDetections) -> list[str]:
@@ -122,10 +121,10 @@ def _lens_sentences(lens: Lens, detections: BoardDetections) -> list[str]:
     return sentences
 
 
-def _pair_sentences(pair: StereoPair) -> list[str]:
-    errors, names = np.array(list(pair.errors_px.values())), f"{pair.camera} with {pair.reference}"
+def _pair_sentences(pair: tuple[str, str], errors_px: Mapping[int, float]) -> list[str]:
+    errors, names = np.array(list(errors_px.values())), " with ".join(pair)
     text = f"{names}: {np.sqrt((errors**2).mean()):.2f} px over {len(errors)} images in which both show the board"
-    return [text, _by_image(names, pair.errors_px)]
+    return [text, _by_image(names, errors_px)]
 
 
 def _by_image(name: str, errors_px: Mapping[int, float]) -> str:

@@ -11,7 +11,7 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.annotation.annotations import Annotations, open_annotations
+from workbench.annotation.annotations import Annotations
 from workbench.annotation.frames import Frames
 from workbench.annotation.server import HOST, Server
 from workbench.errors import InputError
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     try:
         frames = Frames(arguments.video.expanduser())
-        annotations = open_annotations(arguments.output, frames.n_frames, frames.size)
+        annotations = Annotations(arguments.output, frames.n_frames, frames.size)
         with Server(frames, annotations, arguments.port) as server:
             print(_address(server), flush=True)
             if not arguments.no_browser:

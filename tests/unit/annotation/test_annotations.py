@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from workbench.annotation.annotations import open_annotations, parse_annotation
+from workbench.annotation.annotations import Annotations, parse_annotation
 from workbench.datasets.files.marks import read_marks
 from workbench.errors import InputError
 
 
 def test_datasets_read_the_annotations(tmp_path):
-    annotations = open_annotations(tmp_path / "m.csv", 9, (640, 480))
-    annotations.put(4, "left_knee", (100.25, 20.0, False))
-    annotations.put(2, "neck", (5.123, 6.0, True))
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    annotations.put((4, "left_knee"), (100.25, 20.0, False))
+    annotations.put((2, "neck"), (5.123, 6.0, True))
     assert (tmp_path / "m.csv").read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
     marks = read_marks(tmp_path / "m.csv")
     np.testing.assert_array_equal(marks.frames, [2, 4])
@@ -19,19 +19,19 @@ def test_datasets_read_the_annotations(tmp_path):
 
 
 def test_an_existing_file_is_continued(tmp_path):
-    open_annotations(tmp_path / "m.csv", 9, (640, 480)).put(4, "left_knee", (100.25, 20.0, False))
-    again = open_annotations(tmp_path / "m.csv", 9, (640, 480))
+    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((4, "left_knee"), (100.25, 20.0, False))
+    again = Annotations(tmp_path / "m.csv", 9, (640, 480))
     assert again.values == {(4, "left_knee"): (100.25, 20.0, False)}
     assert again.undo() is None  # what was there before is not undone
-    again.put(4, "left_knee", None)
-    assert open_annotations(tmp_path / "m.csv", 9, (640, 480)).values == {}
+    again.put((4, "left_knee"), None)
+    assert Annotations(tmp_path / "m.csv", 9, (640, 480)).values == {}
 
 
 def test_changes_are_undone_in_turn(tmp_path):
-    annotations = open_annotations(tmp_path / "m.csv", 9, (640, 480))
-    annotations.put(1, "neck", (1.0, 1.0, True))
-    annotations.put(1, "neck", (2.0, 2.0, True))
-    annotations.put(1, "neck", None)
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    annotations.put((1, "neck"), (1.0, 1.0, True))
+    annotations.put((1, "neck"), (2.0, 2.0, True))
+    annotations.put((1, "neck"), None)
     assert [annotations.undo(), annotations.values[1, "neck"]] == [(1, "neck"), (2.0, 2.0, True)]
     assert [annotations.undo(), annotations.values[1, "neck"]] == [(1, "neck"), (1.0, 1.0, True)]
     annotations.undo()
@@ -41,38 +41,38 @@ def test_changes_are_undone_in_turn(tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "said"), [
-        ((9, "neck", (1.0, 1.0, True)), "no frame 9"), ((0, "nose", (1.0, 1.0, True)), "unknown joint 'nose'"),
-        ((0, "neck", (640.0, 1.0, True)), "outside the image of 640×480"),
+        (((9, "neck"), (1.0, 1.0, True)), "no frame 9"), (((0, "nose"), (1.0, 1.0, True)), "unknown joint 'nose'"),
+        (((0, "neck"), (640.0, 1.0, True)), "outside the image of 640×480"),
     ],
 )  # fmt: skip
 def test_a_refused_change_changes_nothing(tmp_path, change, said):
-    annotations = open_annotations(tmp_path / "m.csv", 9, (640, 480))
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
     with pytest.raises(InputError, match=said):
         annotations.put(*change)
     assert not (tmp_path / "m.csv").exists()
     assert not annotations.values
-    assert not annotations.undo_stack
+    assert annotations.undo() is None
 
 
 def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
     folder = tmp_path / "gone"
     folder.mkdir()
-    annotations = open_annotations(folder / "m.csv", 9, (640, 480))
+    annotations = Annotations(folder / "m.csv", 9, (640, 480))
     folder.rmdir()
     with pytest.raises(InputError, match="cannot be written"):
-        annotations.put(0, "neck", (1.0, 1.0, True))
+        annotations.put((0, "neck"), (1.0, 1.0, True))
     assert not annotations.values
-    assert not annotations.undo_stack
+    assert annotations.undo() is None
 
 
 def test_a_file_of_another_video_is_refused(tmp_path):
-    open_annotations(tmp_path / "m.csv", 9, (640, 480)).put(8, "neck", (600.0, 1.0, True))
+    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((8, "neck"), (600.0, 1.0, True))
     with pytest.raises(InputError, match="another video"):
-        open_annotations(tmp_path / "m.csv", 5, (640, 480))
+        Annotations(tmp_path / "m.csv", 5, (640, 480))
     with pytest.raises(InputError, match="another video"):
-        open_annotations(tmp_path / "m.csv", 9, (320, 240))
+        Annotations(tmp_path / "m.csv", 9, (320, 240))
     with pytest.raises(InputError, match="expected a folder"):
-        open_annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
+        Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.annotation.annotations import open_annotations
+from workbench.annotation.annotations import Annotations
 from workbench.annotation.frames import Frames
 from workbench.annotation.server import Server
 from workbench.datasets.files.marks import read_marks
@@ -29,7 +29,7 @@ def film(tmp_path_factory):
 @pytest.fixture
 def server(film, tmp_path):
     frames = Frames(film)
-    with Server(frames, open_annotations(tmp_path / "marks.csv", frames.n_frames, frames.size)) as serving:
+    with Server(frames, Annotations(tmp_path / "marks.csv", frames.n_frames, frames.size)) as serving:
         thread = Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield serving
@@ -67,7 +67,7 @@ def test_annotations_are_posted_undone_and_continued(server):
     )  # fmt: skip
     put(server, 5, "neck", 30, 4)
     assert read_marks(server.annotations.path).at(5)[1].sum() == 1
-    assert list(open_annotations(server.annotations.path, N, (64, 48)).by_frame()[5]) == ["neck", "left_knee"]
+    assert list(Annotations(server.annotations.path, N, (64, 48)).by_frame()[5]) == ["neck", "left_knee"]
     status, _, body = ask(server, "POST", "undo", {})
     assert (status, json.loads(body)["joint"]) == (200, "neck")
     put(server, 5, "left_knee", None, None)
@@ -81,7 +81,7 @@ def test_annotations_are_posted_undone_and_continued(server):
 
 def test_the_page_loads_nothing_from_elsewhere(server):
     status, headers, body = ask(server, "GET", "")
-    assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
+    assert (status, headers["Content-Type"]) == (200, "text/html")
     assert b"http" not in body
     assert b"src=" not in body.replace(b".src =", b"")
 

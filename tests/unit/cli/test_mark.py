@@ -18,7 +18,7 @@ def film(tmp_path):
 def test_the_page_is_opened_and_annotations_are_counted(film, tmp_path, monkeypatch, capsys):
     opened = []
     monkeypatch.setattr(mark.webbrowser, "open", opened.append)
-    monkeypatch.setattr(mark, "serve", lambda server: server.annotations.put(1, "neck", (3.0, 4.0, True)))
+    monkeypatch.setattr(mark, "serve", lambda server: server.annotations.put((1, "neck"), (3.0, 4.0, True)))
     assert mark.main([str(film), "-o", str(tmp_path / "m.csv")]) == 0
     said = capsys.readouterr().out
     assert opened[0].startswith("http://127.0.0.1:")
