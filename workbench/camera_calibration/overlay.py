@@ -1,7 +1,7 @@
 """Pictures of a floor, axes and joints over a camera's image."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import cv2
 import numpy as np
@@ -48,7 +48,7 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
         if np.isfinite(pixels).all():
             tail, tip = map(_rounded, pixels)
             cv2.arrowedLine(canvas, tail, tip, colour, 2 * thickness, cv2.LINE_AA, tipLength=0.08)
-            _write(canvas, name, _rounded(pixels[1] + 8 * thickness), thickness, colour)
+            _write(canvas, name, _rounded(pixels[1] + 8 * thickness), 2 * thickness, colour)
     for pixel in _visible_pixels(camera, joints):
         if np.isfinite(pixel).all():
             style = colours.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
@@ -81,8 +81,10 @@ def _visible_pixels(camera: Camera, points: FloatArray) -> FloatArray:
 def _write(canvas: ByteArray, text: str, at: tuple[int, int], thickness: int, colour: Sequence[int]) -> None:
     """Write a text with a dark outline, which is legible on any background."""
     text = text.encode("ascii", "replace").decode()  # OpenCV's fonts have no other characters
-    for width, shade in ((3, (0, 0, 0)), (1, colour)):
-        cv2.putText(canvas, text, at, cv2.FONT_HERSHEY_SIMPLEX, max(thickness / 2, 0.45), shade, width, cv2.LINE_AA)
+    style, scale = cv2.FONT_HERSHEY_SIMPLEX, max(thickness / 2, 0.45)
+    for x, y in product((-1, 0, 1), repeat=2):
+        cv2.putText(canvas, text, (at[0] + x, at[1] + y), style, scale, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(canvas, text, at, style, scale, colour, 1, cv2.LINE_AA)
 
 
 def _rounded(pixel: FloatArray) -> tuple[int, int]:

@@ -171,8 +171,8 @@ class _Problem:
             height, spread = self.known.camera_height_m, MEASUREMENT_SPREAD
         focal_spread = 0.01 if self.known.focal_px else FOCAL_SPREAD
         prior = [
-            (x[0] - np.log(self.focal_px)) / focal_spread, x[1] / TILT_SPREAD, x[2] / ROLL_SPREAD,
-            (x[3] - np.log(height)) / spread, x[4] / POSTURE_SPREAD,
+            (x[0] - np.log(self.focal_px)) / focal_spread, x[4] / POSTURE_SPREAD,
+            x[1] / TILT_SPREAD, x[2] / ROLL_SPREAD, (x[3] - np.log(height)) / spread,
         ]  # fmt: skip
         if self.known.distance_m is not None:
             log_distance = x[5] + 0.5 * np.log1p(x[6] ** 2)
