@@ -27,7 +27,11 @@ class Annotations:
         self.path, self.n_frames, self.size = path, n_frames, size
         self.values: dict[Place, Annotation] = {}
         self._undo_stack: list[tuple[Place, Annotation | None]] = []
-        if not path.exists() or path.read_bytes().strip() == ",".join(COLUMNS).encode():  # all have been removed
+        try:
+            content = path.read_bytes().strip() if path.exists() else b""
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        if content in (b"", ",".join(COLUMNS).encode()):  # no annotations, or all of them have been removed
             return
         marks = read_marks(path)
         for row, j in np.argwhere(np.isfinite(marks.pixels[..., 0])):

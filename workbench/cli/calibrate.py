@@ -13,23 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.camera_calibration import checkerboard, person_height
 from workbench.camera_calibration.camera_file import check_name, write_cameras
-from workbench.camera_calibration.checkerboard import (
-    BoardDetections,
-    Checkerboard,
-    Lens,
-    calibrate_lens,
-    find_boards,
-    place_level,
-    place_on_floor,
-    pose_cameras,
-)
-from workbench.camera_calibration.person_height import (
-    HeightCalibration,
-    Measurements,
-    calibrate_by_height,
-    head_foot_segments,
-)
 from workbench.datasets.files.decode import decode
 from workbench.datasets.files.marks import read_marks
 from workbench.errors import InputError
@@ -90,14 +75,14 @@ def _parser() -> argparse.ArgumentParser:
 def _board(arguments: argparse.Namespace) -> list[str]:
     """Calibrate by a board, write the file, and return sentences on the result."""
     sources = _sources(arguments.sources)
-    board = Checkerboard(*_corners(arguments.corners), arguments.square_mm / 1000.0)
-    detections = [find_boards(path, board, arguments.floor) for path in sources.values()]
-    lenses = [calibrate_lens(name, one, board) for name, one in zip(sources, detections, strict=True)]
-    cameras, pair_errors = pose_cameras([lens.camera for lens in lenses], detections, board)
+    board = checkerboard.Checkerboard(*_corners(arguments.corners), arguments.square_mm / 1000.0)
+    detections = [checkerboard.find_boards(path, board, arguments.floor) for path in sources.values()]
+    lenses = [checkerboard.calibrate_lens(name, one, board) for name, one in zip(sources, detections, strict=True)]
+    cameras, pair_errors = checkerboard.pose_cameras([lens.camera for lens in lenses], detections, board)
     if arguments.floor is None:
-        cameras, up = place_level(cameras), f"up is that of camera {cameras[0].name}, assumed level"
+        cameras, up = checkerboard.place_level(cameras), f"up is that of camera {cameras[0].name}, assumed level"
     else:
-        cameras = place_on_floor(cameras, detections, board, arguments.floor)
+        cameras = checkerboard.place_on_floor(cameras, detections, board, arguments.floor)
         up = f"the floor is image {arguments.floor}'s board"
     error_px = float(np.mean([lens.error_px for lens in lenses]))
     write_cameras(arguments.output, cameras, error_px, {"made_by": "workbench-calibrate board", "up": up})
@@ -105,7 +90,7 @@ def _board(arguments: argparse.Namespace) -> list[str]:
     return [*sentences, *(text for pair in pair_errors.items() for text in _pair_sentences(*pair)), up]
 
 
-def _lens_sentences(lens: Lens, detections: BoardDetections) -> list[str]:
+def _lens_sentences(lens: checkerboard.Lens, detections: checkerboard.BoardDetections) -> list[str]:
     camera, focal = lens.camera, lens.camera.matrix[0, 0]
     across, down = lens.coverage
     sentences = [
@@ -136,13 +121,15 @@ def _by_image(name: str, errors_px: Mapping[int, float]) -> str:
 def _height(arguments: argparse.Namespace) -> list[str]:
     """Calibrate by a person's height, write the file, and return sentences on the result."""
     name = check_name(arguments.name)
-    known = Measurements(arguments.height_m, arguments.focal_px, arguments.distance_m, arguments.camera_height_m)
+    known = person_height.Measurements(
+        arguments.height_m, arguments.focal_px, arguments.distance_m, arguments.camera_height_m
+    )
     image = next(decode(arguments.video), None)
     if image is None:
         raise InputError(f"{arguments.video}: expected images, found none that can be decoded")
     marks = read_marks(arguments.marks)
-    size, segments = (image.shape[1], image.shape[0]), head_foot_segments(marks)
-    calibration = calibrate_by_height(name, size, *segments, known)
+    size, segments = (image.shape[1], image.shape[0]), person_height.head_foot_segments(marks)
+    calibration = person_height.calibrate_by_height(name, size, *segments, known)
     notes = {"made_by": "workbench-calibrate height"} | {
         key: f"{calibration.values[key]:.4g} ± {sigma:.2g}" for key, sigma in calibration.sigma.items()
     }
@@ -150,7 +137,7 @@ def _height(arguments: argparse.Namespace) -> list[str]:
     return _height_sentences(calibration)
 
 
-def _height_sentences(calibration: HeightCalibration) -> list[str]:
+def _height_sentences(calibration: person_height.HeightCalibration) -> list[str]:
     value, sigma = calibration.values, calibration.sigma
     sentences = [
         f"{calibration.camera.name}: heads and feet of {len(calibration.frames)} frames are "

@@ -73,6 +73,8 @@ def test_a_file_of_another_video_is_refused(tmp_path):
         Annotations(tmp_path / "m.csv", 9, (320, 240))
     with pytest.raises(InputError, match="expected a folder"):
         Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
+    with pytest.raises(InputError, match="cannot be read"):
+        Annotations(tmp_path, 9, (640, 480))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ def test_the_page_is_opened_and_annotations_are_counted(film, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("video", "output", "said"), [("none.mp4", "m.csv", "no such video"), ("film", "none/m.csv", "expected a folder")]
+    ("video", "output", "said"),
+    [("none.mp4", "m.csv", "no such video"), ("film", "none/m.csv", "expected a folder")],
 )
 def test_bad_words_are_one_sentence(film, tmp_path, capsys, video, output, said):
     assert mark.main([str(tmp_path / video), "-o", str(tmp_path / output), "--no-browser"]) == 2
