@@ -8,7 +8,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.looking.observed import Observed
+from workbench.camera_calibration.observed_joints import ObservedJoints
 from workbench.mocap.sources import find_motion
 
 HEIGHT_M = 1.7
@@ -39,4 +39,4 @@ def seen_by(cameras, taken_by=None, sigma_px=2.0, points=None):
     marks = np.stack([camera.project(points) for camera in taken_by or cameras])
     marks = np.concatenate([marks + rng.normal(0.0, sigma_px, marks.shape), np.ones_like(marks[..., :1])], axis=-1)
     images = tuple(np.full((camera.height, camera.width), 90, np.uint8) for camera in cameras)
-    return Observed(tuple(cameras), np.arange(len(points)), marks, np.ones(len(cameras), bool), 0, images)
+    return ObservedJoints(tuple(cameras), marks, np.ones(len(cameras), bool), 0, images)

@@ -1,8 +1,8 @@
-"""workbench-look-at: does a calibration fit the images and the people in them? Told before anything is tracked.
+"""workbench-look-at: check before tracking whether a calibration fits the images and the people in them.
 
-Takes what the run would take, such as dataset=video dataset.source=walk.mp4 dataset.camera=camera.toml
-dataset.keypoints=marks.csv body=height body.height_m=1.65, or experiment=balance_4cam; draws a floor, axes, up and the
-joints into a frame of every camera, and says in sentences what fits.
+It takes the arguments of the run, such as dataset=video dataset.source=walk.mp4 dataset.camera=camera.toml
+dataset.keypoints=marks.csv body=height body.height_m=1.65, or experiment=balance_4cam, draws a floor, axes, up and the
+joints into a frame of every camera, and prints what fits.
 """
 
 import argparse
@@ -17,24 +17,24 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from workbench.camera_calibration.findings import CalibrationCheck, CalibrationFinding, check_calibration
+from workbench.camera_calibration.observed_joints import ObservedJoints, observe_joints
+from workbench.camera_calibration.overlay import draw_overlay
 from workbench.errors import InputError
 from workbench.experiment import composition
 from workbench.experiment.build import build
 from workbench.experiment.parts import name_parts, parts_in
 from workbench.files import whole_file
-from workbench.looking.drawing import drawn
-from workbench.looking.findings import Finding, Looked, fits, look
-from workbench.looking.observed import Observed, observed
 
 SIGNS = {True: "fits", False: "WRONG", None: "note"}
 VERDICTS = {
     True: "the calibration fits", False: "the calibration does not fit",
-    None: "nothing tells whether the calibration fits: mark joints, and look at the pictures",
+    None: "it is unknown whether the calibration fits: annotate joints, and view the pictures",
 }  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Look at a dataset. Returns 0, 1 when something does not fit, 2 for bad input."""
+    """Check a dataset's calibration. Return 0, 1 where something does not fit, 2 for bad input."""
     parser = argparse.ArgumentParser(
         prog="workbench-look-at", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -45,21 +45,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = composed(arguments.words)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            seen = observed(build(config.dataset))
-        found = look(seen, _height(config))
-        files = _draw(seen, found, arguments.output)
+            seen = observe_joints(build(config.dataset))
+        check = check_calibration(seen, _height(config))
+        files = _draw(seen, check, arguments.output)
     except (InputError, HydraException, OmegaConfBaseException) as error:
         print(f"workbench-look-at: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    told = [Finding(str(warning.message), None) for warning in caught if issubclass(warning.category, UserWarning)]
-    for finding in (*told, *found.findings):
+    warned = [CalibrationFinding(str(each.message)) for each in caught if issubclass(each.category, UserWarning)]
+    for finding in (*warned, *check.findings):
         print(f"{SIGNS[finding.fits]:<6}{finding.sentence}")
-    print(f"{VERDICTS[fits(found.findings)]}; drawn in {', '.join(map(str, files))}")
-    return 1 if fits(found.findings) is False else 0
+    print(f"{VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
+    return 1 if check.fits is False else 0
 
 
 def composed(words: Sequence[str]) -> DictConfig:
-    """Compose the configuration that these words of a command line choose; raises InputError where no dataset is."""
+    """Compose the configuration of command-line arguments; raises InputError where it has no complete dataset."""
     name_parts(parts_in(words))
     chosen = {word.partition("=")[0] for word in words}
     if not chosen & {"dataset", "experiment"}:
@@ -68,25 +68,23 @@ def composed(words: Sequence[str]) -> DictConfig:
     if config.dataset is None:
         raise InputError("expected an experiment with a dataset, found none")
     if lacking := sorted(OmegaConf.missing_keys(config.dataset)):
-        raise InputError(f"the dataset lacks {', '.join(lacking)}: say dataset.{lacking[0]}=…")
+        raise InputError(f"the dataset lacks {', '.join(lacking)}: give dataset.{lacking[0]}=…")
     return config
 
 
 def _height(config: DictConfig) -> float | None:
-    """Return the height, m, that the configuration tells of the person."""
+    """Return the person's height, m, where the configuration has one."""
     height = None if config.body is None else config.body.get("height_m")
     return None if height is None else float(height)
 
 
-def _draw(seen: Observed, found: Looked, folder: Path) -> list[Path]:
-    """Write a picture by camera, named for it."""
+def _draw(seen: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[Path]:
+    """Write a picture for each camera, with its name."""
     files = []
     for v, (camera, image) in enumerate(zip(seen.cameras, seen.images, strict=True)):
         nothing = np.full((seen.marks.shape[2], 3), np.nan)
-        marks, joints = (
-            values[seen.shown] if len(seen.frames) else nothing for values in (seen.marks[v], found.joints)
-        )
-        picture = drawn(camera, image, marks, joints, found.floor_m or 0.0)
+        marks, joints = (values[seen.shown] if len(values) else nothing for values in (seen.marks[v], check.joints))
+        picture = draw_overlay(camera, image, marks, joints, check.floor_m or 0.0)
         name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in camera.name) or "camera"
         files.append(folder / f"{name}.png")
         with whole_file(files[-1], parents=True) as part:

@@ -1,7 +1,7 @@
-"""workbench-mark: mark joints in a video by hand, on a page that only this machine can open.
+"""workbench-mark: annotate joints in a video by hand, on a page that only this machine can open.
 
-The file is written after every mark, and gone on with when it is there. It is what dataset.keypoints,
-dataset.start_marks and dataset.eval_marks take, and workbench-calibrate height.
+The file is written after every annotation; an existing file is continued. It is an input of dataset.keypoints,
+dataset.start_marks, dataset.eval_marks and workbench-calibrate height.
 """
 
 import argparse
@@ -11,34 +11,34 @@ import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 
+from workbench.annotation.annotations import Annotations
+from workbench.annotation.frames import Frames
+from workbench.annotation.server import HOST, Server
 from workbench.errors import InputError
-from workbench.marking.frames import Frames
-from workbench.marking.server import HOST, Server
-from workbench.marking.table import Table, open_table
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve the page until it is interrupted. Returns 0, or 2 for what cannot be read or written."""
+    """Serve the page until it is interrupted. Return 0, or 2 for bad input."""
     parser = argparse.ArgumentParser(
         prog="workbench-mark", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("video", metavar="VIDEO", type=Path, help="a video, or a folder of images")
-    parser.add_argument("-o", "--output", metavar="MARKS.csv", type=Path, required=True, help="the file of marks")
-    parser.add_argument("--port", type=int, default=0, help="of 127.0.0.1; by default a free one")
-    parser.add_argument("--no-browser", action="store_true", help="only say the address")
+    parser.add_argument("-o", "--output", metavar="MARKS.csv", type=Path, required=True, help="the file of annotations")
+    parser.add_argument("--port", type=int, default=0, help="port of 127.0.0.1; by default a free one")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
     arguments = parser.parse_args(argv)
     try:
         frames = Frames(arguments.video.expanduser())
-        table = open_table(arguments.output, frames.n_frames, frames.size)
-        with Server(frames, table, arguments.port) as server:
-            print(_where(server, table), flush=True)
+        annotations = Annotations(arguments.output, frames.n_frames, frames.size)
+        with Server(frames, annotations, arguments.port) as server:
+            print(_address(server), flush=True)
             if not arguments.no_browser:
                 webbrowser.open(server.url)
             serve(server)
     except InputError as error:
         print(f"workbench-mark: {error}", file=sys.stderr)
         return 2
-    print(f"{table.path}: {_counted(table)}")
+    print(_counts(annotations))
     return 0
 
 
@@ -50,16 +50,17 @@ def serve(server: Server) -> None:
         print()
 
 
-def _where(server: Server, table: Table) -> str:
-    """Say what there is already, and how the page is opened, here and from another machine."""
+def _address(server: Server) -> str:
+    """Describe the annotations so far, and how to open the page from this and from another machine."""
     port = server.server_port
     return (
-        f"{table.path}: {_counted(table)}\n"
+        f"{_counts(server.annotations)}\n"
         f"on this machine: {server.url}\n"
-        f"elsewhere: ssh -N -L {port}:{HOST}:{port} {platform.node()}, and then the same address\n"
-        "until this is interrupted (Ctrl-C); every mark is written at once"
+        f"from another one: ssh -N -L {port}:{HOST}:{port} {platform.node()}, and then the same address\n"
+        "stop with Ctrl-C; every annotation is written at once"
     )
 
 
-def _counted(table: Table) -> str:
-    return f"{len(table.marks)} marks in {len(table.by_frame())} of {table.n_frames} frames"
+def _counts(annotations: Annotations) -> str:
+    n_annotated = len(annotations.by_frame())
+    return f"{annotations.path}: {len(annotations.values)} joints in {n_annotated} of {annotations.n_frames} frames"

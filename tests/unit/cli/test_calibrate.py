@@ -1,4 +1,4 @@
-"""The command writes cameras that datasets read, and says each residual; bad words are one sentence."""
+"""The command writes cameras that datasets read, and prints each residual; bad input is one sentence."""
 
 from dataclasses import replace
 
@@ -56,12 +56,12 @@ def test_a_camera_by_height_says_how_sure_it_is(films, tmp_path, capsys):
     (tmp_path / "marks.csv").write_text("\n".join(rows))
     words = ["height", str(films / "left"), str(tmp_path / "marks.csv"), "--height-m", "1.7"]
     assert calibrate.main([*words, "-o", str(tmp_path / "c.toml")]) == 0
-    assert "do not tell the focal length" in capsys.readouterr().out  # level, it scales with all distances
+    assert "do not determine the focal length" in capsys.readouterr().out  # level, it scales with all distances
     words += ["--distance-m", "4", "--overwrite"]
     assert calibrate.main([*words, "-o", str(tmp_path / "c.toml")]) == 0
     said = capsys.readouterr().out
     assert "focal length 60" in said
-    assert "do not tell" not in said
+    assert "do not determine" not in said
     (camera,) = load_cameras(tmp_path / "c.toml")
     assert camera.matrix[0, 0] == pytest.approx(600.0, rel=0.05)
     assert (camera.width, camera.height) == next(decode(films / "left")).shape[1::-1]

@@ -1,4 +1,4 @@
-"""The command says what fits, in sentences, and draws it."""
+"""The command prints what fits and draws it."""
 
 import cv2
 import numpy as np

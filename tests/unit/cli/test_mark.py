@@ -1,4 +1,4 @@
-"""The command says where the page is, serves it until it is interrupted, and counts what is marked."""
+"""The command prints the page's address, serves it until it is interrupted, and counts the annotations."""
 
 import cv2
 import numpy as np
@@ -15,20 +15,21 @@ def film(tmp_path):
     return tmp_path / "film"
 
 
-def test_the_page_is_opened_and_marks_are_counted(film, tmp_path, monkeypatch, capsys):
+def test_the_page_is_opened_and_annotations_are_counted(film, tmp_path, monkeypatch, capsys):
     opened = []
     monkeypatch.setattr(mark.webbrowser, "open", opened.append)
-    monkeypatch.setattr(mark, "serve", lambda server: server.table.put(1, "neck", (3.0, 4.0, True)))
+    monkeypatch.setattr(mark, "serve", lambda server: server.annotations.put((1, "neck"), (3.0, 4.0, True)))
     assert mark.main([str(film), "-o", str(tmp_path / "m.csv")]) == 0
     said = capsys.readouterr().out
     assert opened[0].startswith("http://127.0.0.1:")
     assert opened[0] in said
-    assert "m.csv: 0 marks in 0 of 3 frames" in said
-    assert said.endswith("m.csv: 1 marks in 1 of 3 frames\n")
+    assert "m.csv: 0 joints in 0 of 3 frames" in said
+    assert said.endswith("m.csv: 1 joints in 1 of 3 frames\n")
 
 
 @pytest.mark.parametrize(
-    ("video", "output", "said"), [("none.mp4", "m.csv", "no such video"), ("film", "none/m.csv", "expected a folder")]
+    ("video", "output", "said"),
+    [("none.mp4", "m.csv", "no such video"), ("film", "none/m.csv", "expected a folder")],
 )
 def test_bad_words_are_one_sentence(film, tmp_path, capsys, video, output, said):
     assert mark.main([str(tmp_path / video), "-o", str(tmp_path / output), "--no-browser"]) == 2

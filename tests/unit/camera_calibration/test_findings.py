@@ -1,4 +1,4 @@
-"""A right calibration is said to fit, and each wrong one is told."""
+"""A right calibration fits, and each wrong one is reported."""
 
 from dataclasses import replace
 
@@ -8,8 +8,7 @@ from seen_walkers import HEIGHT_M, around, seen_by, walked
 
 from workbench.body.camera import plain_camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.looking.findings import fits, look
-from workbench.looking.geometry import triangulated, upright
+from workbench.camera_calibration.findings import check_calibration, stand_upright, triangulate
 
 
 def turned(camera, degrees):
@@ -19,50 +18,50 @@ def turned(camera, degrees):
 
 
 def wrong(seen, height_m=HEIGHT_M):
-    return " ".join(finding.sentence for finding in look(seen, height_m).findings if finding.fits is False)
+    return " ".join(finding.sentence for finding in check_calibration(seen, height_m).findings if finding.fits is False)
 
 
 def test_rays_of_exact_marks_meet_in_the_joints_also_through_a_bent_lens():
     cameras = tuple(replace(camera, distortion=np.array([-0.1, 0.02, 0.001, -0.001, 0.0])) for camera in around())
     seen = seen_by(cameras, sigma_px=0.0)
-    np.testing.assert_allclose(triangulated(cameras, seen.marks), walked(), atol=1e-5)
+    np.testing.assert_allclose(triangulate(cameras, seen.marks), walked(), atol=1e-5)
     seen.marks[1:, 0, 3] = np.nan  # one camera is not enough
-    assert np.isnan(triangulated(cameras, seen.marks)[0, 3]).all()
+    assert np.isnan(triangulate(cameras, seen.marks)[0, 3]).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_right_calibration_fits(n):
-    found = look(seen_by(around(n)), HEIGHT_M)
-    assert fits(found.findings) is True, found.findings
-    assert found.floor_m == pytest.approx(0.0, abs=0.08)
+    check = check_calibration(seen_by(around(n)), HEIGHT_M)
+    assert check.fits is True, check.findings
+    assert check.floor_m == pytest.approx(0.0, abs=0.08)
 
 
 def test_cameras_that_are_exchanged_disagree():
     cameras = around(3)
-    said = wrong(seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2])))
-    assert "c0: joints are" in said
-    assert fits(look(seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2])), None).findings) is False
+    seen = seen_by(cameras, taken_by=(cameras[1], cameras[0], cameras[2]))
+    assert "c0: joints are" in wrong(seen)
+    assert check_calibration(seen, None).fits is False
 
 
-def test_a_camera_in_which_the_person_is_not_found_is_told():
+def test_a_camera_in_which_the_person_is_not_found_is_reported():
     seen = seen_by(around(3))
     seen.marks[1] = np.nan
-    assert "c1: whom the other cameras show is not found in it" in wrong(seen)
-    seen.looked[1] = False
+    assert "c1: the person in the other cameras is not found" in wrong(seen)
+    seen.searched[1] = False
     assert wrong(seen) == ""
 
 
 def test_a_wrong_unit_of_length_shows_in_the_legs():
     cameras = tuple(replace(camera, translation=1.5 * camera.translation) for camera in around(3))
     assert "2.5" in wrong(seen_by(cameras, around(3)), None)
-    assert "told 1.70 m" in wrong(seen_by(cameras, around(3)))
+    assert "expected 1.70 m" in wrong(seen_by(cameras, around(3)))
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_world_whose_z_is_not_up_is_told(n):
+def test_a_world_whose_z_is_not_up_is_reported(n):
     cameras = around(n)
-    said = wrong(seen_by([turned(camera, 90.0) for camera in cameras], cameras))
-    assert "off the z axis" in said or "z does not point up" in said or "leans" in said
+    findings = wrong(seen_by([turned(camera, 90.0) for camera in cameras], cameras))
+    assert "z is not up" in findings or "leans" in findings
 
 
 def test_a_camera_that_rolls_by_30_degrees_makes_the_person_lean_by_about_as_much():
@@ -84,20 +83,22 @@ def test_a_camera_that_is_tilted_by_15_degrees_makes_the_floor_steep():
 
 def test_an_axis_far_from_the_middle_is_of_another_size():
     (camera,) = around(1)
-    assert "another size" in wrong(seen_by([replace(camera, matrix=camera.matrix * [[2, 1, 2], [1, 2, 2], [1, 1, 1]])]))
+    assert "another image size" in wrong(
+        seen_by([replace(camera, matrix=camera.matrix * [[2, 1, 2], [1, 2, 2], [1, 1, 1]])])
+    )
 
 
 def test_without_marks_nothing_is_judged():
     seen = seen_by(around(2))
-    empty = replace(seen, frames=seen.frames[:0], marks=seen.marks[:, :0])
-    assert fits(look(empty, None).findings) is None
+    empty = replace(seen, marks=seen.marks[:, :0])
+    assert check_calibration(empty, None).fits is None
 
 
-def test_where_somebody_upright_stands_is_found_exactly():
+def test_the_place_of_an_upright_person_is_exact():
     (camera,) = around(1)
     feet = np.array([[0.5, 0.2, 0.1], [-1.0, 1.5, 0.1]])
-    found = upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
-    np.testing.assert_allclose(found, feet, atol=1e-9)
+    places = stand_upright(camera, camera.project(feet), camera.project(feet + np.array([0.0, 0.0, 1.6])), 1.6)
+    np.testing.assert_allclose(places, feet, atol=1e-9)
 
 
 def test_the_walker_of_these_tests_has_all_joints():

@@ -1,4 +1,4 @@
-"""Lenses and places of cameras come out of rendered boards as they went in."""
+"""Lenses and poses of cameras are recovered from rendered boards."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,13 +9,21 @@ import pytest
 from rendered_boards import COLUMNS, ROWS, SQUARE_M, board_poses, lens, rendered
 
 from workbench.body.camera import load_cameras
-from workbench.calibrating.boards import Board, Sightings, find_boards, find_corners
-from workbench.calibrating.camera_file import write_cameras
-from workbench.calibrating.lens import calibrate_lens
-from workbench.calibrating.rig import TO_BOARD, join, level, on_floor
+from workbench.camera_calibration.camera_file import write_cameras
+from workbench.camera_calibration.checkerboard import (
+    TO_BOARD,
+    BoardDetections,
+    Checkerboard,
+    calibrate_lens,
+    find_boards,
+    find_corners,
+    place_level,
+    place_on_floor,
+    pose_cameras,
+)
 from workbench.errors import InputError
 
-BOARD = Board(COLUMNS, ROWS, 0.05)
+BOARD = Checkerboard(COLUMNS, ROWS, 0.05)
 
 
 @cache
@@ -25,9 +33,9 @@ def found():
 
 
 def exact(cameras, poses, name=""):
-    """Sightings by projection alone, without images."""
+    """Detections by projection alone, without images."""
     return [
-        Sightings(name, (camera.width, camera.height), len(poses), {
+        BoardDetections(name, (camera.width, camera.height), len(poses), {
             k: camera.project(BOARD.corners_m @ turn.T + at) for k, (turn, at) in enumerate(poses)
         }) for camera in cameras
     ]  # fmt: skip
@@ -62,8 +70,8 @@ def test_an_image_without_a_board_shows_none():
     assert find_corners(np.full((120, 160, 3), 90, np.uint8), BOARD) is None
 
 
-def test_a_lens_comes_out_of_rendered_boards_as_it_went_in():
-    seen = Sightings("film", (640, 480), 10, dict(enumerate(found())))
+def test_a_lens_is_recovered_from_rendered_boards():
+    seen = BoardDetections("film", (640, 480), 10, dict(enumerate(found())))
     calibrated = calibrate_lens("one", seen, BOARD)
     assert calibrated.error_px < 0.2
     assert calibrated.camera.matrix[0, 0] == pytest.approx(700.0, abs=4.0 * calibrated.sigma_px + 1.0)
@@ -71,7 +79,7 @@ def test_a_lens_comes_out_of_rendered_boards_as_it_went_in():
     assert set(calibrated.errors_px) == set(range(10))
 
 
-def test_distortion_comes_out_of_exact_corners_exactly():
+def test_distortion_is_recovered_exactly_from_exact_corners():
     bent = replace(lens(), distortion=np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))
     (seen,) = exact([bent], board_poses(12))
     calibrated = calibrate_lens("one", seen, BOARD).camera
@@ -79,30 +87,32 @@ def test_distortion_comes_out_of_exact_corners_exactly():
     np.testing.assert_allclose(calibrated.distortion, bent.distortion, atol=2e-3)
 
 
-def test_an_image_with_a_wrong_board_is_left_out_and_said():
+def test_an_image_with_a_wrong_board_is_omitted():
     (seen,) = exact([lens()], board_poses())
     seen.corners[4] = seen.corners[4] + np.random.default_rng(0).normal(0.0, 12.0, seen.corners[4].shape)
     calibrated = calibrate_lens("one", seen, BOARD)
-    assert list(calibrated.left_out) == [4]
+    assert list(calibrated.omitted_px) == [4]
     assert calibrated.camera.matrix[0, 0] == pytest.approx(700.0, abs=0.5)
 
 
-def test_cameras_are_joined_through_one_that_both_share_a_board_with():
+def test_cameras_are_posed_through_one_that_shares_a_board_with_both():
     cameras = [lens(), second(), third()]
     seen = exact(cameras, board_poses(12))
     for k in range(6):
         del seen[2].corners[k], seen[0].corners[11 - k]  # the first and the third share none
-    placed, steps = join([replace(c, rotation=np.eye(3), translation=np.zeros(3)) for c in cameras], seen, BOARD)
+    placed, errors_px = pose_cameras(
+        [replace(c, rotation=np.eye(3), translation=np.zeros(3)) for c in cameras], seen, BOARD
+    )
     for camera, expected in zip(placed, cameras, strict=True):
         np.testing.assert_allclose(camera.rotation, expected.rotation, atol=1e-4)
         np.testing.assert_allclose(camera.translation, expected.translation, atol=1e-4)
-    assert [(step.camera, step.to) for step in steps] == [("two", "one"), ("three", "two")]
-    assert max(error for step in steps for error in step.errors_px.values()) < 1e-2
+    assert list(errors_px) == [("two", "one"), ("three", "two")]
+    assert max(error for by_image in errors_px.values() for error in by_image.values()) < 1e-2
 
 
 def test_a_board_on_the_floor_is_the_worlds_ground():
     cameras, (turn, at) = [lens(), second()], board_poses()[2]
-    first, other = on_floor(cameras, exact(cameras, board_poses()), BOARD, 2)
+    first, other = place_on_floor(cameras, exact(cameras, board_poses()), BOARD, 2)
     corner = BOARD.corners_m[-1]
     np.testing.assert_allclose(first.to_camera(TO_BOARD @ corner), turn @ corner + at, atol=1e-6)
     assert first.position[2] > 0.3  # above the floor
@@ -111,7 +121,7 @@ def test_a_board_on_the_floor_is_the_worlds_ground():
 
 
 def test_a_level_camera_looks_along_x_and_up_is_z():
-    (camera,) = level([lens()])
+    (camera,) = place_level([lens()])
     np.testing.assert_allclose(camera.project(np.array([2.0, 0.0, 0.0])), [310.0, 245.0])
     assert camera.project(np.array([2.0, 0.0, 0.5]))[1] < 245.0
     assert camera.project(np.array([2.0, 0.5, 0.0]))[0] < 310.0
@@ -130,18 +140,18 @@ def test_a_camera_file_is_read_back_to_the_last_bit(tmp_path):
 
 def test_bad_input_is_one_sentence(tmp_path):
     with pytest.raises(InputError, match="3×3 inner corners"):
-        Board(2, 5, 0.05)
+        Checkerboard(2, 5, 0.05)
     with pytest.raises(InputError, match="squares of"):
-        Board(9, 6, 25.0)
+        Checkerboard(9, 6, 25.0)
     with pytest.raises(InputError, match=r"found it in 2 of 10"):
-        calibrate_lens("one", Sightings("f", (640, 480), 10, dict(enumerate(found()[:2]))), BOARD)
-    alike = Board(7, 5, SQUARE_M)
+        calibrate_lens("one", BoardDetections("f", (640, 480), 10, dict(enumerate(found()[:2]))), BOARD)
+    alike = Checkerboard(7, 5, SQUARE_M)
     seen = exact([lens(), second()], board_poses())
-    with pytest.raises(InputError, match="tell its ends apart"):
-        join([lens(), second()], seen, alike)
+    with pytest.raises(InputError, match="distinguish its two ends"):
+        pose_cameras([lens(), second()], seen, alike)
     with pytest.raises(InputError, match="do the videos start together"):
-        join([lens(), second()], [seen[0], Sightings("", (640, 480), 1, {})], BOARD)
+        pose_cameras([lens(), second()], [seen[0], BoardDetections("", (640, 480), 1, {})], BOARD)
     with pytest.raises(InputError, match="image 77 of some camera"):
-        on_floor([lens()], seen[:1], BOARD, 77)
+        place_on_floor([lens()], seen[:1], BOARD, 77)
     with pytest.raises(InputError, match="no such video"):
         find_boards(tmp_path / "none.mp4", BOARD)

@@ -1,15 +1,15 @@
-"""What is drawn lies where the camera has it."""
+"""Axes and annotations are drawn where the camera projects them."""
 
 import numpy as np
 from seen_walkers import around, seen_by, walked
 
-from workbench.looking.drawing import AXES, LEFT, drawn
+from workbench.camera_calibration.overlay import AXES, LEFT, draw_overlay
 
 
 def test_axes_and_marks_are_drawn_where_they_are_projected():
     camera = around(3)[0]  # from aside, so that no axis hides another
     seen = seen_by([camera], sigma_px=0.0)
-    picture = drawn(camera, seen.images[0], seen.marks[0, 0], np.full((15, 3), np.nan), 0.0)
+    picture = draw_overlay(camera, seen.images[0], seen.marks[0, 0], np.full((15, 3), np.nan), 0.0)
     assert picture.shape == (960, 1280, 3)
     for way, colour in zip(0.5 * np.eye(3), AXES.values(), strict=True):
         u, v = np.round(camera.project(way)).astype(int)
@@ -23,5 +23,5 @@ def test_axes_and_marks_are_drawn_where_they_are_projected():
 def test_what_lies_behind_the_camera_is_left_out():
     (camera,) = around(1, distance_m=1.0)
     image = np.full((960, 1280), 90, np.uint8)
-    drawn(camera, image, np.full((15, 3), np.nan), walked()[0] - [0.0, 8.0, 0.0], -3.0)
+    draw_overlay(camera, image, np.full((15, 3), np.nan), walked()[0] - [0.0, 8.0, 0.0], -3.0)
     assert (image == 90).all()  # and the image itself is not drawn into

@@ -1,0 +1,91 @@
+"""Annotations are written after every change, read when the file is opened again, and undone one by one."""
+
+import numpy as np
+import pytest
+
+from workbench.annotation.annotations import Annotations, parse_annotation
+from workbench.datasets.files.marks import read_marks
+from workbench.errors import InputError
+
+
+def test_datasets_read_the_annotations(tmp_path):
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    annotations.put((4, "left_knee"), (100.25, 20.0, False))
+    annotations.put((2, "neck"), (5.123, 6.0, True))
+    assert (tmp_path / "m.csv").read_text() == "frame,joint,u,v,visible\n2,neck,5.12,6,1\n4,left_knee,100.25,20,0\n"
+    marks = read_marks(tmp_path / "m.csv")
+    np.testing.assert_array_equal(marks.frames, [2, 4])
+    assert marks.at(4)[1].sum() == 0
+
+
+def test_an_existing_file_is_continued(tmp_path):
+    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((4, "left_knee"), (100.25, 20.0, False))
+    again = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    assert again.values == {(4, "left_knee"): (100.25, 20.0, False)}
+    assert again.undo() is None  # what was there before is not undone
+    again.put((4, "left_knee"), None)
+    assert Annotations(tmp_path / "m.csv", 9, (640, 480)).values == {}
+
+
+def test_changes_are_undone_in_turn(tmp_path):
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    annotations.put((1, "neck"), (1.0, 1.0, True))
+    annotations.put((1, "neck"), (2.0, 2.0, True))
+    annotations.put((1, "neck"), None)
+    assert [annotations.undo(), annotations.values[1, "neck"]] == [(1, "neck"), (2.0, 2.0, True)]
+    assert [annotations.undo(), annotations.values[1, "neck"]] == [(1, "neck"), (1.0, 1.0, True)]
+    annotations.undo()
+    assert annotations.values == {}
+    assert annotations.undo() is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [
+        (((9, "neck"), (1.0, 1.0, True)), "no frame 9"), (((0, "nose"), (1.0, 1.0, True)), "unknown joint 'nose'"),
+        (((0, "neck"), (640.0, 1.0, True)), "outside the image of 640×480"),
+    ],
+)  # fmt: skip
+def test_a_refused_change_changes_nothing(tmp_path, change, said):
+    annotations = Annotations(tmp_path / "m.csv", 9, (640, 480))
+    with pytest.raises(InputError, match=said):
+        annotations.put(*change)
+    assert not (tmp_path / "m.csv").exists()
+    assert not annotations.values
+    assert annotations.undo() is None
+
+
+def test_a_file_that_cannot_be_written_changes_nothing(tmp_path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    annotations = Annotations(folder / "m.csv", 9, (640, 480))
+    folder.rmdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        annotations.put((0, "neck"), (1.0, 1.0, True))
+    assert not annotations.values
+    assert annotations.undo() is None
+
+
+def test_a_file_of_another_video_is_refused(tmp_path):
+    Annotations(tmp_path / "m.csv", 9, (640, 480)).put((8, "neck"), (600.0, 1.0, True))
+    with pytest.raises(InputError, match="another video"):
+        Annotations(tmp_path / "m.csv", 5, (640, 480))
+    with pytest.raises(InputError, match="another video"):
+        Annotations(tmp_path / "m.csv", 9, (320, 240))
+    with pytest.raises(InputError, match="expected a folder"):
+        Annotations(tmp_path / "none" / "m.csv", 9, (640, 480))
+    with pytest.raises(InputError, match="cannot be read"):
+        Annotations(tmp_path, 9, (640, 480))
+
+
+@pytest.mark.parametrize(
+    "values", [
+        None, [], {}, {"frame": 0}, {"frame": "0", "joint": "neck", "u": 1, "v": 1, "visible": True},
+        {"frame": True, "joint": "neck", "u": 1, "v": 1, "visible": True},
+        {"frame": 0, "joint": "neck", "u": 1, "v": None, "visible": True},
+        {"frame": 0, "joint": "neck", "u": float("nan"), "v": 1, "visible": True},
+        {"frame": 0, "joint": "neck", "u": 1, "v": 1, "visible": 1},
+    ],
+)  # fmt: skip
+def test_other_values_are_refused(values):
+    with pytest.raises(InputError, match="expected"):
+        parse_annotation(values)

@@ -1,1 +1,0 @@
-"""Cameras out of pictures of a checkerboard, or of a person whose height is known."""

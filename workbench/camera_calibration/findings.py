@@ -1,0 +1,237 @@
+"""Whether a calibration fits the people in front of the cameras, as findings in sentences."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from workbench.arrays import FloatArray
+from workbench.body.camera import Camera
+from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, LEG_LENGTH, SHOULDER_HEIGHT
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.camera_calibration.observed_joints import ObservedJoints
+from workbench.evaluation.agreement import height_px, limb_lengths, nearest
+
+MIN_WEIGHT = 0.3
+"""Detected joints of lower confidence are ignored."""
+MAX_ERROR = 0.035
+"""Median distance, in heights of the person in the image, of joints from those of all cameras. For two, three and four
+cameras of a laboratory it is up to 0.029; with two of their videos exchanged it exceeds 0.04 in 22 of 24 cases, and is
+0.02 in two, where the cameras are opposite each other."""
+MAX_LEAN_DEG, MAX_SLOPE_DEG = 20.0, 5.0
+HEIGHTS_M, USUAL_HEIGHT_M = (1.2, 2.2), 1.7
+"""Plausible heights, and the assumed one, of a person whose height is not given."""
+MAX_HEIGHT_ERROR = 0.1
+"""Relative difference between measured legs and those usual at the person's height."""
+FOCAL_LENGTHS = (0.4, 5.0)
+"""In longer sides of the image: below, the field of view exceeds 100°, above, it is less than 11°."""
+MIN_WALK_M = 1.0
+"""Distance over which feet determine the slope of the floor."""
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class CalibrationFinding:
+    """A sentence about one property. fits: whether it is as expected; None where that cannot be judged."""
+
+    sentence: str
+    fits: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCheck:
+    """joints: (F, J, 3), m, by all cameras or, for one camera, ankles and head of an upright person; NaN for others.
+    floor_m: height of the floor under the feet; None: unknown."""
+
+    findings: tuple[CalibrationFinding, ...]
+    joints: FloatArray
+    floor_m: float | None = None
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether everything that could be judged fits; None where nothing could."""
+        judged = [finding.fits for finding in self.findings if finding.fits is not None]
+        return all(judged) if judged else None
+
+
+def check_calibration(seen: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Check a calibration by the people in front of the cameras, of a height in metres where it is known."""
+    lenses = [finding for camera in seen.cameras for finding in _lens(camera)]
+    unknown = np.full((*seen.marks.shape[1:3], 3), np.nan)
+    if not len(unknown):
+        lenses.append(CalibrationFinding("no joints are annotated or detected in these frames"))
+        return CalibrationCheck(tuple(lenses), unknown)
+    check = _check_several(seen, height_m) if len(seen.cameras) > 1 else _check_single(seen, height_m, unknown)
+    return CalibrationCheck((*lenses, *check.findings), check.joints, check.floor_m)
+
+
+def _lens(camera: Camera) -> list[CalibrationFinding]:
+    size, focal = np.array([camera.width, camera.height]), camera.matrix[[0, 1], [0, 1]]
+    findings = [CalibrationFinding(f"{camera.name}: images are {size[0]}×{size[1]} px, as in the calibration")]
+    ratios, (low, high) = focal / size.max(), FOCAL_LENGTHS
+    if not (low < ratios.min() and ratios.max() < high):
+        text = f"is {ratios[0]:.2g} times the image's longer side, expected {low:g} to {high:g}"
+        findings.append(CalibrationFinding(f"{camera.name}: the focal length, {focal[0]:.0f} px, {text}", False))
+    centre = camera.matrix[:2, 2]
+    if (np.abs(centre - (size - 1) / 2) / size).max() > 0.25:
+        text = f"the principal point ({centre[0]:.0f}, {centre[1]:.0f}) is far from the image's middle"
+        findings.append(CalibrationFinding(f"{camera.name}: {text}: a calibration for another image size?", False))
+    return findings
+
+
+def _check_several(seen: ObservedJoints, height_m: float | None) -> CalibrationCheck:
+    """Check several cameras by where their rays meet."""
+    joints = triangulate(seen.cameras, seen.marks)
+    if not np.isfinite(joints).any():
+        text = "no joint is annotated or detected by two cameras in one frame, so that their agreement is unknown"
+        return CalibrationCheck((CalibrationFinding(text),), joints)
+    findings = [_reprojection(seen, v, joints) for v in range(len(seen.cameras))]
+    limbs = limb_lengths(joints)
+    leg_m = limbs.get("thigh", np.nan) + limbs.get("calf", np.nan)
+    findings.append(_size(leg_m / LEG_LENGTH, height_m))
+    bodies = _middle(joints, "shoulder") - _middle(joints, "ankle")
+    bodies = bodies[np.isfinite(bodies).all(axis=1)]
+    if len(bodies):
+        up = bodies.mean(axis=0)
+        lean = float(np.degrees(np.arccos(np.clip(up[2] / np.linalg.norm(up), -1.0, 1.0))))
+        text = f"the person leans by {lean:.0f}° from the z axis, in the mean of {len(bodies)} frames"
+        findings.append(CalibrationFinding(text, lean <= MAX_LEAN_DEG))
+    else:
+        findings.append(CalibrationFinding("ankles and shoulders are not seen together: the vertical is unknown"))
+    heights = np.concatenate([_joint(joints, f"{side}_ankle")[:, 2] for side in ("left", "right")])
+    if not np.isfinite(heights).any():
+        return CalibrationCheck(tuple(findings), joints)
+    tall = height_m or float(np.clip(leg_m / LEG_LENGTH, *HEIGHTS_M))
+    floor_m = float(np.nanpercentile(heights, 5)) - ANKLE_HEIGHT * (USUAL_HEIGHT_M if np.isnan(tall) else tall)
+    findings.append(CalibrationFinding(f"the feet stand at a height of {floor_m:.2f} m"))
+    return CalibrationCheck(tuple(findings), joints, floor_m)
+
+
+def triangulate(cameras: Sequence[Camera], marks: FloatArray) -> FloatArray:
+    """Return points (F, J, 3), m, nearest to the rays of marks (V, F, J, 3), [u, v, weight]; NaN for fewer than two."""
+    pixels = np.where(np.nan_to_num(marks[..., 2:]) >= MIN_WEIGHT, marks[..., :2], np.nan)
+    points = nearest([(camera, one.reshape(-1, 2)) for camera, one in zip(cameras, pixels, strict=True)])
+    return points.reshape(*marks.shape[1:3], 3)
+
+
+def _reprojection(seen: ObservedJoints, v: int, joints: FloatArray) -> CalibrationFinding:
+    """Compare a camera's marks with all cameras' joints and, for three or more cameras, with those of the others."""
+    camera, marks = seen.cameras[v], seen.marks[v]
+    others = [k for k in range(len(seen.cameras)) if k != v]
+    error = _error_px(camera, marks, joints)
+    if np.isnan(error):
+        if seen.searched[v]:
+            text = "the person in the other cameras is not found: do video, joints and calibration belong together?"
+            return CalibrationFinding(f"{camera.name}: {text}", False)
+        return CalibrationFinding(f"{camera.name}: no joint is given that another camera sees, too")
+    text = f"{camera.name}: joints are {_px(error)} from those of all cameras together"
+    if len(others) > 1:
+        elsewhere = triangulate([seen.cameras[k] for k in others], seen.marks[others])
+        text += f", {_px(_error_px(camera, marks, elsewhere))} from those of the others"
+    heights = [height_px(frame[:, :2]) for frame in marks]
+    tall = float(np.median([height for height in heights if height > 0.0] or [np.nan]))
+    return CalibrationFinding(f"{text}; the person is {_px(tall)} tall", bool(error <= MAX_ERROR * tall))
+
+
+def _error_px(camera: Camera, marks: FloatArray, joints: FloatArray) -> float:
+    """Return the median distance, px, of marks (F, J, 3) from joints (F, J, 3), m, infinite behind the camera; NaN
+    without common ones."""
+    both = np.isfinite(marks[..., 0]) & np.isfinite(joints[..., 0])
+    if not both.any():
+        return float("nan")
+    distances = np.linalg.norm(camera.project(joints[both]) - marks[both][:, :2], axis=1)
+    return float(np.median(np.nan_to_num(distances, nan=np.inf)))
+
+
+def _size(measured_m: float, height_m: float | None) -> CalibrationFinding:
+    """Compare the height at which measured legs are usual with the given one, or with people's."""
+    if not np.isfinite(measured_m):
+        return CalibrationFinding("no leg is seen by two cameras: the unit of length is unknown")
+    text = f"the legs are as long as those of a person of {measured_m:.2f} m"
+    if height_m is None:
+        is_plausible = HEIGHTS_M[0] < measured_m < HEIGHTS_M[1]
+        question = "" if is_plausible else ": is the unit of length, or the side of the board's squares, right?"
+        return CalibrationFinding(text + question, is_plausible)
+    return CalibrationFinding(
+        f"{text}; expected {height_m:.2f} m", abs(measured_m / height_m - 1.0) <= MAX_HEIGHT_ERROR
+    )
+
+
+def _check_single(seen: ObservedJoints, height_m: float | None, joints: FloatArray) -> CalibrationCheck:
+    """Check one camera by people assumed upright and of the given or the usual height."""
+    (camera,), marks, tall = seen.cameras, seen.marks[0], height_m or USUAL_HEIGHT_M
+    feet, heads = _middle(marks, "ankle")[:, :2], _joint(marks, "head_centre")[:, :2]
+    length_m = (HEAD_HEIGHT - ANKLE_HEIGHT) * tall
+    if not np.isfinite(heads).any():
+        heads, length_m = _middle(marks, "shoulder")[:, :2], (SHOULDER_HEIGHT - ANKLE_HEIGHT) * tall
+    known = np.isfinite(feet + heads).all(axis=1)
+    if not known.any():
+        text = "no frame has both ankles and the head or the shoulders: the camera's pose is unknown"
+        return CalibrationCheck((CalibrationFinding(f"{camera.name}: {text}"),), joints)
+    places = stand_upright(camera, feet[known], heads[known], length_m)
+    for name in ("left_ankle", "right_ankle"):
+        joints[known, JOINT_NAMES.index(name)] = places
+    joints[known, JOINT_NAMES.index("head_centre")] = places + length_m * UP
+    distances = camera.to_camera(places)[:, 2]
+    floor_m = float(np.median(places[:, 2])) - ANKLE_HEIGHT * tall
+    assumed = "" if height_m else ", assumed 1.70 m tall: set the height by body=height body.height_m=…"
+    stands = f"the person stands {distances.min():.1f} to {distances.max():.1f} m away{assumed}"
+    heights = f"the feet stand at a height of {floor_m:.2f} m, the camera at {camera.position[2]:.2f} m"
+    findings = [
+        _lean(camera, heads[known] - feet[known], places, length_m),
+        CalibrationFinding(f"{camera.name}: {stands}"),
+        CalibrationFinding(heights, None if camera.position[2] > floor_m - 0.5 else False),
+        *_slope(places),
+    ]
+    return CalibrationCheck(tuple(findings), joints, floor_m)
+
+
+def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m: float) -> FloatArray:
+    """Return feet in the world, (F, 3), m, seen at pixels (F, 2) with heads (F, 2) length_m vertically above them.
+
+    With the rays a to the feet and b to the head, s a + length up = t b in the least-squares sense.
+    """
+    pixels = np.concatenate([feet, heads])[:, None]
+    flat = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
+    a, b = np.split(np.column_stack([flat, np.ones(len(flat))]) @ camera.rotation, 2)
+    s = np.linalg.pinv(np.stack([a, -b], axis=-1))[:, 0] @ (-length_m * UP)
+    return camera.position + s[:, None] * a
+
+
+def _lean(camera: Camera, bodies: FloatArray, places: FloatArray, length_m: float) -> CalibrationFinding:
+    """Compare the directions of bodies in the image (F, 2), px, with the vertical there."""
+    up = camera.project(places + length_m * UP) - camera.project(places)
+    behind = ~np.isfinite(up).all(axis=1)
+    if behind.any():
+        text = f"in {behind.sum()} of {len(places)} frames the person would stand behind the camera: z is not up"
+        return CalibrationFinding(f"{camera.name}: {text}", False)
+    cross, dot = up[:, 0] * bodies[:, 1] - up[:, 1] * bodies[:, 0], (up * bodies).sum(axis=1)
+    lean = abs(float(np.degrees(np.arctan2(cross.mean(), dot.mean()))))
+    text = f"the person leans by {lean:.0f}° from the calibration's vertical, in the mean of {len(places)} frames"
+    return CalibrationFinding(f"{camera.name}: {text}", lean <= MAX_LEAN_DEG)
+
+
+def _slope(places: FloatArray) -> list[CalibrationFinding]:
+    """Estimate the slope of the floor along the walk over places (F, 3), m; empty where the walk is too short."""
+    centred = places - places.mean(axis=0)
+    walk = centred[:, :2] @ np.linalg.svd(centred[:, :2])[2][0]
+    if len(places) < 3 or np.ptp(walk) < MIN_WALK_M:
+        return []
+    slope = float(walk @ centred[:, 2] / (walk @ walk))
+    error = np.sqrt(((centred[:, 2] - slope * walk) ** 2).sum() / (len(places) - 2) / (walk @ walk))
+    degrees, sigma = abs(float(np.degrees(np.arctan(slope)))), float(np.degrees(np.arctan(error)))
+    text = f"over {np.ptp(walk):.1f} m of walk the floor has a slope of {degrees:.1f} ± {sigma:.1f}°"
+    return [CalibrationFinding(text, degrees <= MAX_SLOPE_DEG + 2.0 * sigma)]
+
+
+def _joint(values: FloatArray, name: str) -> FloatArray:
+    return values[:, JOINT_NAMES.index(name)]
+
+
+def _middle(values: FloatArray, name: str) -> FloatArray:
+    return 0.5 * (_joint(values, f"left_{name}") + _joint(values, f"right_{name}"))
+
+
+def _px(value: float) -> str:
+    return "an unknown number of px" if np.isnan(value) else "behind it" if np.isinf(value) else f"{value:.1f} px"

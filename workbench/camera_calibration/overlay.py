@@ -1,0 +1,91 @@
+"""Pictures of a floor, axes and joints over a camera's image."""
+
+from collections.abc import Sequence
+from itertools import pairwise, product
+
+import cv2
+import numpy as np
+
+from workbench.arrays import ByteArray, FloatArray
+from workbench.body.camera import Camera
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.recording.write import colours
+
+AXES = {"x": (230, 60, 60), "y": (60, 200, 80), "z": (80, 140, 255)}
+GRID, LEFT, RIGHT = (235, 235, 235), (90, 220, 255), (255, 120, 200)
+N_TILES = 5
+"""Tiles of one metre on each side of the person."""
+N_PIECES = 40
+"""Pieces of a line in the world, so that a line that leads behind the camera is drawn as far as it is visible."""
+CAPTION = "{}: tiles of 1 m; circles: annotations, blue left, pink right;", "crosses: where the calibration has them"
+
+
+def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: FloatArray, floor_m: float) -> ByteArray:
+    """Return a picture (height, width, 3), RGB, with a floor, the world's axes, up, annotations and joints.
+
+    Parameters
+    ----------
+    image : (height, width) grey or (height, width, 3) RGB
+    marks : (J, 3), [u px, v px, weight], drawn as circles coloured by side
+    joints : (J, 3), m, drawn as crosses
+    floor_m : height of the floor, drawn in tiles of 1 m
+    """
+    canvas = np.array(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB), np.uint8)
+    thickness = max(1, round(max(canvas.shape) / 900))
+    place = _place(camera, joints, floor_m)
+    for k in range(-N_TILES, N_TILES + 1):
+        for along in (0, 1):
+            ends = np.tile([*np.round(place[:2]), floor_m], (2, 1))
+            ends[:, 1 - along] += k
+            ends[:, along] += [-N_TILES, N_TILES]
+            pixels = _visible_pixels(camera, np.linspace(ends[0], ends[1], N_PIECES + 1))
+            for a, b in pairwise(pixels):
+                if np.isfinite([a, b]).all():
+                    cv2.line(canvas, _rounded(a), _rounded(b), GRID, thickness, cv2.LINE_AA)
+    arrows = [(name, np.zeros(3), axis, AXES[name]) for name, axis in zip(AXES, np.eye(3), strict=True)]
+    for name, foot, way, colour in [*arrows, ("up, 2 m", place, np.array([0.0, 0.0, 2.0]), AXES["z"])]:
+        pixels = _visible_pixels(camera, np.stack([foot, foot + way]))
+        if np.isfinite(pixels).all():
+            tail, tip = map(_rounded, pixels)
+            cv2.arrowedLine(canvas, tail, tip, colour, 2 * thickness, cv2.LINE_AA, tipLength=0.08)
+            _write(canvas, name, _rounded(pixels[1] + 8 * thickness), 2 * thickness, colour)
+    for pixel in _visible_pixels(camera, joints):
+        if np.isfinite(pixel).all():
+            style = colours.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
+            cv2.drawMarker(canvas, _rounded(pixel), *style)
+    for name, mark in zip(JOINT_NAMES, marks, strict=True):
+        if np.isfinite(mark[0]):
+            colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else colours.KEYPOINT
+            cv2.circle(canvas, _rounded(mark), 4 * thickness, colour, thickness, cv2.LINE_AA)
+    for row, text in enumerate(CAPTION):
+        _write(canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, GRID)
+    return canvas
+
+
+def _place(camera: Camera, joints: FloatArray, floor_m: float) -> FloatArray:
+    """Return the point (3,) of the floor below the joints, or else where the optical axis meets the floor."""
+    known = joints[np.isfinite(joints).all(axis=1)]
+    if len(known):
+        return np.array([*known[:, :2].mean(axis=0), floor_m])
+    forward, drop = camera.rotation[2], camera.position[2] - floor_m
+    distance = drop / -forward[2] if forward[2] * drop < 0.0 else 5.0
+    return np.array([*(camera.position + min(distance, 20.0) * forward)[:2], floor_m])
+
+
+def _visible_pixels(camera: Camera, points: FloatArray) -> FloatArray:
+    """Return the pixels (K, 2) of points (K, 3), m; NaN behind the camera and far outside the image."""
+    pixels, size = camera.project(points), np.array([camera.width, camera.height])
+    return np.where((np.abs(pixels - size / 2) < 2 * size).all(axis=-1, keepdims=True), pixels, np.nan)
+
+
+def _write(canvas: ByteArray, text: str, at: tuple[int, int], thickness: int, colour: Sequence[int]) -> None:
+    """Write a text with a dark outline, which is legible on any background."""
+    text = text.encode("ascii", "replace").decode()  # OpenCV's fonts have no other characters
+    style, scale = cv2.FONT_HERSHEY_SIMPLEX, max(thickness / 2, 0.45)
+    for x, y in product((-1, 0, 1), repeat=2):
+        cv2.putText(canvas, text, (at[0] + x, at[1] + y), style, scale, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(canvas, text, at, style, scale, colour, 1, cv2.LINE_AA)
+
+
+def _rounded(pixel: FloatArray) -> tuple[int, int]:
+    return round(float(pixel[0])), round(float(pixel[1]))

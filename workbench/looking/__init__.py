@@ -1,1 +1,0 @@
-"""Whether a calibration fits, told before anything is tracked."""
