@@ -23,26 +23,15 @@ def composed(*overrides):
     return compose("config", overrides=[*overrides, "paths.data=somewhere"])
 
 
-def choose(experiment, k):
-    """Compose with the k-th prior, likelihood and inference, each on its own list again and again."""
+@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
+def test_components_can_be_chosen_in_every_experiment(k, experiment):
+    """The k-th experiment composes with the k-th prior, likelihood and inference, each counted modulo its list."""
     names = {group: sorted(options(group)) for group in ("prior", "likelihood", "inference")}
     chosen = {group: each[k % len(each)] for group, each in names.items()}
     config = composed(f"experiment={experiment}", *(f"{group}={name}" for group, name in chosen.items()))
     plain = OmegaConf.to_container(config, resolve=True)
     for group, name in chosen.items():
         assert plain[group]["_target_"] == options(group)[name].target
-
-
-@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
-def test_parts_can_be_chosen_in_every_experiment(k, experiment):
-    choose(experiment, k)
-
-
-@pytest.mark.slow  # half a second for each of five hundred
-@pytest.mark.parametrize("experiment", TRACKING)
-def test_every_part_can_be_chosen_in_every_experiment(experiment):
-    for k in range(len(options("prior"))):
-        choose(experiment, k)
 
 
 WHEN = [
