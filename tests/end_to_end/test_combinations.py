@@ -30,7 +30,8 @@ WITH_DATA = (
     "balance_1cam", "balance_4cam", "balance_arm", "points_full", "track_video", "walk_keypoints", "walk_video",
     "walk_video_best",
 )  # fmt: skip
-"""Those that show nobody without recordings; the others show generated people here."""
+"""Those that show nobody without recordings; the others show generated people here. In walk_keypoints a few frames of
+a hundred are annotated, so that three are too few."""
 FEW = ("walk_straight", "points_walk_variable", "walk_keypoints_synthetic")
 """One that shows images, one that shows points and one that shows joints: run with every option."""
 
@@ -51,14 +52,14 @@ def hydra_is_ready():
         yield
 
 
-def made_small(config: DictConfig, generated: bool) -> DictConfig:
-    """Few frames, few particles, small images."""
+def made_small(config: DictConfig, generated: bool, cut: bool) -> DictConfig:
+    """Return it with few particles, small images and, where cut, few frames."""
     config = config.copy()
     if generated and "motion" in config.dataset:
         config.dataset.motion = "builtin"
     for key, value in SMALL.items():
         group, _, name = key.partition(".")
-        if name in config[group]:
+        if name in config[group] and (cut or name != "n_frames"):
             OmegaConf.update(config, key, value)
     if "n_particles" in config.inference:
         config.inference.n_particles = 20
@@ -86,5 +87,5 @@ def test_it_works_or_says_why_not(experiment, group, option, cache, request):
     else:
         usual = ["paths.data=null", "learn.motions=builtin", f"paths.cache={cache}"]
     config = compose("config", overrides=[f"experiment={experiment}", *usual, f"{group}={option}"])
-    found = outcome(made_small(config, generated=experiment not in WITH_DATA))
+    found = outcome(made_small(config, experiment not in WITH_DATA, experiment != "walk_keypoints"))
     assert found == "works" or found.startswith("config: "), found
