@@ -55,24 +55,6 @@ def test_the_same_command_gives_the_same_bits_at_any_number_of_threads(run):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["study.most_per_clips=4"], "most_per_clips"),
-        (["study.most_per_clip=0"], "1 cycle"),
-        (["study.motions=bandai"], "paths.data"),
-        (["study.activities=[swim]"], "swim"),
-        (["study.leave_out=[runner_00]", "study.motions=everything"], "everything"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    code, told, folder = run("out", STUDY, *overrides)
-    assert code == 2
-    assert words in told
-    assert "Traceback" not in told
-    assert not (folder / "run.rrd").exists()
-
-
-@pytest.mark.parametrize(
     ("source", "expected"),
     [
         ("dataset-2_run_active_017", "active"),

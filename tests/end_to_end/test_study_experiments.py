@@ -48,23 +48,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_other_gaps(run):
     assert first.properties["metrics"][name] != other.properties["metrics"][name]
 
 
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["study.fraction=[0.2]"], "fraction"),
-        (["study.fractions=[1.5]"], "1.5"),
-        (["study.motions=cmu"], "paths.data"),
-        (["study.motions=all"], "all"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    code, told, folder = run("out", "experiment=impute_gaps", *overrides)
-    assert code == 2
-    assert words in told
-    assert "Traceback" not in told
-    assert not (folder / "run.rrd").exists()
-
-
 def test_recorded_walks(run, data):
     code, told, folder = run("out", "experiment=period_snr", f"paths.data={data}", "study.subjects=['08']")
     assert code == 0, told

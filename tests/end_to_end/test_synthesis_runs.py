@@ -125,30 +125,3 @@ def test_coefficient_histograms_run_without_data(run):
 def read_note(folder):
     (chunk,) = RrdReader(folder / "run.rrd").stream().filter(content="/note").to_chunks()
     return chunk.to_record_batch().column("TextDocument:text").to_pylist()[0][0]
-
-
-@pytest.mark.parametrize("experiment", ["synthesize_run", "temperature", "coefficient_histograms"])
-def test_without_recordings_one_sentence_says_what_is_needed(run, experiment):
-    done = run("out", f"experiment={experiment}")
-    assert done.code == 2
-    assert "paths.data" in done.err
-    assert len(done.err.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["inference.look_ahead=-1"], "look_ahead"),
-        (["inference.look_ahead=5000"], "5000"),
-        (["inference.smoothing=1"], "smoothing"),
-        (["dataset.n_frames=0"], "n_frames"),
-        (["dataset.first_frame=100000"], "first_frame"),
-        (["dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    done = run("out", "experiment=synthesize_run", *BUILTIN, SHORT, *overrides)
-    assert done.code == 2
-    *there, sentence = done.err.strip().splitlines()
-    assert words in sentence
-    assert not there or there[0] == "there are:"

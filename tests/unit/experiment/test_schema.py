@@ -148,11 +148,6 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
 
 
-def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():
-    assert compose("config").prior.sigma_rotation == [0.0, 0.0, 0.0]
-    assert min(compose("config", overrides=["dataset.motion=35_02"]).prior.sigma_rotation) > 0.0
-
-
 @pytest.mark.parametrize("experiment", ["learn_walk", "period_snr", "align_cycles", "impute_gaps"])
 def test_a_study_takes_recorded_walks_where_there_are_any_and_nothing_to_track_with(experiment):
     config = compose("config", overrides=[f"experiment={experiment}", "paths.data=null"])
