@@ -43,6 +43,7 @@ def test_the_study_runs_from_its_name_and_leaves_a_recording(run):
         assert knee[1].curves[label][1:-1] == pytest.approx(slope, abs=0.14 * np.abs(curve).max())
 
 
+@pytest.mark.slow
 def test_the_same_command_gives_the_same_bits_at_any_number_of_threads(run):
     found = []
     for folder, override in (("a", "threads=1"), ("b", "seed=3")):

@@ -34,6 +34,7 @@ def test_a_study_runs_from_its_name_and_leaves_a_recording(run, experiment):
     assert not list(folder.glob("*.part"))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_another_one_other_gaps(run):
     found = []
     for folder, overrides in (("a", ["threads=1"]), ("b", []), ("c", ["seed=1"])):

@@ -24,7 +24,7 @@ def metrics_of(folder):
     return summary["metrics"]
 
 
-def test_synthesize_run_leaves_metrics_and_a_recording(run):
+def test_synthesize_run_leaves_metrics_a_recording_and_the_way_through_the_world(run):
     code, told, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
     assert code == 0, told
     metrics, recorded = metrics_of(folder), read(folder / "run.rrd")
@@ -36,11 +36,7 @@ def test_synthesize_run_leaves_metrics_and_a_recording(run):
     assert "jump_deg" not in metrics
     assert metrics["same_activity"] == 1.0  # the built-in people only walk
     assert recorded.metric("jump_deg")[1] == pytest.approx(jumps)
-
-
-def test_the_way_is_drawn_through_the_world(run):
-    folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
-    places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
+    places = joints(person(Blank().known.shape).skeleton, poses)
     for name in ("left_wrist", "right_wrist"):
         (trail,) = static_strips(folder / "run.rrd", f"/world/estimate/trails/{name}")
         assert trail == pytest.approx(places[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32
