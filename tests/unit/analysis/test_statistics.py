@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from compositions import composed
+from omegaconf import OmegaConf
 from scipy import stats
 
 from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
@@ -103,6 +104,21 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
     assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
     replicates.replicates("walk_straight", "ours", source, n_seeds=3)
     assert seen[4:] == [("ours", 2, 1002)]
+
+
+def test_a_clip_that_is_too_short_begins_earlier_and_is_cut(monkeypatch):
+    """Frames at 14 Hz of clips of 60, 37, 21 or 40 rows; half a blend, 2.1 frames, is part of both clips of a pair."""
+    n_rows = {"07_01": 37, "02_03": 21, "02_01": 40}
+    monkeypatch.setattr(people, "_motion", lambda config, name: range(n_rows.get(name, 60)))
+    points = OmegaConf.create({"dataset": {"motion": "35_02", "n_frames": 28, "first_frame": 10, "rate_hz": 14.0}})
+
+    def shown(*clips):
+        return [int(text.partition("=")[2]) for text in people.shown(points, clips)[1:]]
+
+    assert [shown(clip) for clip in ("05_01", "07_01", "02_03")] == [[28, 10], [28, 9], [21, 0]]
+    assert shown("02_01", "02_03") == [28, 10]
+    points.dataset.n_frames = 42
+    assert shown("02_01", "02_03") == [36, 10]
 
 
 @pytest.mark.parametrize(("experiment", "paper"), [("learn_walk", "ours"), ("walk_best", "literal")])
