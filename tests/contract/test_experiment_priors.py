@@ -5,7 +5,7 @@ from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
 from workbench.experiment.build import resolved
-from workbench.experiment.parts import folder, options
+from workbench.experiment.parts import options
 from workbench.experiment.schema import keys_of, prepare_hydra
 from workbench.mocap.names import performer
 
@@ -23,26 +23,15 @@ def composed(*overrides):
     return compose("config", overrides=[*overrides, "paths.data=somewhere"])
 
 
-def choose(experiment, k):
-    """Compose with the k-th prior, likelihood and inference, each on its own list again and again."""
+@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
+def test_components_can_be_chosen_in_every_experiment(k, experiment):
+    """The k-th experiment composes with the k-th prior, likelihood and inference, each counted modulo its list."""
     names = {group: sorted(options(group)) for group in ("prior", "likelihood", "inference")}
     chosen = {group: each[k % len(each)] for group, each in names.items()}
     config = composed(f"experiment={experiment}", *(f"{group}={name}" for group, name in chosen.items()))
     plain = OmegaConf.to_container(config, resolve=True)
     for group, name in chosen.items():
         assert plain[group]["_target_"] == options(group)[name].target
-
-
-@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
-def test_parts_can_be_chosen_in_every_experiment(k, experiment):
-    choose(experiment, k)
-
-
-@pytest.mark.slow  # half a second for each of five hundred
-@pytest.mark.parametrize("experiment", TRACKING)
-def test_every_part_can_be_chosen_in_every_experiment(experiment):
-    for k in range(len(options("prior"))):
-        choose(experiment, k)
 
 
 WHEN = [
@@ -103,10 +92,6 @@ def test_the_command_line_has_the_last_word_then_the_experiment_then_what_it_beg
     assert composed("experiment=points_hybrid").prior.n_components == 8
     assert composed("experiment=balance_1cam").inference.problem is None  # so that nothing is measured in the truth
     assert composed("experiment=balance_1cam").likelihood.loss == "huber"
-
-
-def test_there_are_few_files():
-    assert len(list(folder("workbench").rglob("*.yaml"))) <= 100  # 90, two readings of a paper, and what came later
 
 
 def test_nobody_whose_numbers_are_reported_is_one_to_choose_parameters_by():

@@ -25,8 +25,9 @@ COCO_17 = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*are stretched")
-@pytest.mark.parametrize("experiment", ["balance_1cam", pytest.param("balance_4cam", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("experiment", ["balance_1cam", "balance_4cam"])
 def test_the_balance_experiments_hold_the_man(run, data, experiment):
     if not (data / "pose2sim_balance").is_dir():
         pytest.skip("no recordings of several cameras")

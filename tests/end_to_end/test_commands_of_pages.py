@@ -32,10 +32,6 @@ ELSEWHERE = {  # what is not run here, and which test does
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
     "--watch": "test_watch.py", "--until": "test_check.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
 }  # fmt: skip
-NEEDED = {
-    "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
-    "--gallery": "datafusion",
-}  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
     if "_generated" not in page.parts and page.name != "tutorial.md"  # which test_documents follows to the letter

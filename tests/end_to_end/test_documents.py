@@ -2,18 +2,12 @@
 
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_module
-from hydra.core.override_parser.overrides_parser import OverridesParser
-
-from workbench.experiment.lacking import what_lacks
-from workbench.experiment.schema import prepare_hydra
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"
@@ -77,38 +71,6 @@ def test_python_of_the_pages_on_python_and_reading_runs(shell):
     for page in ("python.md", "howto/read.md"):
         code = "\n".join(text for language, text in blocks(page) if language == "python")
         assert "recordings/runs/python" in run(sys.executable, "-c", code) or page != "python.md"
-
-
-def commands():
-    """Every command of the pages that begins with `workbench` alone, as words, without launchers and tuners."""
-    for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")]):
-        for block in re.findall(r"```sh\n(.+?)```", page.read_text(encoding="utf-8"), re.DOTALL):
-            for line in block.replace("\\\n", " ").splitlines():
-                words = shlex.split(line, comments=True)
-                if words[:1] == ["workbench"] and not any(word.startswith(("hydra/", "from=", "--")) for word in words):
-                    yield page.name, words[1:]
-
-
-def once(words):
-    """A sweep's words as those of its first job, without where it lies and without packages."""
-    for word in words:
-        if word != "-m" and not word.startswith(("hydra.", "sweep.", "parts=", "paths.")):
-            override = OverridesParser.create().parse_override(word)
-            key = override.input_line.partition("=")[0]
-            yield f"{key}={next(override.sweep_iterator())}" if override.is_sweep_override() else word
-
-
-ASKED = {" ".join(words): words for _, words in commands() if words and not any("my_parts" in word for word in words)}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("asked", ASKED)
-def test_every_command_of_the_pages_composes_and_lacks_nothing_but_recordings(asked):
-    prepare_hydra()
-    with initialize_config_module("workbench.conf", version_base="1.3"):
-        config = compose("config", overrides=[*once(ASKED[asked]), "paths.data=DATA"])
-    told = what_lacks(config, {})
-    assert told is None or "paths.data should hold" in told
 
 
 @pytest.mark.slow

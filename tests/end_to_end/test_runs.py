@@ -18,6 +18,7 @@ from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
+SYNTHESIS = ("experiment=synthesize_run", "prior.motions=builtin", "dataset.motion=builtin", "dataset.n_frames=12")
 
 
 @pytest.mark.parametrize("experiment", ["walk_straight", "walk_circle", "walk_prior_only"])
@@ -173,6 +174,13 @@ def test_the_real_video(summary_of, cache, data):
         (["body=height", "body.height_m=180"], "180"),
         (["body=height", "body.height_m=1.8", "body.lengths={thig: 0.4}"], "thig"),
         (["likelihood.exponent=total"], "total"),
+        (["experiment=impute_gaps", "study.fraction=[0.2]"], "fraction"),
+        (["experiment=impute_gaps", "study.fractions=[1.5]"], "1.5"),
+        (["experiment=learn_walk_run", "study.activities=[swim]"], "swim"),
+        (["experiment=learn_walk_run", "study.most_per_clip=0"], "1 cycle"),
+        (["experiment=temperature"], "paths.data"),
+        ([*SYNTHESIS, "inference.look_ahead=5000"], "5000"),
+        ([*SYNTHESIS, "dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
     ],
 )
 def test_wrong_input_is_one_clear_sentence(run, overrides, words):

@@ -24,7 +24,7 @@ def metrics_of(folder):
     return summary["metrics"]
 
 
-def test_synthesize_run_leaves_metrics_and_a_recording(run):
+def test_synthesize_run_leaves_metrics_a_recording_and_the_way_through_the_world(run):
     code, told, folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT)
     assert code == 0, told
     metrics, recorded = metrics_of(folder), read(folder / "run.rrd")
@@ -36,11 +36,7 @@ def test_synthesize_run_leaves_metrics_and_a_recording(run):
     assert "jump_deg" not in metrics
     assert metrics["same_activity"] == 1.0  # the built-in people only walk
     assert recorded.metric("jump_deg")[1] == pytest.approx(jumps)
-
-
-def test_the_way_is_drawn_through_the_world(run):
-    folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
-    places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
+    places = joints(person(Blank().known.shape).skeleton, poses)
     for name in ("left_wrist", "right_wrist"):
         (trail,) = static_strips(folder / "run.rrd", f"/world/estimate/trails/{name}")
         assert trail == pytest.approx(places[:, JOINT_NAMES.index(name)], abs=1e-5)  # float32
@@ -125,30 +121,3 @@ def test_coefficient_histograms_run_without_data(run):
 def read_note(folder):
     (chunk,) = RrdReader(folder / "run.rrd").stream().filter(content="/note").to_chunks()
     return chunk.to_record_batch().column("TextDocument:text").to_pylist()[0][0]
-
-
-@pytest.mark.parametrize("experiment", ["synthesize_run", "temperature", "coefficient_histograms"])
-def test_without_recordings_one_sentence_says_what_is_needed(run, experiment):
-    done = run("out", f"experiment={experiment}")
-    assert done.code == 2
-    assert "paths.data" in done.err
-    assert len(done.err.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["inference.look_ahead=-1"], "look_ahead"),
-        (["inference.look_ahead=5000"], "5000"),
-        (["inference.smoothing=1"], "smoothing"),
-        (["dataset.n_frames=0"], "n_frames"),
-        (["dataset.first_frame=100000"], "first_frame"),
-        (["dataset.rate_hz=25", "prior.rate_hz=30"], "30 Hz"),
-    ],
-)
-def test_wrong_input_is_one_clear_sentence(run, overrides, words):
-    done = run("out", "experiment=synthesize_run", *BUILTIN, SHORT, *overrides)
-    assert done.code == 2
-    *there, sentence = done.err.strip().splitlines()
-    assert words in sentence
-    assert not there or there[0] == "there are:"

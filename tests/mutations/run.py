@@ -20,7 +20,7 @@ from time import perf_counter
 ROOT = Path(__file__).parents[2]
 COPIED = ("workbench", "conf", "tests", "analysis", "pyproject.toml", "README.md", ".docs")
 UNCOPIED = shutil.ignore_patterns("__pycache__")
-FAST = "not slow and not table"
+FAST = "not slow"
 
 
 @dataclass(frozen=True)

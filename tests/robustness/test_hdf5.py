@@ -35,7 +35,7 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_damage(kind, tmp_path):
     write, _, read = KINDS[kind]
-    withstands(read, write(tmp_path / "a.h5"), 15, changes | flips)
+    withstands(read, write(tmp_path / "a.h5"), 6, changes | flips)
 
 
 @pytest.mark.slow

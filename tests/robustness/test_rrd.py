@@ -111,12 +111,6 @@ def test_runs_of_this_machine_are_read_directly(tmp_path, monkeypatch):
     assert set(tried) == {other, alone}
 
 
-@pytest.mark.parametrize("content", [b"", b"junk" * 100, b"RRF2" + bytes(100)])
-def test_other_files(tmp_path, content):
-    (tmp_path / "a.rrd").write_bytes(content)
-    assert "a.rrd: expected a whole Rerun recording" in refusal(read_sound_run, tmp_path / "a.rrd")
-
-
 def test_a_body_that_no_reader_knows_is_refused(tmp_path):
     stream = rr.RecordingStream("other", recording_id="other")
     stream.set_sinks(rr.FileSink(tmp_path / "a.rrd"))

@@ -20,7 +20,6 @@ SMALL = (
     "dataset.n_frames=3", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
     "inference.n_particles=20", "recorder.n_particles_shown=5", "recorder.marginal_bins=8",
 )  # fmt: skip
-STILL = ("experiment=custom", "dataset=blank", "dataset.n_frames=3", "prior=smooth", "likelihood=uniform")
 
 
 @pytest.fixture(scope="module", autouse=True)

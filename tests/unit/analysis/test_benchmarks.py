@@ -1,115 +1,131 @@
-"""The table of benchmarks: what is printed, kept as JSON, and compared."""
+"""Benchmarks: figures against bars and references, exponents of known laws, and every measurement at a tiny size."""
 
-import json
 import math
+import os
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis.benchmarks import __main__ as benchmarks
-from analysis.benchmarks.figure import Figure, differences, not_measured, read_figures, table, write_figures
+from analysis.benchmarks import scaling, scaling_figures, step
+from analysis.benchmarks.curve import Curve
+from analysis.benchmarks.figure import Figure, differences, not_measured, read_figures, write_figures
+from analysis.benchmarks.memory import peak_gb, peaks_gb
 from workbench.errors import InputError
 
 REFERENCE = Path(benchmarks.__file__).with_name("reference.json")
 FAST = Figure("draw_us", 0.9, "µs a draw", 1.2, "lower", "a bar")
 MANY = Figure("against_peer", 80.0, "×", 100.0, "higher", "peer: 72 µs")
 UNKNOWN = not_measured("with_peer", "×", 0.1, "lower", "peer is not installed")
+SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
+TINY = {
+    "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
+    "time_against_limbs": lambda: scaling.limbs((1, 12), n_particles=9),
+    "time_against_samples": lambda: scaling.samples((1, 3), n_particles=9),
+    "time_against_pixels": lambda: scaling.pixels((0.1, 0.2), n_particles=9),
+    "time_against_database": lambda: scaling.database((100, 300)),
+    "time_against_frames": lambda: scaling.frames((4, 6)),
+    "time_against_length": lambda: scaling.clip_length((2, 4)),
+}
 
 
 def test_a_figure_reaches_its_bar_on_the_better_side():
     assert FAST.reached
-    assert Figure("x", 1.2, "µs", 1.2, "lower", "").reached
+    assert replace(FAST, value=1.2).reached
     assert not MANY.reached
-    assert Figure("x", 100.0, "×", 100.0, "higher", "").reached
+    assert replace(MANY, value=100.0).reached
     assert not UNKNOWN.reached
-    with pytest.raises(ValueError, match="better"):
-        Figure("x", 1.0, "µs", 1.0, "faster", "")
-
-
-def test_the_table_has_a_line_a_figure_and_says_what_was_not_measured_and_why():
-    head, fast, many, unknown = table([FAST, MANY, UNKNOWN]).splitlines()
-    assert head.split()[:5] == ["name", "figure", "bar", "unit", "reached"]
-    assert fast.split()[:4] == ["draw_us", "0.9", "≤", "1.2"]
-    assert " yes " in fast
-    assert many.split()[:4] == ["against_peer", "80", "≥", "100"]
-    assert " no " in many
-    assert unknown.split()[1] == "-"
-    assert unknown.endswith("not measured: peer is not installed")
-
-
-def test_figures_survive_json(tmp_path):
-    write_figures(tmp_path / "figures.json", [FAST, UNKNOWN])
-    rows = json.loads((tmp_path / "figures.json").read_text())
-    assert [set(row) for row in rows] == [{"name", "value", "unit", "bar", "better", "reference"}] * 2
-    assert rows[1]["value"] is None
-    fast, unknown = read_figures(tmp_path / "figures.json")
-    assert fast == FAST
-    assert math.isnan(unknown.value)
-
-
-@pytest.mark.parametrize("text", ["", "{}x", '{"name": 1}', '[{"name": "x"}]', '[{"value": "many"}]', "[3]"])
-def test_a_file_of_something_else_is_refused(tmp_path, text):
-    (tmp_path / "figures.json").write_text(text)
-    with pytest.raises(InputError, match=r"figures\.json"):
-        read_figures(tmp_path / "figures.json")
-
-
-def changed(figure, value):
-    return Figure(figure.name, value, figure.unit, figure.bar, figure.better, figure.reference)
 
 
 def test_a_figure_fails_when_it_is_worse_by_more_than_the_share():
-    assert differences([changed(FAST, 1.1), changed(MANY, 65.0)], [FAST, MANY], 0.25) == []
-    assert differences([changed(FAST, 0.1), changed(MANY, 650.0)], [FAST, MANY], 0.25) == []
-    slower, fewer = differences([changed(FAST, 1.2), changed(MANY, 60.0)], [FAST, MANY], 0.25)[::-1]
-    assert slower == "draw_us: 1.2, was 0.9 µs a draw; lower is better"
-    assert fewer.startswith("against_peer: 60, was 80")
+    for draw_us, against_peer in ((1.1, 65.0), (0.1, 650.0)):
+        assert differences([replace(FAST, value=draw_us), replace(MANY, value=against_peer)], [FAST, MANY], 0.25) == []
+    worse = differences([replace(FAST, value=1.2), replace(MANY, value=60.0)], [FAST, MANY], 0.25)
+    assert {line.partition(":")[0] for line in worse} == {"draw_us", "against_peer"}
+    for value in (math.nan, math.inf, 0.0, -1.0):
+        assert len(differences([replace(FAST, value=value)], [FAST], 0.25)) == 1
+        assert len(differences([FAST], [replace(FAST, value=value)], 0.25)) == 1
+    assert len(differences([], [FAST], 0.25)) == len(differences([FAST], [], 0.25)) == 1
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
-def test_what_was_not_measured_fails_on_either_side(value):
-    assert len(differences([changed(FAST, value)], [FAST], 0.25)) == 1
-    assert len(differences([FAST], [changed(FAST, value)], 0.25)) == 1
+def test_figures_survive_json_and_other_files_are_refused(tmp_path):
+    path = tmp_path / "figures.json"
+    write_figures(path, [FAST, UNKNOWN])
+    fast, unknown = read_figures(path)
+    assert fast == FAST
+    assert math.isnan(unknown.value)
+    for text in ("", '{"name": 1}', '[{"name": "x"}]', "[3]"):
+        path.write_text(text)
+        with pytest.raises(InputError, match=r"figures\.json"):
+            read_figures(path)
 
 
-def test_a_missing_figure_fails_on_either_side():
-    assert differences([], [FAST], 0.25) == ["draw_us: missing from this run"]
-    assert differences([FAST], [], 0.25) == ["draw_us: missing from the reference"]
+def test_the_command_fails_only_where_something_got_worse(monkeypatch, tmp_path):
+    def run(measured, *arguments):
+        monkeypatch.setattr(benchmarks, "BENCHMARKS", {each.name: lambda each=each: [each] for each in measured})
+        return benchmarks.main([str(argument) for argument in arguments])
 
-
-def run(monkeypatch, measured, *arguments):
-    monkeypatch.setattr(benchmarks, "BENCHMARKS", {figure.name: lambda figure=figure: [figure] for figure in measured})
-    return benchmarks.main([str(argument) for argument in arguments])
-
-
-def test_the_command_fails_only_where_something_got_worse(monkeypatch, tmp_path, capsys):
     kept = tmp_path / "kept.json"
-    assert run(monkeypatch, [FAST, MANY], "--json", kept) == 0
-    assert run(monkeypatch, [FAST, MANY], "--compare", kept) == 0
-    assert run(monkeypatch, [changed(FAST, 2.0), MANY], "--compare", kept) == 1
-    assert "draw_us: 2, was 0.9" in capsys.readouterr().out
-    assert run(monkeypatch, [changed(FAST, 2.0), MANY], "--compare", kept, "--worse", 2.0) == 0
-    assert run(monkeypatch, [changed(FAST, 2.0), MANY], "against_peer", "--compare", kept) == 0
-    assert run(monkeypatch, [changed(FAST, math.nan), MANY], "draw_us", "--compare", kept) == 1
-    assert run(monkeypatch, [MANY], "--compare", kept) == 1
-    assert run(monkeypatch, [FAST], "typo") == 2
-    assert "typo" in capsys.readouterr().err
-    assert run(monkeypatch, [FAST], "--compare", tmp_path / "nowhere.json") == 2
-
-
-def test_figures_measured_together_are_measured_once(monkeypatch):
-    asked = []
-
-    def both():
-        asked.append(1)
-        return [FAST, MANY]
-
-    monkeypatch.setattr(benchmarks, "BENCHMARKS", {"draw_us": both, "against_peer": both})
-    assert benchmarks.main([]) == 0
-    assert len(asked) == 1
+    assert run([FAST, MANY], "--json", kept) == 0
+    assert run([FAST, MANY], "--compare", kept) == 0
+    assert run([replace(FAST, value=2.0), MANY], "--compare", kept) == 1
+    assert run([replace(FAST, value=2.0), MANY], "--compare", kept, "--worse", 2.0) == 0
+    assert run([MANY], "--compare", kept) == 1
+    assert run([FAST], "typo") == 2
 
 
 def test_the_kept_reference_has_every_figure():
     kept = {figure.name: figure for figure in read_figures(REFERENCE)}
     assert set(benchmarks.BENCHMARKS) <= set(kept)
     assert not [name for name, figure in kept.items() if not figure.value > 0.0]
+
+
+def law(exponent, cost=0.0):
+    return Curve("law", "things", "ms", SIZES, tuple(cost + 3.0 * size**exponent for size in SIZES))
+
+
+@pytest.mark.parametrize("exponent", [-0.5, 0.0, 1.0, 2.0])
+def test_a_power_law_has_its_exponent(exponent):
+    assert law(exponent).exponent == pytest.approx(exponent, abs=1e-12)
+
+
+def test_the_exponent_is_that_of_the_upper_half():
+    """Three of five sizes: the constant cost of a call shows in the smaller ones alone."""
+    curve = law(1.0, cost=3.0)
+    assert curve.exponent == np.polyfit(np.log(SIZES[2:]), np.log(curve.values[2:]), 1)[0]
+    assert np.polyfit(np.log(SIZES), np.log(curve.values), 1)[0] < curve.exponent < 1.0
+    with pytest.raises(ValueError, match="rising sizes"):
+        Curve("law", "things", "ms", (2.0, 1.0), (1.0, 1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TINY)
+def test_what_is_measured_has_a_law_and_a_figure(name, tmp_path_factory, monkeypatch):
+    """One timed run of each function, two frames of the step, one cue, and windows of generated people."""
+    monkeypatch.setattr(scaling, "REPEATS", 1)
+    monkeypatch.setattr(scaling, "REPEATS_OF_LONG", 1)
+    monkeypatch.setattr(step, "N_FRAMES", 2)
+    monkeypatch.setattr(step, "several_cues", lambda: ())  # which would learn edges first, for half a minute
+    monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
+    monkeypatch.delenv("WORKBENCH_DATA", raising=False)
+    curves = TINY[name]()
+    assert {*TINY, "memory_against_particles", "memory_against_length"} == {*scaling.MEASURES}
+    assert len({curve.name for curve in curves}) == len(curves)
+    assert all(len(curve.sizes) == 2 and np.isfinite(curve.exponent) for curve in curves)
+    assert scaling_figures.drawn(name, curves).get_axes()[0].has_data()
+
+
+def test_peak_memory_is_the_process_own():
+    """What it writes to counts; what this process holds, which by far exceeds a bare Python's 10 MB or so, does not."""
+    held = np.ones(50_000_000)
+    bare, filled = (peak_gb(["-c", code], os.environ) for code in ("pass", "full = b'x' * 200_000_000"))
+    assert bare < 0.1 < 1e-9 * held.nbytes
+    assert filled - bare == pytest.approx(0.2, abs=0.005)  # pages and the allocator's own: measured 0.001
+
+
+@pytest.mark.slow
+def test_peak_memory_of_a_run_grows_with_its_particles():
+    few, many = peaks_gb((5, 50_000))
+    assert 0.05 < few < many - 50_000 * 25 * 8e-9  # the poses alone

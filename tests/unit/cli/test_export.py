@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import rerun as rr
 from recording_steps import BODY, SPACE, steps
 
 from workbench.body.kinematics import joints
@@ -186,15 +185,6 @@ def test_what_cannot_be_read_or_written_is_told(recorded, run, tmp_path, capsys)
 def test_bvh_of_the_truth_is_refused_since_only_joints_are_known(recorded, tmp_path, capsys):
     line = failure(capsys, recorded, tmp_path / "out.bvh", "--truth")
     assert "BVH holds angles, but only joints are known here" in line
-
-
-def test_another_recording_of_rerun_is_refused(tmp_path, capsys):
-    path = tmp_path / "other.rrd"
-    stream = rr.RecordingStream("other", recording_id="other")
-    stream.set_sinks(rr.FileSink(path))
-    stream.log("points", rr.Points3D([[0.0, 0.0, 0.0]]))
-    stream.disconnect()
-    assert "expected the recording of a run" in failure(capsys, path, tmp_path / "out.bvh")
 
 
 def test_another_body_or_shape_is_refused(recorded):

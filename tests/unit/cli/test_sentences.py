@@ -19,33 +19,30 @@ class _UnknownKeyError(Exception):
     object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("move", str)])
 
 
-def test_a_wrong_option_tells_what_was_meant_and_what_there_is():
-    found = lines(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
-    assert found[-1] == "dataset: there is no option 'syntetic'; did you mean dataset=synthetic?"
-    assert "  dataset=video" in found
-
-
-def test_a_wrong_key_tells_what_was_meant_and_what_there_is():
+def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
+    *listed, last = lines(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
+    assert "syntetic" in last
+    assert "dataset=synthetic" in last
+    assert "  dataset=video" in listed
     error = ValueError("Could not override 'inference.n_particle'.")
     error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
-    assert lines(error) == [
-        "there are:", "  inference.move", "  inference.n_particles",
-        "there is no key inference.n_particle; did you mean inference.n_particles?",
-    ]  # fmt: skip
+    *listed, last = lines(error)
+    assert {"  inference.move", "  inference.n_particles"} <= set(listed)
+    assert "inference.n_particles" in last
 
 
 @pytest.mark.parametrize(
-    ("word", "sentence"),
+    ("word", "wrong", "meant"),
     [
-        ("sed=3", "there is no key sed; did you mean seed?"),
-        ("experimnt=walk_best", "there is no key experimnt; did you mean experiment?"),
-        ("prior=walkin", "prior: there is no option 'walkin'; did you mean prior=walking?"),
-        ("experiment=walk_strait", "experiment: there is no option 'walk_strait'; did you mean experiment=walk_"),
-        ("paper=theirs", "paper: there is no option 'theirs'"),
+        ("sed=3", "sed", "seed"), ("experimnt=walk_best", "experimnt", "experiment"),
+        ("prior=walkin", "walkin", "prior=walking"), ("experiment=walk_strait", "walk_strait", "experiment=walk_"),
+        ("paper=theirs", "theirs", ""),
     ],
-)
-def test_what_is_mistyped_is_told_before_hydra_would_refuse_it(word, sentence):
-    assert mistyped(["seed=1", word])[-1].startswith(sentence)
+)  # fmt: skip
+def test_what_is_mistyped_is_named_before_hydra_would_refuse_it(word, wrong, meant):
+    sentence = mistyped(["seed=1", word])[-1]
+    assert wrong in sentence
+    assert meant in sentence
     prepare_hydra()
     with initialize_config_module("workbench.conf", version_base="1.3"), pytest.raises(HydraException):
         compose("config", overrides=[word])
@@ -59,12 +56,6 @@ def test_what_can_be_said_is_not_mistyped():
     assert mistyped(["--config-dir", "mine", "prior=mine"]) == mistyped(["--config-dir=mine", "prior=mine"]) == []
 
 
-def test_anything_else_is_one_line_with_its_cause():
-    error = ValueError("wrong\n  indeed")
-    error.__cause__ = KeyError("why")
-    assert lines(error) == ["wrong indeed: 'why'"]
-
-
 def summary(tmp_path, **changes):
     outcome = Finding("held", "in all 9 frames")
     metrics = {"error_abs_mm": 31.0, "error_procrustes_mm": 25.0, "ess_mean": 500.0, "offset_neck_mm": 3.0}
@@ -74,15 +65,15 @@ def summary(tmp_path, **changes):
     return SimpleNamespace(**{**known, **changes})
 
 
-def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_told(tmp_path):
+def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(tmp_path):
     first, *others = told.lines(summary(tmp_path))
-    assert first == "verdict: held: in all 9 frames"
+    assert first.startswith("verdict: held")
     text = "\n".join(others)
-    assert "PA-MPJPE (error_procrustes_mm)" in text
+    assert "error_procrustes_mm" in text
     assert "25 mm" in text
     assert "ess_mean" not in text
-    assert "2 more numbers" in text
-    assert "took 2.0 s, 200 ms a frame; compiling kernels, once on this machine, 7.0 s" in text
+    for cost in ("2.0 s", "200 ms", "7.0 s"):
+        assert cost in text
 
 
 def test_the_last_line_can_be_pasted(tmp_path, monkeypatch):
@@ -92,9 +83,9 @@ def test_the_last_line_can_be_pasted(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.chdir(tmp_path)
-    assert list(told.lines(summary(tmp_path)))[-1] == "look at it: bin/workbench-view 'a folder/run.rrd'"
+    assert list(told.lines(summary(tmp_path)))[-1].endswith(" bin/workbench-view 'a folder/run.rrd'")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert list(told.lines(summary(tmp_path)))[-1] == "look at it: workbench-view 'a folder/run.rrd'"
+    assert list(told.lines(summary(tmp_path)))[-1].endswith(" workbench-view 'a folder/run.rrd'")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert str(tmp_path) in list(told.lines(summary(tmp_path)))[-1]

@@ -1,7 +1,6 @@
 """Every option composes, is typed by the class that it names on line 1, and says only where it departs from it."""
 
 import inspect
-from importlib.resources import files
 
 import pytest
 import yaml
@@ -16,9 +15,7 @@ from workbench.experiment.build import build, check_targets, resolved
 from workbench.experiment.parts import GROUPS, options
 from workbench.experiment.schema import PartsConfigSource, keys_of, prepare_hydra, typed
 
-CONF = files("workbench.conf")
 CHOICES = [(group, option) for group in GROUPS for option in options(group)]
-EXPERIMENTS = sorted(options("experiment"))
 
 
 @pytest.fixture(autouse=True)
@@ -34,19 +31,17 @@ def test_every_option_composes_and_names_its_class_on_line_1(group, choice):
     option = options(group)[choice]
     assert config[group]["_target_"] == option.target
     assert option.about
+    assert set(option.notes) <= set(keys_of(resolved(option.target)))
     OmegaConf.to_container(config, resolve=True)
 
 
-@pytest.mark.parametrize(("group", "choice"), [*CHOICES, *(("experiment", name) for name in EXPERIMENTS)])
-def test_no_default_stands_twice(group, choice):
-    """What a YAML says is not what its class says anyway; and it has no words on keys that are none."""
-    option = options(group)[choice]
-    for node in _with_target(yaml.safe_load(option.text)):
-        keys = keys_of(resolved(node["_target_"]))
-        own = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
-        assert [key for key, value in own.items() if value == _plain(keys[key][1])] == []
-    if option.target is not None:
-        assert set(option.notes) <= set(keys_of(resolved(option.target)))
+def test_no_default_stands_twice():
+    """A YAML file repeats no default of its classes."""
+    for option in [options(group)[choice] for group, choice in CHOICES] + list(options("experiment").values()):
+        for node in _with_target(yaml.safe_load(option.text)):
+            keys = keys_of(resolved(node["_target_"]))
+            own = {key: value for key, value in node.items() if key not in ("_target_", "defaults")}
+            assert [key for key, value in own.items() if value == _plain(keys[key][1])] == [], option
 
 
 def _with_target(value):
@@ -151,11 +146,6 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     assert product.terms["background"].clip is clip
     assert product.terms["background"].k == 0.7
     assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
-
-
-def test_rotation_is_fixed_for_the_builtin_walker_and_free_for_clips():
-    assert compose("config").prior.sigma_rotation == [0.0, 0.0, 0.0]
-    assert min(compose("config", overrides=["dataset.motion=35_02"]).prior.sigma_rotation) > 0.0
 
 
 @pytest.mark.parametrize("experiment", ["learn_walk", "period_snr", "align_cycles", "impute_gaps"])

@@ -27,18 +27,6 @@ def test_curves_lie_where_their_values_are_and_stop_at_gaps():
     assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_xlim()) == ("x", "y", (2.0, 5.0))
 
 
-def test_names_of_curves_stand_beside_the_axes_where_no_curve_is():
-    x, short, whole = np.arange(6.0), np.array([3.0, 4.0, *[np.nan] * 4]), np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-    axes = drawn(Curves("f", x, {"short": short, "whole": whole}, "x", "y"))
-    assert {text.get_text(): text.xy[0] for text in axes.texts} == {"short": 5.0, "whole": 5.0}
-
-
-def test_what_is_counted_has_whole_numbers_at_its_axis():
-    for x, whole in ((np.arange(5.0), True), (np.array([10.0, 20.0, 30.0]), True), (np.linspace(0.0, 1.0, 5), False)):
-        ticks = drawn(Curves("f", x, {"a": x}, "x", "y")).get_xticks()
-        assert (ticks == np.round(ticks)).all() == whole
-
-
 def test_bars_reach_from_zero_to_their_heights():
     heights = np.array([1.0, 4.0, 0.0, 2.0])
     axes = drawn(Bars("h", np.arange(4.0), heights, "x", heights + 1.0))

@@ -38,12 +38,6 @@ def record(path, run, config_yaml="seed: 3"):
     return path
 
 
-def configured(path, text):
-    with RecordingFile(path, run_id="x", config_yaml=text, provenance={"seed": 0}):
-        pass
-    return read(path)
-
-
 @pytest.fixture
 def folder(recorded, tmp_path):
     """Two good runs, one cut off, one that is none, and files that are no recordings."""

@@ -1,0 +1,244 @@
+"""The papers' figures: every published figure has a script, which draws from recordings and shows their numbers."""
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.style import context
+from matplotlib.text import Text
+from recording_steps import BODY, steps
+
+from analysis.figures.frames import activities, flexions
+from analysis.figures.recordings import VARIANTS
+from workbench.core.state_space import StateSpace
+from workbench.core.study import Bars, Curves, Sticks, StudyResult
+from workbench.recording.read.reader import read
+from workbench.recording.study.drawing import STYLE
+from workbench.recording.study.recorder import record_study
+from workbench.recording.write.file import RecordingFile
+from workbench.recording.write.recorder import Recorder
+
+ROOT = Path(__file__).parents[3]
+SCRIPTS = sorted(path.stem for path in (ROOT / "analysis" / "figures").glob("[abcd]_*.py"))
+FILES = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
+EXPERIMENTS = FILES | set(VARIANTS)
+ALIKE = {
+    "a_fig6_walk_circle", "a_fig7_prior_only", "b_fig2_walk_cyclic", "c_fig6_arm", "c_fig7_body",
+    "d_fig3_no_model", "d_fig7_run_steady", "d_fig8_run_variable", "d_fig9_walk_variable", "d_fig10_transition",
+}  # fmt: skip
+"""Drawn like a_fig5 or d_fig5 of another experiment."""
+TRACKED = {
+    "error_px": 12.3, "error_abs_mm": 45.6, "error_rel_mm": 23.4, "held": 1.0, "hip_deg": 3.4, "knee_deg": 5.6,
+    "activity_accuracy": 0.5, "same_activity": 0.02,
+}  # fmt: skip
+ARM_ANGLES = ("shoulder_flexion", "shoulder_abduction", "shoulder_twist", "elbow_flexion")
+ARM = StateSpace.of({"arm": (tuple(f"right_{angle}" for angle in ARM_ANGLES), "rad")})
+CONFIG = """
+dataset: {motion: builtin, rate_hz: 30.0, person_px: 175.0}
+prior: {beta: 0.05, missing: 0.2}
+inference: {n_particles: 40}
+"""
+X = np.linspace(0.0, 1.0, 9)
+
+
+@pytest.fixture(autouse=True)
+def from_the_root(monkeypatch):
+    """`analysis` is not installed: it is imported from the repository."""
+    monkeypatch.syspath_prepend(str(ROOT))
+
+
+def script(name):
+    return importlib.import_module(f"analysis.figures.{name}")
+
+
+def labels(part: str) -> dict[str, str]:
+    return {"run_id": part, "config_yaml": CONFIG}
+
+
+def waves(name, *labels):
+    return Curves(name, X, {label: np.sin(6.0 * X + k) for k, label in enumerate(labels)}, "cycle", "degrees")
+
+
+def bars(name):
+    return Bars(name, X, X, "σ", X[::-1])
+
+
+NUMBERS = {
+    "a_fig5_walk_straight": ("12.3", "46", "23", "1 of 2", "2 of 2"),
+    "c_dimension": ("0.61", "0.59", "0.64"),
+    "c_tree_balance": ("82094", "83 %", "484", "11.8", "29 %"),
+    "d_fig5_walk_steady": ("46", "3.4", "5.6"),
+    "d_methods": ("45.6", "5.6", "7.9"),
+}
+"""Measured numbers of the made-up runs that a figure must show."""
+BASELINES = ROOT / "recordings" / "baselines"
+RECORDED = (
+    "align_cycles", "coefficient_histograms", "impute_gaps", "learn_walk", "learn_walk_run", "period_snr",
+    "temperature",
+)  # fmt: skip
+"""Studies of which there is a baseline; the others are made up."""
+POSES = np.random.default_rng(0).normal(size=(3, 3, 3)), np.array([-1, 0, 1]), np.array([0.2, 0.2, 1.0])
+STUDIES = {
+    "temperature_arm": ({}, [Sticks(f"draws/{search}, β = 0.05", *POSES) for search in ("sign tree", "our search")]),
+    "tree_balance": (
+        {
+            "n_entries": 82094.0, "n_levels": 16.0, "empty_pct": 83.3, "largest_leaf": 484.0, "leaf_size": 63.6,
+            "bits": 11.76, "empty_pct_gaussian": 28.7, "largest_leaf_gaussian": 8.0, "bits_gaussian": 15.3,
+            "bits_shuffled": 15.3,
+        },
+        [
+            bars("leaves/% of the leaves"), bars("leaves/% of the entries"),
+            *(waves(f"levels/{name}", "recorded") for name in ("left to search", "nodes with one child")),
+        ],
+    ),
+    "particles_by_dimension": (
+        {"alpha_exact": 0.594, "alpha_paper": 0.253} | {
+            f"alpha_{name}{end}": 0.61 + off
+            for name in ("independent", "one_frame", "error", "body", "body_arms", "body_legs")
+            for end, off in (("", 0.0), ("_low", -0.02), ("_high", 0.03))
+        },
+        [
+            Curves(
+                "particles/needed", X, {"body": X, "exact": 2.0 * X}, "d", "log₁₀ N", {},
+                {f"body, seed {k}": X + 0.1 * k for k in range(3)},
+            )
+        ],
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """By experiment: a tiny recording of its kind."""
+    folder = tmp_path_factory.mktemp("runs")
+    found = {}
+    for name, (metrics, figures) in STUDIES.items():
+        with RecordingFile(folder / name / "run.rrd", **labels(name), provenance={"experiment": name}) as recorder:
+            record_study(recorder, StudyResult(metrics, tuple(figures), "note"))
+        found[name] = read(folder / name / "run.rrd")
+    images, points = tracked(folder / "images.rrd", False), tracked(folder / "points.rrd", True)
+    found |= {name: read(BASELINES / f"{name}.rrd") for name in RECORDED}
+    others = EXPERIMENTS - found.keys()
+    return found | {name: points if name.startswith("points") else images for name in others}
+
+
+def tracked(path, with_points):
+    """Seven frames of a walk with images, or with points and an activity; the particles' columns are an arm's."""
+    with Recorder(path, BODY, ARM, **labels(path.stem), provenance={"experiment": "any"}) as recorder:
+        for step in seven_steps(with_points):
+            recorder.log(step, {"error_px": 0.1 * step.frame.index})
+        recorder.set_result(TRACKED)
+        recorder.set_cost({"ms_per_frame": 7.89})
+    return read(path)
+
+
+def seven_steps(with_points):
+    columns = [BODY.skeleton.dof(name) for name in ARM.names]
+    for step in steps(7, n_particles=40):
+        step = replace(step, space=ARM, particles=step.poses[:, columns])
+        if with_points:
+            points = step.poses[:30, :3] + np.random.default_rng(0).normal(0.0, 0.3, (30, 3))
+            truth = replace(step.frame.truth, activity="walk" if step.frame.index < 13 else "run")
+            frame = replace(step.frame, views=(), points=points, truth=truth)
+            step = replace(step, frame=frame, attachment=np.zeros(30, dtype=np.int64), activity="walk")
+        yield step
+
+
+def rows_with_figures():
+    """(paper, numbers of figures, experiments) of every row of the documents' table that names published figures."""
+    table = (ROOT / ".docs" / "experiments.md").read_text(encoding="utf-8").partition("## The papers")[0]
+    for row in table.splitlines():
+        if figures := re.search(r"\((?:paper )?([ABCD]), figs?\. ([^)]+)\)", row):
+            numbers = [int(number) for number in re.findall(r"\d+", figures[2])]
+            yield figures[1].lower(), numbers, EXPERIMENTS & set(re.findall(r"\w+", row))
+
+
+def test_every_published_figure_of_the_experiment_table_has_a_script():
+    rows = list(rows_with_figures())
+    assert len(rows) >= 15
+    for paper, numbers, experiments in rows:
+        used = {
+            n: [script(name).EXPERIMENTS for name in SCRIPTS if name.startswith(f"{paper}_fig{n}_")] for n in numbers
+        }
+        assert all(experiments & set().union(*found) for found in used.values()), (paper, used)
+        assert experiments <= {name for found in used.values() for names in found for name in names}, (paper, used)
+
+
+def reading_of(run, papers):
+    """Recordings and made-up numbers of either reading, of which one run of the literal one is lost."""
+    readings, replicates = script("readings"), script("replicates")
+    numbers = {
+        paper: replicates.Replicates(tuple({**run.result, "held": held} for held in (1.0, float(paper == "ours"))))
+        for paper in papers
+    }
+    return readings.Reading(dict.fromkeys(papers, run), numbers if len(papers) > 1 else {})
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ALIKE else name for name in SCRIPTS]
+)
+def test_a_script_draws_the_runs_of_its_experiments(recorded, name, tmp_path):
+    module = script(name)
+    assert set(module.EXPERIMENTS) <= EXPERIMENTS
+    with context(STYLE):
+        figure = module.draw({name: reading_of(recorded[name], module.READINGS) for name in module.EXPERIMENTS})
+        figure.savefig(tmp_path / "figure.png", dpi=40)
+    assert all(axes.has_data() for axes in figure.get_axes())
+    text = " ".join(part.get_text() for part in figure.findobj(Text))
+    assert [number for number in NUMBERS.get(name, ()) if number not in text] == []
+
+
+def test_flexions_and_activities_are_read_back(recorded):
+    run = recorded["points_walk_steady"]
+    found = flexions(run)
+    assert set(found) == {"left_hip", "right_hip", "left_knee", "right_knee"}
+    frames, poses = run.poses
+    column = BODY.skeleton.dof("left_knee_flexion")
+    np.testing.assert_array_equal(found["left_knee"]["estimate"].frames, frames)
+    np.testing.assert_allclose(found["left_knee"]["estimate"].values[:, 0], np.degrees(poses[:, column]))
+    told = activities(run)
+    assert told["estimate"] == dict.fromkeys(range(10, 17), "walk")
+    assert told["truth"] == {frame: "walk" if frame < 13 else "run" for frame in range(10, 17)}
+    assert flexions(recorded["walk_straight"]) == {}
+    assert activities(recorded["walk_straight"]) == {}
+
+
+@pytest.mark.slow
+def test_missing_runs_are_made_small_and_used_again(tmp_path):
+    def command(*arguments):
+        environment = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+        environment.pop("WORKBENCH_DATA", None)
+        return subprocess.run(
+            [sys.executable, "-m", "analysis.figures", *arguments],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+
+    arguments = ("a_fig3", "d_fig5", "d_fig6", "--quick", "--runs", "runs", "-o", "out")
+    done = command(*arguments)
+    assert done.returncode == 0, done.stderr
+    names = ("a_fig3_eigencurves", "d_fig5_walk_steady", "d_fig6_flexion")
+    made = {f"{name}.{suffix}" for name in names for suffix in ("png", "pdf")}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == made
+    assert done.stdout.count("workbench experiment=") == 3  # the fit as D writes it, too
+    assert "dataset.n_frames=16" in done.stdout
+    again = command(*arguments)
+    assert again.returncode == 0, again.stderr
+    assert "workbench experiment=" not in again.stdout
+    assert len(list((tmp_path / "runs").rglob("run.rrd"))) == 3
+
+
+def test_a_patch_is_exact_at_the_silhouette_and_off_by_the_radius_over_the_sine_in_the_middle():
+    """At the limb's end, where nothing is interpolated along it; to first order in its size over the distance."""
+    module = script("a_fig2_planar_patch")
+    for alpha in (0.0, 0.5, 1.0):
+        exact, patch = module.projections(alpha, np.zeros(2), np.array([np.pi / 2.0, 0.0]))
+        first_order = 2.0 * module.RADIUS_M**2 / module.DISTANCE_M
+        np.testing.assert_allclose(patch[0], exact[0], atol=first_order)
+        off = np.linalg.norm(patch[1] - exact[1])
+        np.testing.assert_allclose(off, module.RADIUS_M * np.sin(alpha), rtol=0.08, atol=2.0 * first_order)

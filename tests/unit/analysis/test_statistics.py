@@ -1,0 +1,147 @@
+"""Numbers over seeds and people: means, intervals, power of tests, and which runs a table is made of."""
+
+import numpy as np
+import pytest
+import yaml
+from compositions import composed
+from omegaconf import OmegaConf
+from scipy import stats
+
+from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
+from analysis.figures.recordings import Source
+from workbench.datasets.synthetic import Synthetic
+from workbench.errors import InputError
+from workbench.experiment.compatibility import incompatibility
+
+ROWS = {"one": ("walk_straight", ("prior=walking",)), "other": ("walk_circle", ())}
+
+
+def of(*errors, held=()):
+    runs = [{"error_abs_mm": error, "held": float(k in held)} for k, error in enumerate(errors)]
+    return replicates.Replicates(tuple(runs))
+
+
+def test_the_mean_over_seeds_and_its_interval():
+    assert of(30.0, 30.0, 30.0).mean("error_abs_mm") == (30.0, 30.0, 30.0)
+    mean, low, high = of(*np.random.default_rng(0).normal(50.0, 10.0, 400)).mean("error_abs_mm")
+    half = 1.96 * 10.0 / np.sqrt(400)  # of the normal distribution's mean
+    assert mean == pytest.approx(50.0, abs=2 * half)
+    assert (mean - low, high - mean) == (pytest.approx(half, rel=0.1), pytest.approx(half, rel=0.1))
+    assert of(10.0, 20.0, 90.0, held=(0, 1)).held == (2, 3)
+
+
+def test_means_over_people_weigh_every_person_alike():
+    runs = {("a",): [{"error_abs_mm": 10.0, "held": 1.0}, {"error_abs_mm": 30.0, "held": 0.0}]}
+    alone = people.OverPeople(runs)
+    assert (alone.spread("error_abs_mm")[0], alone.held) == (20.0, (1, 2))
+    assert np.isnan(alone.spread("error_abs_mm")[1])
+    both = people.OverPeople(runs | {("b",): [{"error_abs_mm": 50.0, "held": 1.0}]})
+    assert both.spread("error_abs_mm") == (35.0, pytest.approx(15.0 * np.sqrt(2.0)))
+    assert both.held == (2, 3)
+
+
+def test_as_many_pairs_and_seeds_as_computed_find_the_change():
+    rng = np.random.default_rng(0)
+    d = 1.0 + 2.0 * np.linspace(-1.0, 1.0, 9) / np.linspace(-1.0, 1.0, 9).std(ddof=1)
+    n = pairs.pairs_needed(d, 0.01)
+    drawn = stats.ttest_1samp(1.0 + 2.0 * rng.standard_normal((4000, n)), 0.0, axis=1).pvalue
+    assert np.mean(drawn <= 0.01) == pytest.approx(0.95, abs=0.015)
+    n = pairs.seeds_needed(39.0 + d, 1.0, 0.01)
+    before, after = 2.0 * rng.standard_normal((2, 4000, n))
+    assert np.mean(stats.ttest_ind(before, 1.0 + after, axis=1).pvalue <= 0.01) == pytest.approx(0.95, abs=0.015)
+
+
+def test_false_alarms_are_counted(monkeypatch):
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(pairs, "N_CHECKS", 200)
+    was = {name: rng.standard_normal(16) for name in "abcde"}
+    assert pairs.false_alarms(was, {name: x + 0.1 * rng.standard_normal(16) for name, x in was.items()}, rng) <= 0.1
+    assert pairs.false_alarms(was, was, rng) == 0.0
+
+
+def test_spreads_over_people_and_over_seeds():
+    runs = kept_runs.every_run({"nothing": ("walk_best", ())}, ["a", "b"], 2, ())
+    errors = {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 50.0, ("b", 1): 60.0}
+    numbers = {
+        run: {"error_abs_mm": error, "error_px": 0.1 * error, "held": float(error < 50.0)}
+        for run in runs
+        for error in [errors[run.clip, run.seed]]
+    }
+    row = sensitivity.table(numbers).splitlines()[2]  # people 15 and 55: 35 ± 28; seeds of each 7.1 apart
+    assert [cell.strip() for cell in row.split("|")[2:5]] == ["35 ± 28, 7", "3.5 ± 2.8, 0.7", "2/4"]
+
+
+def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
+    made = []
+
+    def run_of(run, names):
+        made.append(run)
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        return {"error_px": float(len(made))}
+
+    monkeypatch.setattr(kept_runs, "measured", run_of)
+    runs, out = kept_runs.every_run(ROWS, ["a", "b"], 2, ["dataset.n_frames=3"]), tmp_path / "kept" / "runs.jsonl"
+    with pytest.raises(KeyboardInterrupt):
+        kept_runs.numbers_of(runs, out, ["error_px"])
+    numbers = kept_runs.numbers_of(runs, out, ["error_px"])
+    assert len(made) == len(runs) + 1 == len(set(runs)) + 1  # the interrupted one is made again
+    assert list(numbers) == runs
+    assert numbers == kept_runs.read_kept(out)
+
+
+def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path):
+    seen = []
+
+    def run(config, experiment):
+        seen.append((config.paper, config.seed, config.dataset.seed))
+        return {"held": 1.0, "error_abs_mm": float(config.seed)}
+
+    monkeypatch.setattr(replicates, "_run", run)
+    source = Source(tmp_path, None, quick=True)
+    for paper in replicates.PAPERS:
+        assert replicates.replicates("walk_straight", paper, source).held == (2, 2)
+    assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
+    replicates.replicates("walk_straight", "ours", source, n_seeds=3)
+    assert seen[4:] == [("ours", 2, 1002)]
+
+
+def test_a_clip_that_is_too_short_begins_earlier_and_is_cut(monkeypatch):
+    """Frames at 14 Hz of clips of 60, 37, 21 or 40 rows; half a blend, 2.1 frames, is part of both clips of a pair."""
+    n_rows = {"07_01": 37, "02_03": 21, "02_01": 40}
+    monkeypatch.setattr(people, "_motion", lambda config, name: range(n_rows.get(name, 60)))
+    points = OmegaConf.create({"dataset": {"motion": "35_02", "n_frames": 28, "first_frame": 10, "rate_hz": 14.0}})
+
+    def shown(*clips):
+        return [int(text.partition("=")[2]) for text in people.shown(points, clips)[1:]]
+
+    assert [shown(clip) for clip in ("05_01", "07_01", "02_03")] == [[28, 10], [28, 9], [21, 0]]
+    assert shown("02_01", "02_03") == [28, 10]
+    points.dataset.n_frames = 42
+    assert shown("02_01", "02_03") == [36, 10]
+
+
+@pytest.mark.parametrize(("experiment", "paper"), [("learn_walk", "ours"), ("walk_best", "literal")])
+def test_what_has_no_replicates_is_refused(experiment, paper, tmp_path):
+    with pytest.raises(InputError, match=experiment):
+        replicates.replicates(experiment, paper, Source(tmp_path, None, quick=True))
+
+
+@pytest.mark.slow
+def test_every_row_of_a_table_can_be_run():
+    for row, (experiment, overrides) in left_out.ROWS.items():
+        config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
+        assert incompatibility(config, {}) is None
+        assert "02" in config.learn.leave_out
+        assert config.dataset.exact == row.endswith("exact")
+    for overrides in sensitivity.ROWS.values():
+        for key, value in (override.split("=", 1) for override in overrides):
+            if key == "dataset.departures":
+                Synthetic(exact=True, departures=yaml.safe_load(value))  # refuses what it does not know
+    for choice in weights.CHOICES.values():
+        rows = weights.rows_of(choice)
+        likelihoods = {
+            str(composed(f"experiment={experiment}", "dataset.motion='35_02'", *overrides).likelihood)
+            for experiment, overrides in rows.values()
+        }
+        assert len(likelihoods) == len(rows) > 2
