@@ -12,6 +12,7 @@ from functools import cache, lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 
 from workbench.errors import InputError
@@ -94,10 +95,8 @@ def parts_in(arguments: Sequence[str]) -> list[str]:
 
 def name_config_dir(arguments: Sequence[str]) -> None:
     """Let this process choose the options in the folder given by `--config-dir` among a command's arguments."""
-    words = [text.partition("=") for text in arguments]
-    following = [*arguments[1:], ""]
-    found = [value if sign else after for (name, sign, value), after in zip(words, following, strict=True)
-             if name in ("--config-dir", "-cd")]  # fmt: skip
+    found = [text.partition("=")[2] for text in arguments if text.startswith(("--config-dir=", "-cd="))]
+    found += [folder for name, folder in pairwise(arguments) if name in ("--config-dir", "-cd")]
     _config_dirs[:] = [Path(each).absolute() for each in found]
 
 

@@ -237,3 +237,20 @@ def test_a_list_of_options_imports_none_of_them():
     assert done.stdout.splitlines()[-1] == "[]"
     assert "schema" not in done.stdout
     assert all(f"  {name} " in done.stdout for name in parts.options("prior"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], []),
+        (["seed=1"], []),
+        (["--config-dir=my", "-m"], ["my"]),
+        (["-cd", "my"], ["my"]),
+        (["--config-dir", "my", "seed=1"], ["my"]),
+    ],
+)
+def test_the_folder_of_options_is_read_off_a_commands_arguments(arguments, named, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(parts, "_config_dirs", [])
+    parts.name_config_dir(arguments)
+    assert parts._config_dirs == [tmp_path / name for name in named]
