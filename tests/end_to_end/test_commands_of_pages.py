@@ -28,9 +28,9 @@ SMALLER = {  # what makes them small; what is measured stays as it is written
 ELSEWHERE = {  # what is not run here, and which test does
     "python3 -m venv": ".ci/run", "pip install": ".ci/run", "submitit_slurm": "test_slurm.py",
     "pytest --pyargs": "test_own_parts.py", "my/experiment": "test_own_experiments.py",
-    "--config-dir": "test_own_experiments.py", "--bisect": "test_bisect.py",
+    "--config-dir": "test_own_experiments.py", "--against": "test_check.py", "git bisect": "test_check.py",
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
-    "--watch": "test_watch.py", "--until": "test_check.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
+    "--watch": "test_watch.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
 }  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])

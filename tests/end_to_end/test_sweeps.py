@@ -236,7 +236,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp
     """SIGTERM reaches the main process alone, as from a service manager; SIGINT its workers, too, as in a terminal."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     sweep, environment = tmp_path / "sweep", {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
-    same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=600", "recorder.checkpoints=true")
+    same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=1500", "recorder.checkpoints=true")
     same += ("dataset.n_frames=200", *LONGER[1:], "threads=1")
     command = [sys.executable, "-m", "workbench", "-m", *launcher, *same, "seed=range(4)"]
     number = signal.SIGINT if whole_group else signal.SIGTERM
