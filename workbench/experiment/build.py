@@ -10,6 +10,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from workbench.errors import InputError
 from workbench.experiment.parts import OURS, how_to_allow, is_allowed, targets
+from workbench.signals import deferred
 
 
 def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
@@ -60,7 +61,8 @@ def resolved(target: str, place: str = "") -> Callable[..., object]:
     if target in targets():
         module, _, name = target.rpartition(".")
         try:
-            found = getattr(import_module(module), name, None)
+            with deferred():  # an exception within an import can be lost in C code
+                found = getattr(import_module(module), name, None)
         except ModuleNotFoundError as error:
             if not is_allowed(f"{error.name}."):
                 raise  # the part is there, what it needs is not

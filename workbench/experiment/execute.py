@@ -89,7 +89,8 @@ def run_checked(
     if continued is not None:
         summary.identity = continued.identity(summary.identity)
         summary.provenance = {**summary.provenance, **continued.provenance}
-    from workbench.experiment.running import run  # here, as what is refused does without: it takes longest to import
+    with deferred():  # an exception within an import can be lost in C code
+        from workbench.experiment.running import run  # here, as what is refused does without: it takes longest
 
     run(config, summary, command.choices, quiet, continued, stop)
 
