@@ -81,7 +81,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 stream = new_stream("a", "a", batcher_config=rr.ChunkBatcherConfig.NEVER())
 stream.set_sinks(rr.FileSink(sys.argv[1]))
 for _ in range(20):
-    stream.log("a", rr.Tensor(np.random.rand(200, 100)))
+    stream.log("a", rr.Tensor(np.random.default_rng(0).random((200, 100))))
 try:
     stream.flush(timeout_sec=1.0)
 except RuntimeError:
