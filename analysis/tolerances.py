@@ -18,12 +18,12 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
-from workbench.experiment.stored import TOLERANCES
-from workbench.recording.compare.agreement import Agreement, agreement
-from workbench.recording.compare.compare import number_of
 from workbench.recording.read.reader import Run, find_recordings, read
 from workbench.recording.study.figures import numbers
+from workbench.results.check.again import TOLERANCES
+from workbench.results.check.agreement import Agreement, agreement
+from workbench.results.check.compare import number_of
+from workbench.utils.arrays import FloatArray
 
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},

@@ -52,8 +52,8 @@ def one_blas_thread():
 @pytest.fixture
 def trusted(monkeypatch):
     """Read files of the tests' own making without the sandbox, whose start takes half a second."""
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())
-    monkeypatch.setattr("workbench.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
+    monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda paths: set())
+    monkeypatch.setattr("workbench.utils.hdf5.parse_limited", lambda parse, path, what: dict(parse(path)))
 
 
 @pytest.fixture(scope="session")

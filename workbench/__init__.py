@@ -9,10 +9,10 @@ from typing import Any
 __version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
 _MODULES = {
-    "Clip": "core.clip",
+    "Clip": "core.frame_cache",
     "Cyclic": "priors.cyclic",
     "ImageMotion": "likelihoods.image_motion",
-    "ParticleFilter": "inference.particles.filter",
+    "ParticleFilter": "inference.smc.particle_filter",
     "Parts": "experiment.tracking",
     "Recorder": "recording.write.recorder",
     "Smooth": "priors.smooth",
@@ -21,9 +21,9 @@ _MODULES = {
     "read": "recording.read.reader",
     "record": "api",
     "run": "api",
-    "runs": "catalog.runs",
+    "runs": "results.runs",
     "track": "experiment.tracking",
-    "walking_model": "learning.training",
+    "walking_model": "motion.models.training",
 }
 """What `from workbench import …` offers, and the module it is from, which is imported on first use."""
 

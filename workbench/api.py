@@ -13,20 +13,20 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from threadpoolctl import threadpool_limits
 
-from workbench.errors import InputError
-from workbench.experiment.composition import composed
-from workbench.experiment.described import PYTHON, settings_of
+from workbench.experiment.config.composition import composed
+from workbench.experiment.config.object_config import PYTHON, settings_of
+from workbench.experiment.config.options import GROUPS, name_parts, parts_in
+from workbench.experiment.config.schema import typed
 from workbench.experiment.execute import ending, execute
 from workbench.experiment.folder import run_folder
-from workbench.experiment.parts import GROUPS, name_parts, parts_in
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.running import record as record_steps
 from workbench.experiment.running import recorder_of
-from workbench.experiment.schema import typed
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts
 from workbench.recording.read.reader import Run, read
-from workbench.run_files import RECORDING
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import RECORDING
 
 
 def run(

@@ -16,7 +16,7 @@ from pathlib import Path
 from analysis.benchmarks import batch, cyclic, draws, filters, length, likelihood, memory, runs, start, step, sweep
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
 from analysis.benchmarks.machine import cores, processor, versions
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "kernel_vs_numpy": likelihood.kernel_figures,

@@ -21,19 +21,19 @@ from threadpoolctl import threadpool_limits
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.timing import fastest_s
-from workbench.arrays import FloatArray
 from workbench.body.surface import Surface, person_surface
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss, ResidualFunction, robust, surface_residual
 from workbench.datasets.person import of_dataset
 from workbench.datasets.points import Points
-from workbench.inference.fit.decoding import FitData, MotionDecoder
-from workbench.inference.fit.hypotheses import START_LOSS, START_POINTS
-from workbench.inference.fit.motion import FitProblem, fit_motion, fit_problem
-from workbench.inference.fit.motion_fit import find_states
-from workbench.inference.fit.phase_grid import roots_from_points
-from workbench.inference.fit.task import Fit, fit_of
+from workbench.inference.least_squares.decoding import FitData, MotionDecoder
+from workbench.inference.least_squares.hypotheses import START_LOSS, START_POINTS
+from workbench.inference.least_squares.motion import FitProblem, fit_motion, fit_problem
+from workbench.inference.least_squares.motion_fit import find_states
+from workbench.inference.least_squares.phase_grid import roots_from_points
+from workbench.inference.least_squares.task import Fit, fit_of
 from workbench.priors.from_motions import activity
+from workbench.utils.arrays import FloatArray
 
 CLIP, N_COMPONENTS = "dataset-2_walk_normal_001", 30
 SIGMA_M, LOSS, SMOOTHNESS = 0.02, Loss("geman_mcclure", 1.5), Smoothness()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.files import whole_file
+from workbench.utils.atomic_write import whole_file
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from analysis.benchmarks.figure import Figure, not_measured
 from analysis.benchmarks.timing import fastest_s
-from workbench.arrays import FloatArray
-from workbench.learning.functional_pca import Slices, fpca_paper
+from workbench.motion.models.functional_pca import Slices, fpca_paper
+from workbench.utils.arrays import FloatArray
 
 N_SLICES, N_PHASES, N_ANGLES, Q = 700, 64, 19, 5
 NAMES = ("cyclic_vs_scikit_fda", "cyclic_vs_scikit_fda_each_angle")

@@ -17,13 +17,13 @@ from scipy.spatial import cKDTree
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.implicit import N_CHILDREN, N_PARENTS, NEIGHBOURS, RATE_HZ, enlarged, recorded
 from analysis.benchmarks.timing import fastest_s
-from workbench.arrays import Float32Array, FloatArray
-from workbench.learning.training import database_motions
-from workbench.learning.windows import learn_windows
-from workbench.mocap.motion import Motion
+from workbench.motion.models.training import database_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.motion import Motion
 from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree
+from workbench.utils.arrays import Float32Array, FloatArray
 
 BETA, N_DRAWS, N_QUERIES, REPEATS = 0.05, N_PARENTS * N_CHILDREN, 20, 60
 SMALL, MEDIUM, LARGE = 10_000, 100_000, 1_000_000

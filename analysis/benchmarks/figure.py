@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.files import whole_file
-from workbench.report.tables import Table, text
+from workbench.results.report.tables import Table, text
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
 
 BETTER = ("lower", "higher")
 _COLUMNS = ("name", "figure", "bar", "unit", "reached", "reference or peer")

@@ -20,14 +20,14 @@ import numpy as np
 from tqdm import tqdm
 
 from analysis.benchmarks.figure import Figure, not_measured
-from workbench.arrays import FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame, View
-from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.priors.from_motions import walking
+from workbench.utils.arrays import FloatArray
 
 N_PARTICLES, N_FRAMES, REPEATS = 10_000, 6, 10
 RATE_HZ = 30.0

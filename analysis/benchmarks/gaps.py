@@ -17,12 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
-from workbench.errors import InputError
-from workbench.learning.alignment import Alignment, align
-from workbench.learning.functional_pca import cut, fourier_basis, fpca_paper, fpca_shrunk
-from workbench.learning.gaps import (
+from workbench.motion.models.cycle_alignment import Alignment, align
+from workbench.motion.models.functional_pca import cut, fourier_basis, fpca_paper, fpca_shrunk
+from workbench.motion.models.gaps import (
     METHODS,
     gap_study,
     gappy_sequences,
@@ -31,10 +29,12 @@ from workbench.learning.gaps import (
     remove_markers,
     rmse_deg,
 )
-from workbench.learning.imputation import reconstructed
-from workbench.learning.period import find_period
-from workbench.mocap.motion import Motion
-from workbench.mocap.sources import cmu_clips, import_sources
+from workbench.motion.models.imputation import reconstructed
+from workbench.motion.models.period import find_period
+from workbench.motion.motion import Motion
+from workbench.motion.sources import cmu_clips, import_sources
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 TUNING = ("02", "05", "06", "07", "39")
 HELD_OUT = ("08", "16", "32", "35", "38")

@@ -32,20 +32,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from workbench.arrays import Float32Array, FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton, person_skeleton
 from workbench.core.prior import Prior
-from workbench.learning.cyclic import learn_cyclic
-from workbench.learning.training import database_motions
-from workbench.learning.windows import Windows, learn_windows
-from workbench.mocap.motion import Motion
+from workbench.motion.models.cyclic_model import learn_cyclic
+from workbench.motion.models.training import database_motions
+from workbench.motion.models.windows import Windows, learn_windows
+from workbench.motion.motion import Motion
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import fidelity, total_variation
 from workbench.priors.implicit_search import KdTree, exact_log_prob, kd_tree, search
 from workbench.priors.implicit_tree import Tree, draw, median_tree, sign_tree
 from workbench.priors.smooth import SIGMA, Smooth
+from workbench.utils.arrays import Float32Array, FloatArray
 
 LEFT_OUT_PEOPLE = ("35", "38", "39")
 RATE_HZ, N_PARENTS, N_CHILDREN, REPEATS = 30.0, 500, 20, 5

@@ -23,13 +23,13 @@ from tqdm import tqdm
 
 from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.memory import FEW, peak_gb
-from workbench.core.clip import Clip
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
+from workbench.core.frame_cache import Clip
 from workbench.evaluation.evidence import Evidence
 from workbench.experiment.assembly import assemble
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.running import record, recorder_of
-from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.summary import Summary
 
 SHORT, LONG = 50, 5000

@@ -16,18 +16,18 @@ from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
 from analysis.benchmarks.timing import fastest_s
 from tests.oracles import image_motion as oracle
-from workbench.arrays import ByteArray, Float32Array, FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
-from workbench.body.lanes import LANES
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.body.simd_kinematics import LANES
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Look
-from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.cues.image_levels import grey_levels
+from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.image_motion.kernel import packed
-from workbench.likelihoods.limb_points import limb_points
+from workbench.utils.arrays import ByteArray, Float32Array, FloatArray
 
 N_PARTICLES, N_SAMPLES, N_REFERENCE, N_PLACED = 10_000, 50, 500, 1600
 CAMERA = plain_camera(640, 480, 620.0, (0.0, -4.0, 1.0), (0.0, 0.0, 0.95))

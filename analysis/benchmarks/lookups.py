@@ -8,8 +8,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from workbench.arrays import Float32Array
-from workbench.body.lanes import FAST
+from workbench.body.simd_kinematics import FAST
+from workbench.utils.arrays import Float32Array
 
 
 @numba.njit(nogil=True, error_model="numpy", fastmath=FAST)

@@ -24,11 +24,11 @@ from analysis.benchmarks.machine import processor, versions
 from workbench.body.limbs import Body, person
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
-from workbench.inference.fit.frame_by_frame import FrameByFrame
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.guided import Hybrid
+from workbench.inference.least_squares.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.smc.hybrid import Hybrid
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.activity import Activity
 from workbench.priors.from_motions import activity

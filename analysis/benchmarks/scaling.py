@@ -28,18 +28,18 @@ from analysis.benchmarks.implicit import N_CHILDREN, N_PARENTS
 from analysis.benchmarks.likelihood import N_PARTICLES, N_SAMPLES, people, scene
 from analysis.benchmarks.machine import cores, processor, versions
 from analysis.benchmarks.timing import fastest_s
-from workbench.arrays import FloatArray
 from workbench.body.limbs import Limbs, person
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.datasets.points import Points
-from workbench.errors import InputError
-from workbench.inference.fit.least_squares import LeastSquares
+from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.from_motions import activity
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 REPEATS, REPEATS_OF_LONG = 12, 4
 """Runs of each function, of which the fastest counts; they take turns, so that other load hits all sizes alike."""

@@ -11,8 +11,8 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 from analysis.benchmarks.curve import Curve
 from analysis.benchmarks.machine import cores, processor
 from analysis.figures.style import canvas
-from workbench.errors import InputError
 from workbench.recording.study.drawing import DASHES, GREY, HALO, SERIES, STYLE, label_ends
+from workbench.utils.errors import InputError
 
 VIDEO_MS = 1e3 / 30.0
 _FAR = 1000.0  # sizes that differ by more get a mark at each power of ten, others one at each size

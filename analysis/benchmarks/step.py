@@ -20,8 +20,8 @@ from tqdm import trange
 
 from analysis.benchmarks.figure import Figure
 from workbench.experiment.assembly import assemble
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.running import record, recorder_of
-from workbench.experiment.schema import prepare_hydra
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts
 

@@ -18,7 +18,6 @@ from tqdm import tqdm
 
 from analysis.benchmarks.machine import processor, versions
 from tests.oracles import surface as oracle
-from workbench.arrays import FloatArray
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
@@ -32,6 +31,7 @@ from workbench.body.surface import (
     residual_jacobian,
     residuals,
 )
+from workbench.utils.arrays import FloatArray
 
 N_POINTS, REPEATS = 400, 300
 

@@ -18,18 +18,18 @@ import numpy as np
 from hydra import compose, initialize_config_module
 from scipy.stats import binomtest
 
-from workbench.arrays import FloatArray
-from workbench.datasets.scenes import occluder
+from workbench.datasets.rendering import occluder
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
 from workbench.experiment.branch import branched
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.execute import execute
-from workbench.experiment.schema import prepare_hydra
-from workbench.inference.particles.restarting import mirrored
+from workbench.inference.smc.reinitializing import mirrored
 from workbench.recording.read.reader import Run, read
-from workbench.why.changes import changes_of
-from workbench.why.futures import all_futures, losses, past_of
-from workbench.why.verdict import Verdict, ranked, table, verdict
+from workbench.results.why.changes import changes_of
+from workbench.results.why.futures import all_futures, losses, past_of
+from workbench.results.why.verdict import Verdict, ranked, table, verdict
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 SCENE = (
     "experiment=custom", "dataset=synthetic", "dataset.n_frames=40", "dataset.width=320", "dataset.height=240",

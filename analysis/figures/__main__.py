@@ -21,9 +21,9 @@ from matplotlib.style import context
 from analysis.figures.readings import Reading
 from analysis.figures.recordings import Source, recording
 from analysis.figures.replicates import replicates
-from workbench.errors import InputError
 from workbench.recording.read.reader import Run, open_runs
 from workbench.recording.study.drawing import STYLE
+from workbench.utils.errors import InputError
 
 
 def scripts(names: Sequence[str] = ()) -> dict[str, ModuleType]:

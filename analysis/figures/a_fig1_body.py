@@ -17,17 +17,17 @@ from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import ON_IMAGE, bare, canvas
 from analysis.figures.told import setup
 from tests.oracles.image_motion import PosedView, hidden_samples, inside_image, limb_patches
-from workbench.arrays import BoolArray, FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body, person
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import POSE_NAMES
-from workbench.errors import InputError
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.recording.read.chunks import read_chunks, static_values
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import FAINT, INK, SERIES
+from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.errors import InputError
 
 EXPERIMENTS = ("walk_straight",)
 READINGS = OURS

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from analysis.figures.readings import OURS, Reading
 from analysis.figures.style import bare, canvas
-from workbench.arrays import FloatArray
 from workbench.recording.study.drawing import ESTIMATE, INK, SERIES, TRUTH, label_ends
+from workbench.utils.arrays import FloatArray
 
 EXPERIMENTS = ("walk_straight",)
 READINGS = OURS

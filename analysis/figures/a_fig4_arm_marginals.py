@@ -12,8 +12,8 @@ from analysis.figures.panels import evenly, images, marginal
 from analysis.figures.readings import BOTH, DEVIATIONS, Reading
 from analysis.figures.sequences import KEY, N_FRAMES, words
 from analysis.figures.style import canvas, rows
-from workbench.arrays import FloatArray
 from workbench.recording.read.reader import Run
+from workbench.utils.arrays import FloatArray
 
 EXPERIMENTS = ("arm_twist",)
 READINGS = BOTH

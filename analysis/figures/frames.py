@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 
-from workbench.arrays import ByteArray, FloatArray, IntArray
-from workbench.errors import InputError
 from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.images import OVERLAYS
 from workbench.recording.write.point_fit_views import ACTIVITY, FLEXION
 from workbench.recording.write.scene import ESTIMATE, PARTICLES, POINTS, TRUTH
+from workbench.utils.arrays import ByteArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 _SKELETONS = OVERLAYS[:3]  # the others are points
 

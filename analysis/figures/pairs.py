@@ -17,8 +17,8 @@ import numpy as np
 from scipy import stats
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of
-from workbench.arrays import FloatArray
-from workbench.recording.compare.paired import LEVEL, POWER, differences, holm, p_of_mean
+from workbench.results.check.paired import LEVEL, POWER, differences, holm, p_of_mean
+from workbench.utils.arrays import FloatArray
 
 EXPERIMENT = "walk_straight"
 WORSE = 0.02

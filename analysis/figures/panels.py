@@ -9,11 +9,11 @@ from matplotlib.collections import LineCollection, PolyCollection
 from analysis.figures.frames import Picture, Scene, pictures, scenes
 from analysis.figures.studies import seen
 from analysis.figures.style import ON_IMAGE, POINTS, bare
-from workbench.arrays import FloatArray, IntArray
-from workbench.errors import InputError
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import ESTIMATE, FAINT, SERIES, TRUTH, label_ends
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 _MARGIN_PX, _MOVES_PX = 18.0, 3.0
 _IMAGE_SHAPE = 0.7  # width of an image over its height

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.datasets.scenes.splice import BLEND_S
-from workbench.datasets.scenes.take import motion_names
-from workbench.errors import InputError
-from workbench.mocap.names import GENERATED
-from workbench.mocap.sources import find_motion
+from workbench.datasets.rendering.concatenation import BLEND_S
+from workbench.datasets.rendering.sequence import motion_names
+from workbench.motion.formats.names import GENERATED
+from workbench.motion.sources import find_motion
+from workbench.utils.errors import InputError
 
 LISTS: Mapping[tuple[str, ...], str] = {("walk",): "report", ("run",): "report_run", ("walk", "run"): "report_walk_run"}
 """Whom an experiment goes through that shows these activities, by a name below `clips` in the configuration."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from workbench.errors import InputError
 from workbench.recording.read.reader import Run, read
+from workbench.utils.errors import InputError
 
 _FEW = ("dataset.n_frames=21", "inference.n_particles=400")
 _FEW_POINTS = ("dataset.n_points=150", "prior.n_components=6", "inference.n_particles=100")

@@ -25,8 +25,8 @@ from analysis.figures import people
 from analysis.figures.people import Clips, OverPeople, report_clips, shown
 from analysis.figures.recordings import AS_IT_STANDS, Source, chosen, what_matters
 from analysis.figures.unrecorded import composed, finished
-from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
+from workbench.utils.errors import InputError
 
 PAPERS = ("literal", "ours")
 N_SEEDS, N_SEEDS_QUICK, N_SEEDS_PEOPLE = 10, 2, 2

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from analysis.figures.style import bare
-from workbench.arrays import FloatArray
 from workbench.core.study import Curves, Figure, Sticks
-from workbench.errors import InputError
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import SERIES, TRUTH
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 AZIMUTH_DEG, ELEVATION_DEG = -60.0, 8.0  # from where stick figures are seen
 

@@ -9,11 +9,11 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Meter, track
+from workbench.utils.errors import InputError
 
 
 def composed(overrides: Sequence[str]) -> DictConfig:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable, tolerances
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.recording.read.reader import open_runs
+from workbench.results.check.again import tolerances
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.core.memory import Past
+from workbench.core.filter_state import Past
 from workbench.core.step import Continuing
-from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
-from workbench.experiment.parts import options
-from workbench.experiment.schema import prepare_hydra
-from workbench.priors.following import Following, Trajectory
-from workbench.streams import rng_streams
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.priors.fitted_rest import Following, Trajectory
+from workbench.utils.errors import InputError
+from workbench.utils.rng import rng_streams
 
 N_FRAMES = 4
 SCENE = (

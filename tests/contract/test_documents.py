@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.experiment.parts import GROUPS, options
+from workbench.experiment.config.options import GROUPS, options
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"

@@ -4,10 +4,10 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.build import resolved
-from workbench.experiment.parts import options
-from workbench.experiment.schema import keys_of, prepare_hydra
-from workbench.mocap.names import performer
+from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import keys_of, prepare_hydra
+from workbench.motion.formats.names import performer
 
 TRACKING = sorted(name for name, each in options("experiment").items() if "_study" not in each.text)
 

@@ -7,10 +7,10 @@ import pytest
 from compositions import TRACKING, composed
 from omegaconf import OmegaConf
 
-from workbench.core.given import MEANING
-from workbench.errors import InputError
-from workbench.experiment.compatibility import incompatibility
-from workbench.experiment.given import check_given, givens
+from workbench.core.side_information import MEANING
+from workbench.experiment.config.assumptions import check_given, givens
+from workbench.experiment.config.compatibility import incompatibility
+from workbench.utils.errors import InputError
 
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 

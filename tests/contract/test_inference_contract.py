@@ -8,9 +8,9 @@ import pytest
 from hydra import compose, initialize_config_module
 
 from workbench.experiment.assembly import assemble
-from workbench.experiment.parts import options
-from workbench.experiment.schema import prepare_hydra
-from workbench.streams import rng_streams
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.utils.rng import rng_streams
 
 NAMES = sorted(options("inference"))
 N = 40

@@ -15,18 +15,18 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Likelihood
-from workbench.errors import InputError
-from workbench.likelihoods.alignment.alignment import Alignment
-from workbench.likelihoods.appearance import Appearance
-from workbench.likelihoods.background import Background
-from workbench.likelihoods.edges import Edges
-from workbench.likelihoods.edges.model import BINS, EdgeModel
+from workbench.likelihoods.cues.appearance import Appearance
+from workbench.likelihoods.cues.background import Background
+from workbench.likelihoods.cues.edge_model import BINS, EdgeModel
+from workbench.likelihoods.cues.edges import Edges
+from workbench.likelihoods.cues.silhouette import Silhouette
+from workbench.likelihoods.dense.dense_alignment import Alignment
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
-from workbench.likelihoods.silhouette import Silhouette
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
+from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
 LEFT = plain_camera(160, 120, 150.0, (3.0, -2.0, 1.0), (0.0, 0.0, 0.0), name="left")

@@ -11,8 +11,8 @@ import pytest
 from kinds_of_recordings import leave_kinds
 from rerun.chunk import RrdReader
 
-from workbench.catalog.gallery import gallery
-from workbench.catalog.index import entries
+from workbench.results.gallery import gallery
+from workbench.results.index import entries
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 
@@ -37,7 +37,9 @@ def test_a_component_is_of_one_type_and_logged_in_one_way(fresh):
 
 @pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
 def test_all_baselines_and_all_kinds_are_in_one_gallery(fresh, monkeypatch):
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda paths: set())  # a process for each takes long
+    monkeypatch.setattr(
+        "workbench.recording.read.crash_probe.fatal", lambda paths: set()
+    )  # a process for each takes long
     found = entries(*sorted(BASELINES.glob("*.rrd")), fresh)
     with gallery(found) as served:
         assert served.left_out == ()

@@ -11,9 +11,9 @@ from compositions import composed
 from omegaconf import OmegaConf
 
 from workbench.cli.run import main
-from workbench.experiment import parts
-from workbench.experiment.composition import composed as compose
-from workbench.run_files import SUMMARY
+from workbench.experiment.config import options as parts
+from workbench.experiment.config.composition import composed as compose
+from workbench.utils.run_files import SUMMARY
 
 FILES = sorted((parts.folder(parts.OURS) / "experiment").glob("*.yaml"))
 SMALL = (

@@ -8,11 +8,11 @@ from compositions import TRACKING, composed
 from omegaconf import OmegaConf
 
 from workbench.body.shape import from_height
-from workbench.experiment.build import resolved
-from workbench.learning import training
-from workbench.mocap.motion import Motion
-from workbench.mocap.names import BANDAI, clip_name
-from workbench.mocap.sources import find_motion
+from workbench.experiment.config.instantiate import resolved
+from workbench.motion.formats.names import BANDAI, clip_name
+from workbench.motion.models import training
+from workbench.motion.motion import Motion
+from workbench.motion.sources import find_motion
 
 TRACKED = sorted(set(TRACKING) - {"synthesize_run"})
 """Experiments that track somebody: synthesis starts from a clip, which alone is not in its database."""

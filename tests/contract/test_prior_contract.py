@@ -11,15 +11,15 @@ from hydra import compose, initialize_config_module
 from workbench.body.camera import plain_camera
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.prior import Proposing
-from workbench.experiment.build import build
-from workbench.experiment.schema import prepare_hydra
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.experiment.config.instantiate import build
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
-from workbench.priors.following import Following, Trajectory
+from workbench.priors.factored import Partwise
+from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import PREDICTIONS, TREES, Implicit
 from workbench.priors.mixture import Enterable, Mixture, Switching
-from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
 
 P, DT = len(POSE_NAMES), 1 / 30

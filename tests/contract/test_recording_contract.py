@@ -24,11 +24,11 @@ from rerun.error_utils import RerunWarning
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
 from workbench.core.state_space import StateSpace
-from workbench.errors import InputError
 from workbench.recording.read.reader import read
 from workbench.recording.write import file
 from workbench.recording.write import recorder as module
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.errors import InputError
 
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
 N_FRAMES = 13  # more than one flush, and a rest

@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 from headless import complaints, settled, state_of, viewer
 from kinds_of_recordings import leave_kinds
 
-from workbench.catalog.gallery import gallery
-from workbench.catalog.index import entries
+from workbench.results.gallery import gallery
+from workbench.results.index import entries
 
 BASELINES = sorted((Path(__file__).parents[2] / "recordings" / "baselines").glob("*.rrd"))
 pytestmark = pytest.mark.slow

@@ -16,14 +16,15 @@ from omegaconf import OmegaConf
 from rerun.chunk import RrdReader
 
 from workbench.cli.check import main
-from workbench.errors import InputError
-from workbench.experiment import against
-from workbench.experiment import stored as again_module
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import runnable, tolerances
-from workbench.recording.compare.agreement import Tolerance
+from workbench.experiment.config import stored as again_module
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import runnable
 from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
+from workbench.results.check import against
+from workbench.results.check.again import tolerances
+from workbench.results.check.agreement import Tolerance
+from workbench.utils.errors import InputError
 
 FORMAT_1 = Path(__file__).parents[1] / "unit" / "recording" / "recordings" / "format_1.rrd"
 SMALL = (
@@ -86,7 +87,7 @@ def check(capsys, *arguments, suspicious=False):
     """Exit code and what was printed, output and errors together; suspicious: another process reads first, as usual."""
     with pytest.MonkeyPatch.context() as patch:
         if not suspicious:
-            patch.setattr("workbench.recording.read.probe.fatal", lambda paths, whole=False: set())
+            patch.setattr("workbench.recording.read.crash_probe.fatal", lambda paths, whole=False: set())
         code = main([str(argument) for argument in arguments])
     printed = capsys.readouterr()
     return code, printed.out + printed.err
@@ -116,7 +117,7 @@ def test_a_constant_that_moved_by_a_thousandth_fails_and_names_metric_and_frame(
 
 
 def test_two_recordings_are_compared_without_running(walk, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.experiment.checking.again", None)
+    monkeypatch.setattr("workbench.results.check.rerun.again", None)
     other = shutil.copy(walk, tmp_path / "other.rrd")
     code, told = check(capsys, walk, other, "-v")
     assert code == 0, told
@@ -322,7 +323,7 @@ def test_a_single_flipped_bit_never_passes_for_a_crash_of_the_check(walk, capsys
         flipped[(k * len(content)) // 12 + 7] ^= 1 << (k % 8)
         (folder / f"{k:02d}.rrd").write_bytes(flipped)
     with pytest.MonkeyPatch.context() as patch:  # what is readable needs no running here
-        patch.setattr("workbench.experiment.checking.again", lambda was, config, place: was)
+        patch.setattr("workbench.results.check.rerun.again", lambda was, config, place: was)
         code, told = check(capsys, folder, suspicious=True)
     assert code == 2
     assert len({line.split()[0] for line in told.splitlines() if "flipped" in line}) == 12
@@ -331,7 +332,7 @@ def test_a_single_flipped_bit_never_passes_for_a_crash_of_the_check(walk, capsys
 HOSTILE = {
     "foreign target": ({"dataset": {"_target_": "os.system", "command": "true"}}, "dataset._target_"),
     "one of ours that is no component": (
-        {"body": {"_target_": "workbench.mocap.library.write_library", "path": "x.h5", "motions": []}},
+        {"body": {"_target_": "workbench.motion.library.write_library", "path": "x.h5", "motions": []}},
         "body._target_",
     ),
     "foreign target inside": ({"prior": {"extra": [{"_target_": "subprocess.run"}]}}, "prior.extra[0]._target_"),

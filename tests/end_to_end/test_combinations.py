@@ -10,12 +10,12 @@ from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
 from threadpoolctl import threadpool_limits
 
-from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
-from workbench.experiment.compatibility import incompatibility
-from workbench.experiment.parts import options
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.compatibility import incompatibility
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import track
+from workbench.utils.errors import InputError
 
 GROUPS = ("prior", "likelihood", "inference")
 SMALL = {

@@ -100,8 +100,8 @@ def call(made, cache, monkeypatch, request):
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     for module in ("view", "gallery"):  # a viewer that is closed at once
         monkeypatch.setattr(f"workbench.cli.{module}.viewer", lambda: Path(shutil.which("true")))
-    monkeypatch.setattr("workbench.cli.mark.serve", lambda server: None)  # interrupted at once
-    monkeypatch.setattr("workbench.cli.mark.webbrowser.open", lambda url: True)
+    monkeypatch.setattr("workbench.cli.annotate.serve", lambda server: None)  # interrupted at once
+    monkeypatch.setattr("workbench.cli.annotate.webbrowser.open", lambda url: True)
 
     def command(found):
         if "paths.data=DATA" in found:

@@ -5,7 +5,7 @@ import pytest
 
 from workbench.recording.read.reader import read
 
-STEADY = "inference.problem={_target_: workbench.inference.fit.motion_fit.MotionFit, frames_per_style: null}"
+STEADY = "inference.problem={_target_: workbench.inference.least_squares.motion_fit.MotionFit, frames_per_style: null}"
 
 
 def test_a_generated_walk_is_found_in_noisy_keypoints(summary_of, tmp_path):

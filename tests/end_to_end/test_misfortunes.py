@@ -11,7 +11,7 @@ from kills import MOST_LOST, main
 
 from workbench.experiment.folder import run_folder
 from workbench.recording.read.reader import read
-from workbench.run_files import EARLIER, LOCK
+from workbench.utils.run_files import EARLIER, LOCK
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")
@@ -137,7 +137,7 @@ def test_runs_that_a_signal_ends_at_any_time_lose_nothing(tmp_path):
 
 
 KERNEL = """
-from workbench.kernel_cache import kernel
+from workbench.utils.kernel_cache import kernel
 @kernel()
 def one(x):
     return x + 1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from bandai_files import write_bandai_like
 
-from workbench.mocap.generated.gait import subjects, walker
-from workbench.mocap.generated.running import runner, runners
+from workbench.motion.synthetic.gait import subjects, walker
+from workbench.motion.synthetic.running import runner, runners
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=8", "dataset.n_points=150", "prior.n_components=3", "inference.n_particles=30")

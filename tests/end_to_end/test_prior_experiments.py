@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workbench.mocap.generated.arm import bending_arm
-from workbench.mocap.generated.gait import builtin_motions
-from workbench.mocap.library import write_library
+from workbench.motion.library import write_library
+from workbench.motion.synthetic.arm import bending_arm
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.recording.read.reader import read
 
 SMALL = (

@@ -7,8 +7,8 @@ import pytest
 
 from workbench.cli import report
 from workbench.recording.read.reader import read
-from workbench.report.groups import joint_errors
-from workbench.report.tables import number
+from workbench.results.report.groups import joint_errors
+from workbench.results.report.tables import number
 
 SMALL = ("experiment=custom", "dataset.n_frames=4", "dataset.width=160", "dataset.height=120")
 

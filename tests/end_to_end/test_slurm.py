@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from slurm_cluster import SlurmError, cluster, slurm
 
-from workbench.run_lock import is_locked
 from workbench.sweep.reuse import read_summary
+from workbench.utils.run_lock import is_locked
 
 N_JOBS = 4
 JOBS = (

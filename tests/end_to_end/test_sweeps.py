@@ -14,11 +14,11 @@ import psutil
 import pytest
 
 from workbench.cli.runs import main as runs
-from workbench.errors import InputError
-from workbench.recording.read.earlier import earlier
+from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
-from workbench.run_lock import is_locked
 from workbench.sweep.reuse import read_summary
+from workbench.utils.errors import InputError
+from workbench.utils.run_lock import is_locked
 
 TINY = ("dataset.n_frames=2", "inference.n_particles=20", "dataset.width=80", "dataset.height=60")
 TINY += ("dataset.person_px=40", "dataset.focal_px=90")

@@ -11,7 +11,7 @@ from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.cli.export import main as export
 from workbench.datasets.blank import Blank
-from workbench.mocap.bvh import read_bvh
+from workbench.motion.formats.bvh import read_bvh
 from workbench.recording.read.reader import read
 
 BUILTIN = ("prior.motions=builtin", "dataset.motion=builtin")

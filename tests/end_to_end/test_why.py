@@ -2,7 +2,7 @@
 
 import pytest
 
-from workbench.cli.why import main
+from workbench.cli.diagnose import main
 from workbench.recording.read.chunks import curves, read_chunks
 
 SMALL = ("dataset.n_frames=20", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")

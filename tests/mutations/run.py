@@ -83,7 +83,7 @@ def copied(folder: Path) -> Path:
 def run_tests(tree: Path, tests: list[str], slow: bool, limit_s: float) -> tuple[int | None, str]:
     """Run tests in a copy; returns pytest's exit code, None for one that took too long, and the last lines it wrote.
 
-    Kernels are kept beside the copy, in a folder by the sources they were made of (`workbench.kernel_cache`).
+    Kernels are kept beside the copy, in a folder by the sources they were made of (`workbench.utils.kernel_cache`).
     """
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", *tests]
     command += ["-o", "addopts=--import-mode=importlib --strict-markers", *([] if slow else ["-m", FAST])]

@@ -9,18 +9,18 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
 from workbench.core.residual import projection_jacobian
-from workbench.likelihoods.alignment.beside import ALONG, Beside
-from workbench.likelihoods.alignment.cells import Cells, Motion, Placed, inside
-from workbench.likelihoods.alignment.kernels import COARSE_PX, THICK_M
-from workbench.likelihoods.alignment.layers import ODD, Facets, Layer, Shown
-from workbench.likelihoods.alignment.pictures import Picture
-from workbench.likelihoods.alignment.scene import BESIDE_PX, KEPT, LEAST_NOISE, Scene, grown
-from workbench.likelihoods.alignment.sight import Residuals
+from workbench.likelihoods.dense.background_model import BESIDE_PX, KEPT, LEAST_NOISE, Scene, grown
+from workbench.likelihoods.dense.contour_samples import ALONG, Beside
+from workbench.likelihoods.dense.kernels import COARSE_PX, THICK_M
+from workbench.likelihoods.dense.layer_rendering import ODD, Facets, Layer, Shown
+from workbench.likelihoods.dense.pyramid import Picture
+from workbench.likelihoods.dense.surface_elements import Cells, Motion, Placed, inside
+from workbench.likelihoods.dense.view_likelihood import Residuals
+from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 STEPS = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, None]
 NEAREST_M, LARGEST_PX = 0.05, 200.0

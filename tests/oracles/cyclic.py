@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.utils.arrays import FloatArray
 
 
 def decode(table: FloatArray, coefficients: FloatArray, phase: FloatArray) -> FloatArray:

@@ -1,12 +1,12 @@
-"""The edge and ridge likelihood in OpenCV and plain NumPy, for `workbench.likelihoods.edges`."""
+"""The edge and ridge likelihood in OpenCV and plain NumPy, for `workbench.likelihoods.cues.edges`."""
 
 import cv2
 import numpy as np
 
-from workbench.arrays import AnyArray, Float32Array, FloatArray, IntArray
-from workbench.likelihoods.edges.filters import POINTS, RIDGE_SCALES_PX, Filtered, Smoothed, responses
-from workbench.likelihoods.edges.model import BINS, EDGE_RANGE, RIDGE_RANGE
-from workbench.likelihoods.limb_points import LimbPoints
+from workbench.likelihoods.cues.edge_filters import POINTS, RIDGE_SCALES_PX, Filtered, Smoothed, responses
+from workbench.likelihoods.cues.edge_model import BINS, EDGE_RANGE, RIDGE_RANGE
+from workbench.likelihoods.cues.limb_points import LimbPoints
+from workbench.utils.arrays import AnyArray, Float32Array, FloatArray, IntArray
 
 
 def filtered(images: Smoothed) -> Filtered:

@@ -6,11 +6,11 @@ For `workbench.priors.implicit_tree`, `implicit_search` and `implicit_density`. 
 import numpy as np
 import scipy
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.priors.density import SAME
 from workbench.priors.implicit_density import WindowWays
 from workbench.priors.implicit_search import BINS, LANES, KdTree, exact_log_prob, padded
 from workbench.priors.implicit_tree import Tree
+from workbench.utils.arrays import FloatArray, IntArray
 
 
 def draw(tree: Tree, probes: FloatArray, beta: float, uniforms: FloatArray, leaf: str = "gaussian") -> IntArray:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.kinematics import JointFrames, axis_rotations
 from workbench.body.skeleton import Skeleton
+from workbench.utils.arrays import FloatArray
 
 
 def forward(skeleton: Skeleton, poses: FloatArray) -> JointFrames:

@@ -1,9 +1,9 @@
-"""Sums of an image over unions of outlines in plain NumPy, for `workbench.likelihoods.outlines`."""
+"""Sums of an image over unions of outlines in plain NumPy, for `workbench.likelihoods.cues.outlines`."""
 
 import numpy as np
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray
-from workbench.likelihoods.outlines import OUTWARDS
+from workbench.likelihoods.cues.outlines import OUTWARDS
+from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 
 
 def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
@@ -14,7 +14,7 @@ def outline_sums(image: Float32Array, corners: Float32Array, spheres: BoolArray,
     image : (height, width) array
         Values of pixels.
     corners : (N, L, 4, 2) array
-        Corners, px, once around as `workbench.likelihoods.outlines.CORNERS`; all alike for a limb that is not seen.
+        Corners, px, once around as `cues.outlines.CORNERS`; all alike for a limb that is not seen.
     spheres : (L,) array
         Outlines that are the circle through their corners.
     rim_px : float

@@ -1,12 +1,12 @@
-"""Ray casting in plain NumPy, every ray against every limb, for `workbench.datasets.scenes.render`."""
+"""Ray casting in plain NumPy, every ray against every limb, for `workbench.datasets.rendering.render`."""
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Body
-from workbench.datasets.scenes.render import Hits, Rays
+from workbench.datasets.rendering.render import Hits, Rays
+from workbench.utils.arrays import FloatArray
 
 EVEN = 1e-9
 """Relative difference between the ratios of a limb's semi-axes at its ends below which they count as one: a quadric."""

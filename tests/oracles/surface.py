@@ -6,10 +6,10 @@ Every point meets every part, so that one function serves attachment, residuals 
 import numpy as np
 
 from tests.oracles.kinematics import forward
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import JointFrames, descendants, world_axes
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Kind, Surface
+from workbench.utils.arrays import FloatArray, IntArray
 
 
 def log_fields(surface: Surface, frames: JointFrames, points: FloatArray) -> FloatArray:

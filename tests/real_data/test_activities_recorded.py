@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT
-from workbench.learning.activities import accuracy_left_out, learn_activities, mean_rates_hz
-from workbench.learning.activity_cycles import activity_cycles, cut, joined
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.full_skeleton import full_poses, full_skeleton
-from workbench.mocap.gait_events import SHORTEST_RUN_S, gait_events
-from workbench.mocap.retarget import retarget
-from workbench.mocap.sources import find_clip, load_motion
+from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.full_skeleton import full_poses, full_skeleton
+from workbench.motion.gait_events import SHORTEST_RUN_S, gait_events
+from workbench.motion.models.activities import accuracy_left_out, learn_activities, mean_rates_hz
+from workbench.motion.models.activity_cycles import activity_cycles, cut, joined
+from workbench.motion.retarget import retarget
+from workbench.motion.sources import find_clip, load_motion
 
 CLIPS = (
     "02_01", "02_03", "35_02", "08_01", "16_15",

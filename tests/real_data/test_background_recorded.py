@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.datasets.video import Video
-from workbench.likelihoods.image_levels import log_ratio, still_scenes
+from workbench.likelihoods.cues.image_levels import log_ratio, still_scenes
 
 
 @pytest.mark.slow  # it decodes a hundred frames

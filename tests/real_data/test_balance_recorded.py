@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.datasets.multi_view import MultiView
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.smooth_fit import SmoothFit
-from workbench.inference.fit.standing import ANKLES, standing_feet, standing_height
-from workbench.inference.start.limb_lengths import of_keypoints
+from workbench.inference.initialization.limb_lengths import of_keypoints
+from workbench.inference.least_squares.foot_contact import ANKLES, standing_feet, standing_height
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 NAMES = ("cam_01", "cam_02", "cam_03", "cam_04")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.learning.cyclic import learn_cyclic
-from workbench.learning.gaps import gap_study, period_study
-from workbench.mocap.sources import cmu_clips, import_sources
+from workbench.motion.models.cyclic_model import learn_cyclic
+from workbench.motion.models.gaps import gap_study, period_study
+from workbench.motion.sources import cmu_clips, import_sources
 
 HELD_OUT = ("08", "16", "32", "38")
 UNSTEADY = "16_31"

@@ -10,8 +10,8 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
 from workbench.datasets.synthetic import Synthetic
 from workbench.datasets.video import Video
-from workbench.mocap.generated.gait import average_subject
-from workbench.mocap.sources import load_motion
+from workbench.motion.sources import load_motion
+from workbench.motion.synthetic.gait import average_subject
 
 CLIPS = ("02_01", "05_01", "06_01", "07_01", "08_01", "16_15", "35_02", "38_01", "39_01")
 

@@ -5,9 +5,9 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.export import Track, export
-from workbench.mocap.sources import load_motion
+from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.formats.export import Track, export
+from workbench.motion.sources import load_motion
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from workbench.body.flexion import flexions
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
 from workbench.evaluation.errors import step_errors
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.learning.training import activity_model
+from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.likelihoods.surface_points import SurfacePoints
-from workbench.mocap.full_skeleton import full_poses, full_skeleton
-from workbench.mocap.sources import find_clip, load_motion, read_clip
+from workbench.motion.full_skeleton import full_poses, full_skeleton
+from workbench.motion.models.training import activity_model
+from workbench.motion.sources import find_clip, load_motion, read_clip
 
 HELD_OUT = "dataset-2_walk_normal_001"
 LEARNED = [f"dataset-2_{activity}_{style}_{k:03d}" for activity in ("walk", "run")

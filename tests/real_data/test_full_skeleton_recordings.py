@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.mocap.asf_amc import read_amc
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.full_skeleton import full_poses, full_skeleton
+from workbench.motion.formats.asf_amc import read_amc
+from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.full_skeleton import full_poses, full_skeleton
 
 CLIPS = [
     *(f"dataset-1/dataset-1_{kind}_001" for kind in ("walk_normal", "run_normal", "run_active", "walk_tired")),

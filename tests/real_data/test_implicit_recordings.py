@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.learning.windows import learn_windows
-from workbench.mocap.sources import find_sources, load_motion
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.sources import find_sources, load_motion
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree

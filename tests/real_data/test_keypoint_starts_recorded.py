@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
-from workbench.inference.start.keypoints import start_from_keypoints
-from workbench.inference.start.limb_lengths import of_keypoints
+from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.limb_lengths import of_keypoints
 
 CAMERAS = ("cam_01", "cam_02", "cam_03", "cam_04")
 

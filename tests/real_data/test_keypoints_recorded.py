@@ -8,9 +8,9 @@ from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.datasets import person
 from workbench.datasets.video import Video
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.start.marks import start_from_marks
+from workbench.inference.initialization.from_annotations import start_from_marks
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.priors.from_motions import walking
 

@@ -5,11 +5,11 @@ import pytest
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, person_skeleton
-from workbench.errors import InputError
-from workbench.learning.training import training_motions, walking_model
-from workbench.learning.walking import walking_cycles
-from workbench.mocap.sources import load_motion
+from workbench.motion.models.training import training_motions, walking_model
+from workbench.motion.models.walking import walking_cycles
+from workbench.motion.sources import load_motion
 from workbench.priors.cyclic import Cyclic
+from workbench.utils.errors import InputError
 
 SUBJECTS = ("02", "05", "06", "07", "08", "16", "32", "39")
 OPTIONS = {"variance": 0.95, "n_components": None, "scaling": "joints"}

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.mocap.asf_amc import read_amc
-from workbench.mocap.bvh import read_bvh
-from workbench.mocap.retarget import BANDAI, CMU, joint_targets, retarget
-from workbench.mocap.sources import cmu_clips, load_motion
+from workbench.motion.formats.asf_amc import read_amc
+from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.retarget import BANDAI, CMU, joint_targets, retarget
+from workbench.motion.sources import cmu_clips, load_motion
 
 TRAINING = ("02", "05", "06", "07", "08", "16", "32", "39")
 

@@ -5,8 +5,8 @@ import pytest
 from crowd_scenes import copies, crowd, whose
 
 from workbench.body.camera import load_cameras
-from workbench.datasets.people.association import follow
-from workbench.mocap.openpose import read_openpose
+from workbench.datasets.association.target_selection import follow
+from workbench.motion.formats.openpose import read_openpose
 
 RATE_HZ = 60.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.datasets.points import Points
-from workbench.datasets.scenes.take import Scene, find_take
+from workbench.datasets.rendering.sequence import Scene, find_take
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from workbench.body.limbs import person
 from workbench.datasets.blank import Blank
 from workbench.inference.synthesis import Synthesis, jump_deg
-from workbench.learning.windows import learn_windows
-from workbench.mocap.sources import find_sources, load_motion
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.sources import find_sources, load_motion
 from workbench.priors.implicit import Implicit
 
 CLIP = "dataset-2_run_normal_001"

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import load_cameras
-from workbench.core.clip import Clip
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.datasets.files.marks import read_people
-from workbench.datasets.people.association import follow
-from workbench.datasets.people.beliefs import exchanged
-from workbench.errors import InputError
+from workbench.core.frame_cache import Clip
+from workbench.datasets.association.keypoint_kalman import exchanged
+from workbench.datasets.association.target_selection import follow
+from workbench.datasets.files.joint_annotations import read_people
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.verdict import Told, verdict
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.smooth_fit import SmoothFit
-from workbench.inference.start.limb_lengths import of_keypoints
+from workbench.inference.initialization.limb_lengths import of_keypoints
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 SCALE, RATE_HZ, N = 0.5, 60.0, 24

@@ -6,7 +6,7 @@ import pytest
 from damage import refusal, withstands
 from sound_files import ANNOTATIONS, written
 
-from workbench.datasets.files.marks import read_marks
+from workbench.datasets.files.joint_annotations import read_marks
 
 
 def test_random_damage(tmp_path):

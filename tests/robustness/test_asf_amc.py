@@ -4,7 +4,7 @@ import pytest
 from damage import refusal, withstands
 from sound_files import AMC, ASF, written
 
-from workbench.mocap.asf_amc import read_amc, read_asf
+from workbench.motion.formats.asf_amc import read_amc, read_asf
 
 BAD_ASF = {
     "empty": (ASF, "", 1, ":bonedata and :hierarchy"),

@@ -4,8 +4,8 @@ import pytest
 from damage import refusal, withstands
 from sound_files import BVH, written
 
-from workbench.limits import MOST_JOINTS
-from workbench.mocap.bvh import read_bvh
+from workbench.motion.formats.bvh import read_bvh
+from workbench.utils.input_limits import MOST_JOINTS
 
 BAD = {
     "empty": (BVH, "", 1, "expected HIERARCHY"),

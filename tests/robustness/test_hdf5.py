@@ -6,12 +6,12 @@ import pytest
 from damage import changes, flips, refusal, withstands
 from sound_files import library, model, points, written
 
-from workbench import hdf5
 from workbench.datasets.files.point_formats import read_hdf5
-from workbench.learning.linear_motion import LinearMotion
-from workbench.learning.store import load
-from workbench.limits import DEEPEST, MOST_NUMBERS
-from workbench.mocap.library import read_library
+from workbench.motion.library import read_library
+from workbench.motion.models.linear_motion import LinearMotion
+from workbench.motion.models.store import load
+from workbench.utils import hdf5
+from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS
 
 
 def read_points(path):
@@ -114,7 +114,7 @@ def test_numbers_that_are_not_in_the_file_are_refused(kind, change, tmp_path, tr
 def test_this_process_opens_no_file_of_a_user(kind, tmp_path, monkeypatch):
     write, _, read = KINDS[kind]
     path = write(tmp_path / "a.h5")
-    monkeypatch.setattr("workbench.hdf5.h5py", None)
+    monkeypatch.setattr("workbench.utils.hdf5.h5py", None)
     assert read(path)
 
 

@@ -6,7 +6,7 @@ import pytest
 from damage import refusal, withstands
 from sound_files import written
 
-from workbench.mocap.openpose import read_openpose
+from workbench.motion.formats.openpose import read_openpose
 
 SOUND = json.dumps({"people": [{"pose_keypoints_2d": [float(k % 7) for k in range(75)]}]})
 BAD = {

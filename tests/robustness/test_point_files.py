@@ -9,7 +9,7 @@ from sound_files import PLY, written
 
 from workbench.datasets.files.point_formats import read_csv, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
-from workbench.limits import MOST_NUMBERS
+from workbench.utils.input_limits import MOST_NUMBERS
 
 
 def finite(read):

@@ -13,16 +13,16 @@ from run_folders import leave
 from small_recordings import leave_recorded, record
 
 from workbench.cli.check import main as check
+from workbench.cli.diagnose import main as why
 from workbench.cli.export import main as export
 from workbench.cli.report import main as report
 from workbench.cli.run import main as run_of
 from workbench.cli.runs import main as runs
 from workbench.cli.view import main as view
-from workbench.cli.why import main as why
-from workbench.errors import LONGEST, InputError
 from workbench.experiment.summary import Summary
-from workbench.recording.read import probe
-from workbench.recording.read.probe import fatal, is_own, open_sound_runs, read_sound_run
+from workbench.recording.read import crash_probe as probe
+from workbench.recording.read.crash_probe import fatal, is_own, open_sound_runs, read_sound_run
+from workbench.utils.errors import LONGEST, InputError
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 

@@ -7,15 +7,15 @@ import time
 import numpy as np
 import pytest
 
-from workbench import sandbox
-from workbench.errors import InputError
-from workbench.limits import MOST_NUMBERS
-from workbench.sandbox import parse_limited
+from workbench.utils import sandbox
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MOST_NUMBERS
+from workbench.utils.sandbox import parse_limited
 
 PARSERS = """
 import io, os, sys, time, zipfile
 import numpy as np
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 def arrays(path):
     print("noise")

@@ -14,15 +14,15 @@ from sound_files import YAML
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable
-from workbench.limits import DEEPEST, parse_yaml
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.read.reader import Run
-from workbench.report.contents import contents
-from workbench.report.groups import group_runs
-from workbench.report.page import terminal
+from workbench.results.report.contents import contents
+from workbench.results.report.groups import group_runs
+from workbench.results.report.page import terminal
+from workbench.utils.input_limits import DEEPEST, parse_yaml
 
 PATH = Path("a.rrd")
 BOMBS = {
@@ -85,7 +85,7 @@ def own():
 
 FOREIGN = (
     {"_target_": "os.system", "command": "id"}, {"_target_": "builtins.eval"}, {"_target_": "subprocess.run"},
-    {"_target_": "workbench.limits.check_sizes"}, {"_target_": "workbench.mocap.library.write_library"},
+    {"_target_": "workbench.utils.input_limits.check_sizes"}, {"_target_": "workbench.motion.library.write_library"},
     {"_target_": ["os.system"]}, {"_target_": "workbench.priors"}, {"a": [{"_target_": "os.system"}]},
     {"_target_": "workbench.priors.smooth.Smooth", "_args_": ["/tmp/x"]}, {"_partial_": True}, {"a": "${oc.env:HOME}"},
     {"a": "${oc.create:{_target_:os.system}}"}, {"motions": "/etc/passwd.h5"}, {"motions": "../../motions.h5"},

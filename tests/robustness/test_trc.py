@@ -4,8 +4,8 @@ import pytest
 from damage import refusal, withstands
 from sound_files import TRC, written
 
-from workbench.limits import MOST_JOINTS, MOST_NUMBERS
-from workbench.mocap.marker_files import read_markers
+from workbench.motion.formats.marker_files import read_markers
+from workbench.utils.input_limits import MOST_JOINTS, MOST_NUMBERS
 
 
 def test_random_damage(tmp_path):

@@ -5,8 +5,8 @@ from functools import cache
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig
 
-from workbench.experiment.parts import options
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import prepare_hydra
 
 TRACKING = sorted(name for name, each in options("experiment").items() if "_study" not in each.text)
 """Experiments that are no studies."""

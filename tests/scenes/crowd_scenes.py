@@ -9,9 +9,9 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.people.beliefs import ARMS, LEGS, exchanged
-from workbench.datasets.people.detections import eye_of, meeting
-from workbench.mocap.openpose import People
+from workbench.datasets.association.detections import eye_of, meeting
+from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
+from workbench.motion.formats.openpose import People
 
 RATE_HZ = 30.0
 CAMERAS = {

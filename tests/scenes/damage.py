@@ -5,7 +5,7 @@ import time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.errors import LONGEST, InputError
+from workbench.utils.errors import LONGEST, InputError
 
 SOON_S = 5.0
 TOKENS = (

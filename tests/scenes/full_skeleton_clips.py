@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.mocap.clip import Clip, joint_positions, world_rotations
+from workbench.motion.clip import Clip, joint_positions, world_rotations
 
 # Bandai's joints with invented lengths, m; every bone lies along its parent's y, backwards on the right.
 BANDAI_LIKE = {

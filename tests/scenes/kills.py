@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError
 from workbench.recording.read.reader import read
+from workbench.utils.errors import InputError
 
 N_FRAMES = 60
 SMALL = ("inference.n_particles=6000", "dataset.width=160", "dataset.height=120", "dataset.person_px=80")

@@ -4,8 +4,8 @@ import numpy as np
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.mocap.clip import Clip
-from workbench.mocap.retarget import Landmarks
+from workbench.motion.clip import Clip
+from workbench.motion.retarget import Landmarks
 
 OWN = Landmarks(
     source="our own skeleton",

@@ -12,7 +12,7 @@ from seen_walkers import around, walked
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.points import Points
-from workbench.mocap.sources import find_motion
+from workbench.motion.sources import find_motion
 
 N = 6
 """Frames of films and of points."""

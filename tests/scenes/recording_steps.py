@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
@@ -13,6 +12,7 @@ from workbench.body.shape import from_height
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
+from workbench.utils.arrays import ByteArray, FloatArray
 
 BODY = person(from_height(1.75))
 SPACE = StateSpace.of(

@@ -14,14 +14,14 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import PACE_HZ, Smoothness
-from workbench.evaluation.calibration import rank_histogram, ranks, share_below
-from workbench.inference.fit.decoding import MotionDecoder
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.fit.residuals import UPRIGHT_SIGMA_RAD
-from workbench.learning.walking import learn_walking
+from workbench.evaluation.posterior_calibration import rank_histogram, ranks, share_below
+from workbench.inference.least_squares.decoding import MotionDecoder
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.walking import learn_walking
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.smooth import Smooth
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
+from workbench.utils.arrays import FloatArray
 
 BODY = person(from_height(1.8))
 SKELETON = BODY.skeleton

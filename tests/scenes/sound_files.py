@@ -4,11 +4,11 @@ import h5py
 import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.postures import Postures
-from workbench.learning.linear_motion import LinearMotion
-from workbench.learning.store import Provenance, save
-from workbench.mocap.generated.gait import subjects, walker
-from workbench.mocap.library import write_library
+from workbench.core.pose_prior import Postures
+from workbench.motion.library import write_library
+from workbench.motion.models.linear_motion import LinearMotion
+from workbench.motion.models.store import Provenance, save
+from workbench.motion.synthetic.gait import subjects, walker
 
 BVH = """HIERARCHY
 ROOT hips

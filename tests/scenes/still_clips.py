@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import likelihood_scenes as scenes
 import numpy as np
 
-from workbench.core.clip import Clip
 from workbench.core.dataset import Known
+from workbench.core.frame_cache import Clip
 
 EPSILON, SIGMA = 0.05, 3.0
 

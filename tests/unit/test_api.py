@@ -11,10 +11,10 @@ import pytest
 from compositions import composed
 
 import workbench as wb
-from workbench.errors import InputError
-from workbench.experiment.stored import runnable
+from workbench.experiment.config.stored import runnable
 from workbench.likelihoods.uniform import Uniform
-from workbench.priors.jitter import Jitter
+from workbench.priors.ar_offsets import Jitter
+from workbench.utils.errors import InputError
 
 SMALL = (
     "dataset.n_frames=3", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
@@ -52,14 +52,14 @@ def test_a_run_knows_its_folder_and_says_what_was_swapped(swapped):
     assert run.status == "complete"
     assert run.settings["seed"] == 3
     prior = run.settings["prior"]
-    assert (prior["_target_"], prior["keep"]) == ("workbench.priors.jitter.Jitter", 0.5)
+    assert (prior["_target_"], prior["keep"]) == ("workbench.priors.ar_offsets.Jitter", 0.5)
     assert (prior["base"]["_target_"], prior["base"]["damping"]) == ("workbench.priors.smooth.Smooth", 2.0)
     assert prior["base"]["start_pose"] == 2.0  # a default, which the class has
     assert "prior=Jitter" in run.provenance["choices"]
     said = run.provenance["command"]
     assert said.startswith("workbench.run('walk_prior_only', 'seed=3'")
     assert (
-        "prior=partial(workbench.priors.jitter.Jitter, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
+        "prior=partial(workbench.priors.ar_offsets.Jitter, base=partial(workbench.priors.smooth.Smooth, damping=2.0)"
         in said
     )
     assert json.loads((folder / "summary.json").read_text())["settings"]["prior"] == prior
@@ -125,7 +125,7 @@ def test_importing_the_workbench_imports_none_of_what_it_offers():
 
 
 def test_every_name_is_there_and_no_room_stands_in_its_place():
-    import workbench.catalog.index
+    import workbench.results.index
     import workbench.sweep.watch  # noqa: F401 (which sets attributes of the package)
 
     for name in wb.__all__:

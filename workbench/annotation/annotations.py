@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.marks import COLUMNS, read_marks
-from workbench.errors import InputError
-from workbench.files import whole_file
+from workbench.datasets.files.joint_annotations import COLUMNS, read_marks
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
 
 Annotation = tuple[float, float, bool]
 """u and v, px, where (0, 0) is the centre of the top left pixel, and whether the joint is visible."""

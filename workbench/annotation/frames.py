@@ -7,9 +7,9 @@ from threading import Lock
 
 import cv2
 
-from workbench.arrays import ByteArray
 from workbench.datasets.files.decode import count_frames, decode
-from workbench.errors import InputError
+from workbench.utils.arrays import ByteArray
+from workbench.utils.errors import InputError
 
 CACHED_FRAMES = 200
 JPEG_QUALITY = 95

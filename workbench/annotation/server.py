@@ -11,7 +11,7 @@ from typing import Any
 from workbench.annotation.annotations import Annotations, parse_annotation
 from workbench.annotation.frames import Frames
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 HOST = "127.0.0.1"
 BONES = (

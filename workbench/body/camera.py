@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.shape import Triple
-from workbench.errors import InputError
-from workbench.limits import LARGEST_PX, MOST_CONFIG, check_file, check_places, parse_toml
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import LARGEST_PX, MOST_CONFIG, check_file, check_places, parse_toml
 
 
 @dataclass(frozen=True, eq=False)

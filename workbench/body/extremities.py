@@ -7,7 +7,7 @@ import numpy as np
 from workbench.body.limbs import Body
 from workbench.body.shape import ANKLE_HEIGHT, LEG_LENGTH
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 FOOT_LENGTH, FOOT_BREADTH = 0.152, 0.055
 """Of a foot, in its owner's heights (Drillis & Contini 1966, in Winter, *Biomechanics and Motor Control of Human

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import Skeleton
+from workbench.utils.arrays import FloatArray
 
 FLEXIONS: Mapping[str, Mapping[str, float]] = {
     "left_hip": {"left_hip_flexion": 1.0, "UpperLeg_L_y": -1.0, "lfemur_y": -1.0},

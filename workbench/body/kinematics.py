@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray
 from workbench.body.skeleton import Skeleton
-from workbench.kernel_cache import kernel
-from workbench.threads import over_threads
+from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import over_threads
 
 _TOGETHER = 256  # poses at least that one thread takes
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.shape import Shape
 from workbench.body.skeleton import JOINT_NAMES, Skeleton, person_skeleton
-from workbench.errors import InputError
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.utils.arrays import FloatArray
 
 _OTHER = {"left": "right", "right": "left"}
 _SOURCES = np.array(

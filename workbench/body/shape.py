@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.limits import LONGEST_LIMB_M
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import LONGEST_LIMB_M
 
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.shape import Shape, Triple
-from workbench.errors import InputError
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 _PARENTS = {
     "pelvis": None, "neck": "pelvis", "head_centre": "neck",

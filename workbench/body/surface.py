@@ -33,13 +33,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body import surface_kernel
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
-from workbench.errors import InputError
-from workbench.threads import over_threads
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.parallel import over_threads
 
 Kind = Literal["field", "distance"]
 KINDS: tuple[Kind, ...] = ("field", "distance")  # in the order of the kernel's numbers

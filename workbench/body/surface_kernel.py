@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.body.lanes import FAST, inlined
-from workbench.kernel_cache import kernel
+from workbench.body.simd_kinematics import FAST, inlined
+from workbench.utils.kernel_cache import kernel
 
 FIELD, DISTANCE = 0, 1
 MARGIN = 1e-9  # bounds may be above the nearest by this part, so that rounding never hides a part

@@ -5,10 +5,10 @@ import importlib.util
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import JointFrames
 from workbench.body.surface import Surface
-from workbench.errors import InputError
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 _OUTSIDE = -100.0  # the log field far from every part; only its sign matters
 

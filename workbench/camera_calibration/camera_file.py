@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 
 from workbench.body.camera import Camera
-from workbench.errors import InputError
-from workbench.files import whole_file
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
 
 
 def check_name(name: str) -> str:

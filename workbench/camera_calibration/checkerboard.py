@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
 from workbench.datasets.files.decode import count_frames, decode
-from workbench.errors import InputError
+from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.errors import InputError
 
 MAX_IMAGES = 60
 """Images of a video that are searched, evenly spaced; more improve the result little."""

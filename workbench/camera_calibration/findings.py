@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT, LEG_LENGTH, SHOULDER_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.observed_joints import ObservedJoints
-from workbench.evaluation.agreement import height_px, limb_lengths, nearest
+from workbench.evaluation.multiview_consistency import height_px, limb_lengths, nearest
+from workbench.utils.arrays import FloatArray
 
 MIN_WEIGHT = 0.3
 """Detected joints of lower confidence are ignored."""

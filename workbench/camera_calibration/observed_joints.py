@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
-from workbench.errors import InputError
+from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+from workbench.utils.errors import InputError
 
 MAX_FRAMES = 300
 """Frames with joints; later ones are not read."""

@@ -6,10 +6,10 @@ from itertools import pairwise, product
 import cv2
 import numpy as np
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.recording.write import colours
+from workbench.utils.arrays import ByteArray, FloatArray
 
 AXES = {"x": (230, 60, 60), "y": (60, 200, 80), "z": (80, 140, 255)}
 GRID, LEFT, RIGHT = (235, 235, 235), (90, 220, 255), (255, 120, 200)

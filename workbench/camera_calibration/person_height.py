@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.shape import ANKLE_HEIGHT, HEAD_HEIGHT
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.camera_calibration.checkerboard import TO_LEVEL
-from workbench.datasets.files.marks import Marks
-from workbench.errors import InputError
+from workbench.datasets.files.joint_annotations import Marks
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 MIN_SEGMENTS, MAX_SEGMENTS = 3, 60
 SIGMA_PX = 4.0

@@ -16,8 +16,8 @@ import numpy as np
 from workbench.camera_calibration import checkerboard, person_height
 from workbench.camera_calibration.camera_file import check_name, write_cameras
 from workbench.datasets.files.decode import decode
-from workbench.datasets.files.marks import read_marks
-from workbench.errors import InputError
+from workbench.datasets.files.joint_annotations import read_marks
+from workbench.utils.errors import InputError
 
 LOOSE = 0.02
 """Relative standard deviation of a focal length above which more images are requested."""

@@ -12,22 +12,22 @@ from typing import Any
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.cli.quoting import quoted
-from workbench.cli.told import tell_warnings
-from workbench.errors import InputError, shortened
-from workbench.experiment.against import check_against
+from workbench.cli.hydra_quoting import quoted
+from workbench.cli.run_output import tell_warnings
 from workbench.experiment.branch import changes
-from workbench.experiment.checking import Request, check_each, check_paired, check_seeds, check_two, read_sound
-from workbench.experiment.parts import name_parts, parts_in
-from workbench.experiment.renewal import REASONS, renew
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults
-from workbench.files import whole_file
-from workbench.recording.compare.side_by_side import write_side_by_side
+from workbench.experiment.config.options import name_parts, parts_in
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import own_defaults
 from workbench.recording.read.reader import find_recordings
-from workbench.report.checks import Check, exit_code, moved, notes, table, write_junit
-from workbench.report.tables import printable
-from workbench.signals import Interrupted, interruptible
+from workbench.recording.side_by_side import write_side_by_side
+from workbench.results.check.against import check_against
+from workbench.results.check.renewal import REASONS, renew
+from workbench.results.check.rerun import Request, check_each, check_paired, check_seeds, check_two, read_sound
+from workbench.results.report.checks import Check, exit_code, moved, notes, table, write_junit
+from workbench.results.report.tables import printable
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError, shortened
+from workbench.utils.signals import Interrupted, interruptible
 
 MANY = ("seeds", "paired", "against")
 """Options that run recordings several times; one of them at a time."""

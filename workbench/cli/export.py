@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
-from workbench.errors import InputError
-from workbench.mocap.export import Track, check_output, export
+from workbench.motion.formats.export import Track, check_output, export
 from workbench.recording.read.chunks import timed_poses, timed_true_joints
-from workbench.recording.read.probe import read_sound_run
+from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 AXES = {
     ".bvh": "y is up, z ahead where the world has x",

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from threading import Event
 from urllib.parse import urlsplit
 
-from workbench.catalog.entry import Entry
-from workbench.catalog.gallery import Gallery, gallery
 from workbench.cli.view import viewer
-from workbench.processes import run
 from workbench.recording.write.file import HOST
-from workbench.report.tables import printable
+from workbench.results.entry import Entry
+from workbench.results.gallery import Gallery, gallery
+from workbench.results.report.tables import printable
+from workbench.utils.processes import run
 
 
 def show(found: Sequence[Entry], serve: bool) -> int:

@@ -5,10 +5,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.mocap.library import write_library
-from workbench.mocap.motion import Motion
-from workbench.mocap.sources import import_sources
+from workbench.motion.library import write_library
+from workbench.motion.motion import Motion
+from workbench.motion.sources import import_sources
+from workbench.utils.errors import InputError
 
 
 def main(argv: Sequence[str] | None = None) -> int:

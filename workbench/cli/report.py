@@ -6,12 +6,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.files import whole_file
-from workbench.recording.read.probe import open_sound_runs
-from workbench.report.contents import contents, group_csv, run_csv
-from workbench.report.groups import Grouping, group_runs
-from workbench.report.page import as_markdown, as_page, terminal
+from workbench.recording.read.crash_probe import open_sound_runs
+from workbench.results.report.contents import contents, group_csv, run_csv
+from workbench.results.report.groups import Grouping, group_runs
+from workbench.results.report.page import as_markdown, as_page, terminal
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.errors import InputError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def write(grouping: Grouping, title: str, folder: Path) -> None:
     """Write report.html, report.md with its plots, report.csv and runs.csv; raises InputError where that fails."""
-    from workbench.report.plots import pictures  # the terminal's report does without matplotlib
+    from workbench.results.report.plots import pictures  # the terminal's report does without matplotlib
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -17,17 +17,17 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench import __version__
-from workbench.cli import sentences
-from workbench.cli.parts import listing
-from workbench.cli.quoting import quoted, unquoted
-from workbench.cli.told import lines, tell_warnings
-from workbench.errors import InputError, shortened
-from workbench.experiment.parts import name_config_dir, name_parts, parts_in
-from workbench.experiment.schema import prepare_hydra
-from workbench.signals import Interrupted, interruptible
+from workbench.cli import error_messages as sentences
+from workbench.cli.components import listing
+from workbench.cli.hydra_quoting import quoted, unquoted
+from workbench.cli.run_output import lines, tell_warnings
+from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.job import metric_of, run_job
 from workbench.sweep.progress import Watch, close, rest_of
 from workbench.sweep.stopping import stop_when
+from workbench.utils.errors import InputError, shortened
+from workbench.utils.signals import Interrupted, interruptible
 
 log = logging.getLogger(__name__)
 
@@ -200,7 +200,7 @@ def _job(config: DictConfig) -> float | None:
 
 def _degenerate_weights() -> type[Exception]:
     """Return what a filter ends with where it is asked to; a filter takes long to import, which this one has done."""
-    from workbench.inference.particles.filter import DegenerateWeights
+    from workbench.inference.smc.particle_filter import DegenerateWeights
 
     return DegenerateWeights
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 
-from workbench.catalog.entry import Entry
-from workbench.catalog.index import entries
-from workbench.catalog.listing import as_csv, as_json, best_first, sort, sweeps, table
-from workbench.catalog.query import Condition, chosen, condition
-from workbench.errors import InputError
-from workbench.report.tables import printable, text
+from workbench.results.entry import Entry
+from workbench.results.index import entries
+from workbench.results.listing import as_csv, as_json, best_first, sort, sweeps, table
+from workbench.results.query import Condition, chosen, condition
+from workbench.results.report.tables import printable, text
+from workbench.utils.errors import InputError
 
 HOME = ("recordings/runs", "recordings/sweeps")
 FEW = 40
@@ -125,7 +125,7 @@ def _view(found: Sequence[Entry], n: str) -> int:
 
 
 def _diff(first: str, second: str) -> int:
-    from workbench.catalog.difference import difference
+    from workbench.results.difference import difference
 
     a, b = _one(first), _one(second)
     found = difference(a, b)
@@ -145,8 +145,8 @@ def _one(place: str) -> Entry:
 
 
 def _restore(place: str) -> int:
-    from workbench.catalog.restore import restore
-    from workbench.recording.read.probe import read_sound_run
+    from workbench.recording.read.crash_probe import read_sound_run
+    from workbench.results.restore import restore
 
     commands, gone = restore(read_sound_run(Path(_recordings([_one(place)])[0])), Path(__file__).parents[2])
     print("\n".join(commands))
@@ -156,7 +156,7 @@ def _restore(place: str) -> int:
 
 
 def _changes(place: str) -> int:
-    from workbench.recording.read.probe import read_sound_run
+    from workbench.recording.read.crash_probe import read_sound_run
 
     changes = str(read_sound_run(Path(_recordings([_one(place)])[0])).provenance.get("difference", ""))
     lines = changes.split("\n")
@@ -175,7 +175,7 @@ def _watch(place: Path) -> int:
 
 def _remove(found: Sequence[Entry], places: Sequence[Path], yes: bool) -> int:
     """Delete runs, or without `yes` list them with their sizes."""
-    from workbench.catalog import tidy
+    from workbench.results import tidy
 
     if not found:
         raise InputError("no run fits")

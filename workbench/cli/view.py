@@ -10,15 +10,15 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from workbench import processes
-from workbench.errors import InputError
-from workbench.recording.compare.overlaid import NAME, write_overlaid
-from workbench.recording.compare.side_by_side import write_names, write_side_by_side
 from workbench.recording.messages import HEAD, end_of_whole
-from workbench.recording.read.probe import open_sound_runs
+from workbench.recording.overlaid import NAME, write_overlaid
+from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
+from workbench.recording.side_by_side import write_names, write_side_by_side
 from workbench.recording.write.file import HOST
-from workbench.report.variation import flat, label, what_varied
+from workbench.results.report.variation import flat, label, what_varied
+from workbench.utils import processes
+from workbench.utils.errors import InputError
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,15 +10,15 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig
 
-from workbench.arrays import FloatArray
+from workbench.core.capabilities import KEYPOINTS, POINTS, RESIDUALS, Traits
 from workbench.core.prior import propose
-from workbench.core.traits import KEYPOINTS, POINTS, RESIDUALS, Traits
 from workbench.experiment.assembly import assemble
-from workbench.experiment.build import build
-from workbench.experiment.compatibility import traits_of
-from workbench.experiment.parts import GROUPS, name_parts, options
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.compatibility import traits_of
+from workbench.experiment.config.instantiate import build
+from workbench.experiment.config.options import GROUPS, name_parts, options
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.tracking import Parts, track
+from workbench.utils.arrays import FloatArray
 
 N_FRAMES, N = 4, 30
 SMALL = ("width=160", "height=120", "person_px=80.0", "focal_px=175.0", f"n_frames={N_FRAMES}")

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.limits import RATES_HZ
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import RATES_HZ
 
 
 @dataclass(frozen=True)

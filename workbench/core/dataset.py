@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.body.shape import Shape
 from workbench.core.frame import Frame, MarkedFrames
+from workbench.utils.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.utils.arrays import FloatArray
 
 LEARNED_HZ = 30.0
 """The frames a second for which `Discrepancy.keep` is given."""

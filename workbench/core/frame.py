@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

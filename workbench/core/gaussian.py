@@ -8,7 +8,7 @@ S. Särkkä, "Bayesian Filtering and Smoothing", Cambridge University Press, 201
 import numpy as np
 import scipy
 
-from workbench.arrays import FloatArray
+from workbench.utils.arrays import FloatArray
 
 _RIDGE = 1e-12
 """Added to the diagonal of a block's covariance before it is inverted, in squared units of the state."""

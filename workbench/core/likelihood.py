@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from workbench.arrays import BoolArray, FloatArray
 from workbench.core.frame import Frame
+from workbench.utils.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ from itertools import groupby
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.body.surface import Kind
 from workbench.core.frame import Frame
-from workbench.errors import InputError
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.core.discrepancy import Discrepancy
-from workbench.core.postures import Postures
+from workbench.core.pose_prior import Postures
 from workbench.core.state_space import StateSpace
+from workbench.utils.arrays import FloatArray, IntArray
 
 PACE_HZ = 14.0
 """The frames a second for which `Smoothness` is given, paper D's."""

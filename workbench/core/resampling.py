@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
-from workbench.kernel_cache import kernel
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.kernel_cache import kernel
 
 
 def systematic_indices(weights: FloatArray, offset: float, n: int) -> IntArray:

@@ -7,10 +7,10 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.core.filter_state import Memory, Past
 from workbench.core.frame import Frame
-from workbench.core.memory import Memory, Past
 from workbench.core.state_space import StateSpace
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 _FEW = 16
 """Particles that differ among themselves in all that is not held fixed, as nearly always."""

@@ -6,7 +6,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.utils.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

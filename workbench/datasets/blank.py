@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
+from workbench.core.capabilities import START, Traits, offering
 from workbench.core.checks import RATE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
-from workbench.core.given import LEAD_IN, START_POSE
-from workbench.core.traits import START, Traits, offering
-from workbench.errors import InputError
-from workbench.mocap.sources import find_motion
+from workbench.core.side_information import LEAD_IN, START_POSE
+from workbench.motion.sources import find_motion
+from workbench.utils.errors import InputError
 
 
 @dataclass(eq=False)

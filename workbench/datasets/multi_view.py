@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.keys import keeps_keys
-from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
-from workbench.datasets.files.marks import Marks, followed_marks, read_people
-from workbench.datasets.people.association import follow
+from workbench.datasets.association.target_selection import follow
+from workbench.datasets.files.joint_annotations import Marks, followed_marks, read_people
 from workbench.datasets.video import Video
-from workbench.errors import InputError
-from workbench.mocap.marker_files import read_markers
-from workbench.mocap.markers import NO_MARKERS, MarkersOf, joint_centres
+from workbench.motion.formats.marker_files import read_markers
+from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 Files = Mapping[str, str]
 NO_FILES: Files = MappingProxyType({})

@@ -8,10 +8,10 @@ from typing import Any
 from workbench.body.extremities import with_neck_and_feet
 from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
+from workbench.core.capabilities import Traits, declaring, offering
 from workbench.core.dataset import Known
-from workbench.core.given import HEIGHT, LIMB_LENGTHS, RADII
-from workbench.core.traits import Traits, declaring, offering
-from workbench.errors import InputError
+from workbench.core.side_information import HEIGHT, LIMB_LENGTHS, RADII
+from workbench.utils.errors import InputError
 
 NO_LENGTHS: Mapping[str, float] = MappingProxyType({})
 

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
+from workbench.core.capabilities import POINTS, START, Traits, offering
 from workbench.core.checks import RATE, at_least, check, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
-from workbench.core.traits import POINTS, START, Traits, offering
 from workbench.datasets.files import natural_order
 from workbench.datasets.files.point_formats import READERS, read_hdf5
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
-from workbench.errors import InputError
-from workbench.limits import check_places
-from workbench.streams import stream
+from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_places
+from workbench.utils.rng import stream
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 

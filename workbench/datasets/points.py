@@ -7,19 +7,26 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
+from workbench.core.capabilities import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.core.traits import ALL_JOINTS, IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
-from workbench.datasets.scenes import render
-from workbench.datasets.scenes.camera import take_camera, told_camera
-from workbench.datasets.scenes.surroundings import Surroundings, bar, clutter_points, in_box, not_hidden, surroundings
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
-from workbench.datasets.scenes.visible import visible_points
-from workbench.streams import stream
+from workbench.datasets.rendering import render
+from workbench.datasets.rendering.scene_camera import take_camera, told_camera
+from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.datasets.rendering.surroundings import (
+    Surroundings,
+    bar,
+    clutter_points,
+    in_box,
+    not_hidden,
+    surroundings,
+)
+from workbench.datasets.rendering.visible import visible_points
+from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.rng import stream
 
 AT_M = 4.0  # the depth at which σ is sigma_m
 _NOISE_GREY = 4.0

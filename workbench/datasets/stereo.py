@@ -9,21 +9,21 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera
+from workbench.core.capabilities import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
 from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.core.traits import IMAGES, ONE_CAMERA, POINTS, START, Traits, offering
-from workbench.datasets.scenes import camera as placing
-from workbench.datasets.scenes import render
-from workbench.datasets.scenes import room as stereo_room
-from workbench.datasets.scenes import subject as subjects
-from workbench.datasets.scenes.cache import cached_images, image_key
-from workbench.datasets.scenes.take import Scene, Take, find_take, given_start, offered_start
-from workbench.digest import code_digest
-from workbench.errors import InputError
-from workbench.streams import stream
+from workbench.datasets.rendering import render
+from workbench.datasets.rendering import room as stereo_room
+from workbench.datasets.rendering import scene_camera as placing
+from workbench.datasets.rendering import subject as subjects
+from workbench.datasets.rendering.cache import cached_images, image_key
+from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.rng import stream
+from workbench.utils.source_hash import code_digest
 
 N_EMPTY = 5  # pairs of images of the empty room
 _NEAREST_M = 0.6  # how much nearer than a joint the surface, and so the largest disparity to search for, may be

@@ -10,32 +10,32 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import BoolArray, ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
 from workbench.body.extremities import with_neck_and_feet
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body, person
 from workbench.body.skeleton import POSE_NAMES, parameters
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.given import START_POSE
-from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
-from workbench.datasets.scenes import occluder, render
-from workbench.datasets.scenes import subject as subjects
-from workbench.datasets.scenes.cache import cached_images, image_key
-from workbench.datasets.scenes.camera import automatic_camera, standing_height
-from workbench.datasets.scenes.miscalibration import calibrated, calibration_error
-from workbench.datasets.scenes.occluder import passing_board
-from workbench.datasets.scenes.splice import splice
-from workbench.datasets.scenes.subject import Subject, subject_of
-from workbench.datasets.scenes.take import Scene, motion_names, rough_pose, start_error
-from workbench.digest import code_digest
-from workbench.errors import InputError
-from workbench.mocap.generated.gait import PATHS
-from workbench.mocap.motion import Motion
-from workbench.mocap.sources import find_motion
-from workbench.streams import stream
+from workbench.core.side_information import START_POSE
+from workbench.datasets.rendering import occluder, render
+from workbench.datasets.rendering import subject as subjects
+from workbench.datasets.rendering.cache import cached_images, image_key
+from workbench.datasets.rendering.concatenation import splice
+from workbench.datasets.rendering.miscalibration import calibrated, calibration_error
+from workbench.datasets.rendering.occluder import passing_board
+from workbench.datasets.rendering.scene_camera import automatic_camera, standing_height
+from workbench.datasets.rendering.sequence import Scene, motion_names, rough_pose, start_error
+from workbench.datasets.rendering.subject import Subject, subject_of
+from workbench.motion.motion import Motion
+from workbench.motion.sources import find_motion
+from workbench.motion.synthetic.gait import PATHS
+from workbench.utils.arrays import BoolArray, ByteArray, FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.rng import stream
+from workbench.utils.source_hash import code_digest
 
 KEYPOINTS_MISSED = 0.1  # share of the joints that the simulated detector does not find
 

@@ -10,17 +10,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from workbench.arrays import ByteArray, FloatArray
 from workbench.body.camera import Camera, load_cameras
+from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import UNIT, UP_TO_1, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, MarkedFrames, Truth, View
-from workbench.core.given import MARKS
-from workbench.core.traits import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
+from workbench.core.side_information import MARKS
 from workbench.datasets.files.decode import count_frames, decode, frame_rate
-from workbench.datasets.files.marks import Marks, read_marks
-from workbench.errors import InputError
-from workbench.limits import check_rate
+from workbench.datasets.files.joint_annotations import Marks, read_marks
+from workbench.utils.arrays import ByteArray, FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_rate
 
 LEAST_SIZE_PX = 16
 MOST_STRETCHED = 0.01

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.body.angles import N_POSITION
 from workbench.body.camera import Camera
 from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton
-from workbench.body.turns import N_POSITION
 from workbench.core.frame import Frame, Truth, true_cameras
 from workbench.core.step import Step
 from workbench.evaluation.joint_errors import (
@@ -23,6 +22,7 @@ from workbench.evaluation.joint_errors import (
     procrustes,
 )
 from workbench.evaluation.step_calibration import joint_calibration, pose_calibration
+from workbench.utils.arrays import FloatArray
 
 OF_HEAVIEST = ("error_abs_mm", "error_rel_mm")
 """Errors in space that are told of the heaviest particle too."""

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.step import Step
-from workbench.evaluation.agreement import LIMBS, found_marks, height_px, meeting
-from workbench.evaluation.doubt import LARGE_MM
+from workbench.evaluation.expected_error import LARGE_MM
+from workbench.evaluation.multiview_consistency import LIMBS, found_marks, height_px, meeting
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 FOUND = 4
 """Joints of a view that make a person; fewer are what a detector sees in a chair."""

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from workbench.arrays import FloatArray
+from workbench.utils.arrays import FloatArray
 
 N_RESAMPLES = 10_000
 

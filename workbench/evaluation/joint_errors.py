@@ -7,7 +7,7 @@ and 5; what else is named is what the field reports by that name.
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.utils.arrays import FloatArray
 
 PCK_M = 0.15
 """Threshold of the percentage of correct keypoints in space (Mehta et al., 3DV 2017): half a head's height."""

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import POSE_NAMES, Skeleton
 from workbench.core.step import Step
 from workbench.evaluation.errors import moved_joints
 from workbench.evaluation.joint_errors import mean_distance
+from workbench.utils.arrays import FloatArray
 
 log = logging.getLogger(__name__)
 

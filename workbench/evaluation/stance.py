@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.utils.arrays import FloatArray, IntArray
 
 SLOWEST_M_S = 0.3
 """Of a pelvis that goes somewhere; slow walking is twice as fast."""

@@ -5,12 +5,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray
+from workbench.body.angles import N_POSITION, nearest_turn
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
-from workbench.body.turns import N_POSITION, nearest_turn
 from workbench.core.step import Step
-from workbench.evaluation.calibration import covered, crps, log_score, moments, ranks, share_below
+from workbench.evaluation.posterior_calibration import covered, crps, log_score, moments, ranks, share_below
+from workbench.utils.arrays import BoolArray, FloatArray
 
 LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""

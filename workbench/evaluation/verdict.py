@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
-from workbench.evaluation.agreement import bends, limb_lengths
-from workbench.evaluation.events import WINDOW, lost_and_found
 from workbench.evaluation.evidence import Measured
+from workbench.evaluation.multiview_consistency import bends, limb_lengths
+from workbench.evaluation.track_loss import WINDOW, lost_and_found
+from workbench.utils.arrays import BoolArray, FloatArray
 
 FOREARM = 0.044
 """A forearm's width over a person's height, the mean of the two ends of `from_height`: the yardstick of `held`."""

@@ -8,18 +8,18 @@ from omegaconf import DictConfig
 
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
-from workbench.core.clip import Clip
 from workbench.core.dataset import Known
+from workbench.core.frame_cache import Clip
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.step import Inference
-from workbench.errors import InputError
-from workbench.experiment.build import build
-from workbench.experiment.compatibility import incompatibility, unread
-from workbench.experiment.lacking import what_lacks
+from workbench.experiment.config.compatibility import incompatibility, unread
+from workbench.experiment.config.instantiate import build
+from workbench.experiment.config.lacking import what_lacks
 from workbench.experiment.tracking import Parts
-from workbench.inference.start.keypoints import trajectory_of_keypoints
-from workbench.inference.start.poses import start_poses
+from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
+from workbench.inference.initialization.poses import start_poses
+from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 

@@ -10,19 +10,19 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.errors import InputError
-from workbench.experiment.composition import composed
+from workbench.experiment.config.composition import composed
+from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.experiment.continuing import Continued
 from workbench.experiment.execute import execute
-from workbench.experiment.parts import GROUPS, options
 from workbench.experiment.provenance import Command
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import own_defaults, runnable
 from workbench.experiment.summary import Summary
-from workbench.recording.read.probe import read_sound_run
+from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import NO_EFFECT, leaves
-from workbench.run_files import PART, RECORDING
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import PART, RECORDING
 
 log = logging.getLogger(__name__)
 

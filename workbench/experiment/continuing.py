@@ -11,19 +11,19 @@ import numpy as np
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray, IntArray
+from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
-from workbench.core.memory import Past
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing, Inference, Step, continues
-from workbench.errors import InputError
 from workbench.experiment.assembly import assemble
 from workbench.experiment.tracking import Meter, Parts
 from workbench.recording.read.checkpoints import checkpoint_frames, past_before, told
-from workbench.recording.read.earlier import Earlier
+from workbench.recording.read.partial_run import Earlier
 from workbench.recording.read.reader import Run
 from workbench.recording.write.recorder import Recorder
-from workbench.streams import rng_streams
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.rng import rng_streams
 
 log = logging.getLogger(__name__)
 

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.errors import InputError
-from workbench.experiment.build import check_names, check_targets, targets_in
-from workbench.experiment.compatibility import incompatibility
+from workbench.experiment.config.compatibility import incompatibility
+from workbench.experiment.config.identity import identity
+from workbench.experiment.config.instantiate import check_names, check_targets, targets_in
+from workbench.experiment.config.lacking import what_lacks
+from workbench.experiment.config.options import GROUPS
 from workbench.experiment.folder import run_folder, set_aside
-from workbench.experiment.identity import identity
-from workbench.experiment.lacking import what_lacks
-from workbench.experiment.parts import GROUPS
 from workbench.experiment.provenance import Command, provenance
 from workbench.experiment.summary import Summary
-from workbench.limits import check_products, check_sizes
-from workbench.run_files import RECORDING, SUMMARY
-from workbench.signals import deferred, interruptible
-from workbench.streams import rng_streams
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_products, check_sizes
+from workbench.utils.rng import rng_streams
+from workbench.utils.run_files import RECORDING, SUMMARY
+from workbench.utils.signals import deferred, interruptible
 
 if TYPE_CHECKING:
     from workbench.experiment.continuing import Continued  # which reads recordings, as a run that is refused does not

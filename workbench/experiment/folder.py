@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.run_files import EARLIER, RECORDING, SUMMARY
-from workbench.run_lock import locked
-from workbench.signals import deferred
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
+from workbench.utils.run_lock import locked
+from workbench.utils.signals import deferred
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from typing import Any
 from omegaconf import DictConfig
 
 from workbench.body.flexion import FLEXIONS
-from workbench.core.traits import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
+from workbench.core.capabilities import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
 from workbench.evaluation.verdict import Told
-from workbench.experiment.compatibility import traits_of
+from workbench.experiment.config.compatibility import traits_of
 from workbench.experiment.tracking import Parts
 
 

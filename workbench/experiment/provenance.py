@@ -10,8 +10,8 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from workbench.experiment.identity import input_files
-from workbench.processes import CAPTURED, run
+from workbench.experiment.config.identity import input_files
+from workbench.utils.processes import CAPTURED, run
 
 CODE = ("workbench", "conf")
 """Folders of the clone that a run's numbers depend on."""

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from workbench.errors import InputError
+from workbench.experiment.config.identity import identity
 from workbench.experiment.continuing import Continued
-from workbench.experiment.identity import identity
 from workbench.recording.read.checkpoints import past_before
-from workbench.recording.read.earlier import Earlier, earlier
+from workbench.recording.read.partial_run import Earlier, earlier
 from workbench.recording.read.reader import read
+from workbench.utils.errors import InputError
 
 
 def resumed(config: DictConfig, recordings: Iterable[Path]) -> Continued | str | None:

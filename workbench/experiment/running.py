@@ -13,26 +13,26 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from workbench.clock import compiled_s, compiling, working_s
 from workbench.core.prior import Prior
 from workbench.core.step import continues
 from workbench.core.study import Study
-from workbench.errors import InputError
-from workbench.evaluation.events import WINDOW
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
+from workbench.evaluation.track_loss import WINDOW
 from workbench.evaluation.verdict import verdict
 from workbench.experiment.assembly import assemble
-from workbench.experiment.build import build
-from workbench.experiment.compatibility import no_evidence
+from workbench.experiment.config.assumptions import givens
+from workbench.experiment.config.compatibility import no_evidence
+from workbench.experiment.config.instantiate import build
 from workbench.experiment.execute import Stop
-from workbench.experiment.given import givens
 from workbench.experiment.judging import constant, told
 from workbench.experiment.summary import Summary, versions
 from workbench.experiment.tracking import Meter, Parts, track
 from workbench.recording.write.recorder import Recorder
-from workbench.signals import check_interrupted
-from workbench.streams import rng_streams
+from workbench.utils.errors import InputError
+from workbench.utils.rng import rng_streams
+from workbench.utils.signals import check_interrupted
+from workbench.utils.timing import compiled_s, compiling, working_s
 
 if TYPE_CHECKING:
     from workbench.experiment.continuing import Continued  # which reads recordings, as most runs do not

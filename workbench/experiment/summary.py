@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.events import lost_and_found, lost_share
-from workbench.files import replace_text
+from workbench.evaluation.track_loss import lost_and_found, lost_share
+from workbench.utils.atomic_write import replace_text
 
 if TYPE_CHECKING:  # a run that is refused does without
     from workbench.core.step import Step

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
-from workbench.evaluation.calibration import expected_calibration_error
-from workbench.evaluation.doubt import group_errors, stated_doubt
 from workbench.evaluation.errors import AccelerationError, step_errors
+from workbench.evaluation.expected_error import group_errors, stated_doubt
 from workbench.evaluation.marker_offsets import MarkerOffsets
+from workbench.evaluation.posterior_calibration import expected_calibration_error
 from workbench.evaluation.step_calibration import pose_ranks
-from workbench.streams import rng_streams
+from workbench.utils.arrays import FloatArray
+from workbench.utils.rng import rng_streams
 
 
 @dataclass(frozen=True, eq=False)

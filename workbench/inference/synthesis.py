@@ -6,21 +6,21 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 import numpy as np
 import scipy
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
+from workbench.body.angles import wrapped
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.body.turns import wrapped
+from workbench.core.capabilities import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
 from workbench.core.checks import POSITIVE, at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
-from workbench.core.given import LEAD_IN
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Prior
+from workbench.core.side_information import LEAD_IN
 from workbench.core.step import Step
-from workbench.core.traits import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
-from workbench.errors import InputError
-from workbench.learning.windows import Windows
+from workbench.motion.models.windows import Windows
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
+from workbench.core.capabilities import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
 from workbench.core.checks import POSITIVE, UP_TO_1, check, one_of
 from workbench.core.frame import Frame, View
 from workbench.core.observations import Keypoints, Observables, Observed, usable_keypoints
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, keypoint_residual, stacked
-from workbench.core.traits import EVIDENCE, KEYPOINTS, RESIDUALS, Traits, offering
-from workbench.errors import InputError
-from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.base import PoseLook
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

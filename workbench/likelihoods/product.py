@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
+from workbench.core.capabilities import Traits, needs_of_all, offers_of_all
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Likelihood, Look
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
-from workbench.core.traits import Traits, needs_of_all, offers_of_all
-from workbench.errors import InputError
-from workbench.likelihoods.limb_looks import LimbLook, evaluate_together
+from workbench.likelihoods.cues.limb_base import LimbLook, evaluate_together
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

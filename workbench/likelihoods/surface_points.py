@@ -6,15 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.limbs import Body
 from workbench.body.surface import KINDS, Kind, Surface, nearest_distances, person_surface
+from workbench.core.capabilities import POINTS, RESIDUALS, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UP_TO_1, at_least, check, one_of
 from workbench.core.frame import Frame
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_residual
-from workbench.core.traits import POINTS, RESIDUALS, Traits, offering
-from workbench.likelihoods.looks import PoseLook, finite_rows
+from workbench.likelihoods.base import PoseLook, finite_rows
+from workbench.utils.arrays import FloatArray
 
 _BLOCK = 2**20  # distances that are held at once, 8 MiB
 

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from workbench.core.capabilities import EVEN_WEIGHTS, Traits, offering
 from workbench.core.frame import Frame
-from workbench.core.traits import EVEN_WEIGHTS, Traits, offering
-from workbench.likelihoods.looks import PoseLook
+from workbench.likelihoods.base import PoseLook
 
 
 class Uniform:

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
+from workbench.core.capabilities import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import ACTIVITY, ALL_JOINTS, DENSITY, MOTION, SEPARABLE, Traits, offering
-from workbench.learning.activities import ActivityModel
+from workbench.motion.models.activities import ActivityModel
 from workbench.priors.cyclic import ANGLE_SIGMA_RAD, best_phase, cycle_groups
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
+from workbench.utils.arrays import FloatArray
 
 N_PHASES = 64
 LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.core.prior import Density, Prior, propose
 from workbench.priors.density import log_normal
+from workbench.utils.arrays import FloatArray, IntArray
 
 
 class Appended:

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.given import ROTATION
+from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, offering
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
+from workbench.core.side_information import ROTATION
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import DENSITY, MOTION, SEPARABLE, Traits, offering
-from workbench.errors import InputError
-from workbench.kernel_cache import kernel
-from workbench.learning.activities import ActivityModel
-from workbench.learning.walking import ANGLES, CHANNEL_NAMES, WalkingModel
+from workbench.motion.models.activities import ActivityModel
+from workbench.motion.models.walking import ANGLES, CHANNEL_NAMES, WalkingModel
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_column, log_normal, smoothness
-from workbench.threads import over_threads
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import over_threads
 
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256

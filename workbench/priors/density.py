@@ -5,10 +5,10 @@ from dataclasses import fields
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.core.prior import Smoothness
 from workbench.core.state_space import StateSpace
-from workbench.errors import InputError
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 REFERENCE_RATE_HZ = 30.0  # the frames a second for which priors are given their noise
 SAME = 1e-9  # columns without noise are where they were to this, in their unit

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from inspect import Signature, signature
 from typing import Any, TypeVar, get_type_hints
 
-from workbench.core.traits import Traits
-from workbench.learning.training import (
+from workbench.core.capabilities import Traits
+from workbench.motion.models.training import (
     activity_model,
     cyclic_model,
     gait_model,

@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.core.given import REST
+from workbench.core.capabilities import DENSITY, FOLLOWERS, Traits, offering
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
+from workbench.core.side_information import REST
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import DENSITY, FOLLOWERS, Traits, offering
-from workbench.errors import InputError
-from workbench.learning.windows import Windows, pose_rows
+from workbench.motion.models.windows import Windows, pose_rows
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.implicit_density import ImplicitDensity
 from workbench.priors.implicit_fidelity import log_importance
 from workbench.priors.implicit_prediction import Prediction
 from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
 from workbench.priors.implicit_tree import LEAVES, Tree, draw, median_tree, sign_tree
+from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 TREES: dict[str, Callable[[Float32Array], KdTree | Tree]] = {
     "exact": kd_tree, "sign_tree": sign_tree, "median_tree": median_tree,

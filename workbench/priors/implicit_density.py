@@ -8,10 +8,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
-from workbench.body.lanes import inlined
-from workbench.errors import InputError
-from workbench.kernel_cache import kernel
+from workbench.body.simd_kinematics import inlined
 from workbench.priors.density import SAME
 from workbench.priors.implicit_prediction import N_POSE, Prediction
 from workbench.priors.implicit_search import (
@@ -23,6 +20,9 @@ from workbench.priors.implicit_search import (
     nearest_entries,
     padded,
 )
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.kernel_cache import kernel
 
 BLOCK = 1 << 14  # windows whose ways are computed at a time
 

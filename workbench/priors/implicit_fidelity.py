@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.priors.implicit_search import KdTree, exact_log_prob, found_distribution
 from workbench.priors.implicit_tree import Tree, log_proposal
+from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
-from workbench.learning.windows import Windows, advance
+from workbench.motion.models.windows import Windows, advance
+from workbench.utils.arrays import FloatArray, IntArray
 
 N_POSE = len(POSE_NAMES)
 

@@ -25,10 +25,10 @@ import numba
 import numpy as np
 import scipy
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.lanes import FAST, inlined, inlined_exactly
-from workbench.errors import InputError
-from workbench.kernel_cache import kernel
+from workbench.body.simd_kinematics import FAST, inlined, inlined_exactly
+from workbench.utils.arrays import Float32Array, FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.kernel_cache import kernel
 
 LANES = 32
 """Entries of a leaf and leaves of a group: enough to fill the vectors, few enough to pass most of them over whole."""

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
-from workbench.body.lanes import inlined
-from workbench.errors import InputError
-from workbench.kernel_cache import kernel
+from workbench.body.simd_kinematics import inlined
+from workbench.utils.arrays import Float32Array, FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.kernel_cache import kernel
 
 LEAVES = ("gaussian", "uniform")
 TABLE_END = 6.0

@@ -5,14 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.core.capabilities import DENSITY, GAUSSIAN, offering
 from workbench.core.checks import POSITIVE, check
 from workbench.core.prior import RECORDED, Powers
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import DENSITY, GAUSSIAN, offering
-from workbench.errors import InputError
-from workbench.learning.linear_motion import N_POSE, POSTURE, LinearMotion, moved, velocities
+from workbench.motion.models.linear_motion import N_POSE, POSTURE, LinearMotion, moved, velocities
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 _SPEEDS = ("ahead", "aside", "up", "turn")
 

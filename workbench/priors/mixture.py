@@ -10,14 +10,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from workbench.arrays import BoolArray, FloatArray, IntArray
 from workbench.body.skeleton import POSE_NAMES
+from workbench.core.capabilities import DENSITY, Traits, needs_of_all, offers_of_all
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Density, Powers, Prior, Smoothness, propose
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import DENSITY, Traits, needs_of_all, offers_of_all
-from workbench.errors import InputError
 from workbench.priors.density import REFERENCE_RATE_HZ
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 
 @keeps_keys

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import scipy
 
-from workbench.arrays import BoolArray, FloatArray
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.body.skeleton import parameters as named_parameters
-from workbench.core.given import REST
+from workbench.core.capabilities import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers
+from workbench.core.side_information import REST
 from workbench.core.state_space import StateSpace
-from workbench.core.traits import BODY_PARTS, DENSITY, GAUSSIAN, LIMB_COLUMNS, SEPARABLE, Traits, offering
-from workbench.errors import InputError
 from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, log_normal, smoothness
+from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
 UNLIMITED = 1e6

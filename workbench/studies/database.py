@@ -8,17 +8,17 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.prior import Prior
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
-from workbench.errors import InputError
-from workbench.learning.windows import Windows
-from workbench.mocap.names import clip_name
+from workbench.motion.formats.names import clip_name
+from workbench.motion.models.windows import Windows
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import Fidelity, fidelity
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 SEARCHES = {"sign_tree": "sign tree", "exact": "our search"}
 METRIC_NAMES = {"sign_tree": "sign_tree", "exact": "search"}

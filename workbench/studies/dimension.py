@@ -9,16 +9,16 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import PARTS, POSE_NAMES, person_skeleton
 from workbench.core.gaussian import condition, predict
 from workbench.core.study import Curves, StudyResult
-from workbench.errors import InputError
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.priors.smooth import Smooth
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 ANGLES = (*PARTS["right_arm"], *PARTS["left_arm"], *sorted(PARTS["lower_body"], reverse=True))
 """The angles in which joints are added, limb after limb."""

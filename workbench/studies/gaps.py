@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import BoolArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.study import Curves, StudyResult
-from workbench.errors import InputError
-from workbench.learning.gaps import METHODS, gap_study, gappy_sequences, remove_markers
-from workbench.learning.imputation import impute, impute_linear, impute_paper, impute_periodic
-from workbench.mocap.motion import Motion
+from workbench.motion.models.gaps import METHODS, gap_study, gappy_sequences, remove_markers
+from workbench.motion.models.imputation import impute, impute_linear, impute_paper, impute_periodic
+from workbench.motion.motion import Motion
 from workbench.studies.learning import WalkStudy, angle, cyclic, degrees, title
+from workbench.utils.arrays import BoolArray
+from workbench.utils.errors import InputError
 
 NAMES = dict(zip(METHODS, ("ours", "linear", "periodic spline", "paper's FPCA"), strict=True))
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "right_shoulder_flexion", "right_elbow_flexion")

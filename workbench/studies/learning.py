@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.errors import InputError
-from workbench.learning.gaps import motion_period
-from workbench.learning.training import training_motions
-from workbench.mocap.motion import Motion
+from workbench.motion.models.gaps import motion_period
+from workbench.motion.models.training import training_motions
+from workbench.motion.motion import Motion
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 ANGLES = tuple(
     f"{side}_{angle}"

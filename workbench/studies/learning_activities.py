@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.arrays import FloatArray
 from workbench.core.study import Curves, Figure, Scatter, StudyResult
-from workbench.learning.activities import (
+from workbench.motion.models.activities import (
     ActivityModel,
     accuracy_left_out,
     error_left_out_deg,
@@ -18,9 +17,10 @@ from workbench.learning.activities import (
     learn_activities,
     mean_rates_hz,
 )
-from workbench.learning.activity_cycles import ActivityCycles, activity_cycles
-from workbench.learning.training import database_motions
+from workbench.motion.models.activity_cycles import ActivityCycles, activity_cycles
+from workbench.motion.models.training import database_motions
 from workbench.studies.learning import closed, degrees, phases, title
+from workbench.utils.arrays import FloatArray
 
 PARTS_SHOWN = {"whole body": "body", "legs": "lower_body"}
 ANGLES = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion", "left_elbow_flexion")

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.skeleton import N_ROOT
 from workbench.core.study import Curves, StudyResult
-from workbench.learning.alignment import Alignment, align
+from workbench.motion.models.cycle_alignment import Alignment, align
 from workbench.studies.learning import WalkStudy, angle, closed, cyclic, degrees, phases, title
+from workbench.utils.arrays import FloatArray
 
 SHOWN = ("left_hip_flexion", "left_knee_flexion", "left_shoulder_flexion")
 N_BINS = 64

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.core.study import Curves, StudyResult
-from workbench.learning.gaps import ClipPeriods, period_study
+from workbench.motion.models.gaps import ClipPeriods, period_study
 from workbench.studies.learning import ANGLES, WalkStudy, angle, title
+from workbench.utils.arrays import FloatArray
 
 STATED_PCT = 2.0
 """Clips whose periods differ by more are named."""

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.core.study import Bars, Curves, Figure, StudyResult
-from workbench.learning.walking import CHANNEL_NAMES, Cycles, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.models.walking import CHANNEL_NAMES, Cycles, WalkingModel, learn_walking, walking_cycles
 from workbench.studies.learning import ANGLES, WalkStudy, closed, degrees, phases, title
+from workbench.utils.arrays import FloatArray
 
 EIGENCURVES = 3
 """As many as in paper A, fig. 3c."""

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.core.prior import Prior
 from workbench.core.study import Bars, Curves, StudyResult
-from workbench.errors import InputError
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_tree import Tree, median_tree, sign_tree
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 RECORDED, SHUFFLED, GAUSSIAN, MEDIAN = "recorded", "shuffled", "Gaussian", "split at medians"
 METRICS = {RECORDED: "", SHUFFLED: "_shuffled", GAUSSIAN: "_gaussian", MEDIAN: "_median"}

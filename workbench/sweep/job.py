@@ -12,13 +12,13 @@ from typing import Any
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.errors import InputError
 from workbench.evaluation.headline import ERRORS
-from workbench.experiment.identity import identity
-from workbench.run_files import EARLIER, PART, RECORDING, SUMMARY
-from workbench.run_lock import is_locked, locked
+from workbench.experiment.config.identity import identity
 from workbench.sweep.reuse import read_summary, set_aside, take_over
 from workbench.sweep.stopping import StopWhen, stop_when
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY
+from workbench.utils.run_lock import is_locked, locked
 
 log = logging.getLogger(__name__)
 

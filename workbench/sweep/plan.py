@@ -13,9 +13,9 @@ from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, Overrid
 from omegaconf import DictConfig, OmegaConf
 from yaml import YAMLError
 
-from workbench.errors import InputError
-from workbench.limits import MOST_JOBS, MOST_PROCESSES, check_number, check_sizes
 from workbench.sweep.stopping import stop_when
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MOST_JOBS, MOST_PROCESSES, check_number, check_sizes
 
 SUBDIR = "${hydra.job.num}"
 _BOUNDS: Mapping[str, tuple[int, int]] = {

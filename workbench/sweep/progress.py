@@ -15,14 +15,14 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.errors import InputError
 from workbench.experiment.folder import run_folder
-from workbench.report.tables import printable
-from workbench.run_files import SUMMARY
-from workbench.run_lock import is_locked
+from workbench.results.report.tables import printable
 from workbench.sweep.job import FAILED, metric_of
 from workbench.sweep.plan import Plan, plan_of
 from workbench.sweep.reuse import ASIDE, left_aside, read_summary
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import SUMMARY
+from workbench.utils.run_lock import is_locked
 
 ENDED = ("complete", "stopped", "failed", "interrupted")
 """Statuses in summary.json of a run that has ended by itself."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from workbench.files import whole_file
-from workbench.run_files import RECORDING, SUMMARY
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.run_files import RECORDING, SUMMARY
 
 ASIDE = ".aside"
 """Where in a sweep's folder a job's run waits whose number now belongs to another."""

@@ -8,12 +8,12 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from workbench.errors import InputError
-from workbench.experiment.schema import prepare_hydra
-from workbench.limits import MOST_CONFIG, check_file
-from workbench.run_lock import is_locked
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.plan import Plan, jobs_of
 from workbench.sweep.progress import PERIOD_S, Progress
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MOST_CONFIG, check_file
+from workbench.utils.run_lock import is_locked
 
 _PLAN = "multirun.yaml"
 

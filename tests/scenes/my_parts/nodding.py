@@ -4,9 +4,9 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
+from workbench.core.capabilities import IMAGES, START, offering
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
-from workbench.core.traits import IMAGES, START, offering
 
 
 class Nodding:

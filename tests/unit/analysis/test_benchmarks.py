@@ -13,7 +13,7 @@ from analysis.benchmarks import scaling, scaling_figures, step
 from analysis.benchmarks.curve import Curve
 from analysis.benchmarks.figure import Figure, differences, not_measured, read_figures, write_figures
 from analysis.benchmarks.memory import peak_gb, peaks_gb
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 REFERENCE = Path(benchmarks.__file__).with_name("reference.json")
 FAST = Figure("draw_us", 0.9, "µs a draw", 1.2, "lower", "a bar")

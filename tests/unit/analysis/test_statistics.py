@@ -10,8 +10,8 @@ from scipy import stats
 from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
 from analysis.figures.recordings import Source
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
-from workbench.experiment.compatibility import incompatibility
+from workbench.experiment.config.compatibility import incompatibility
+from workbench.utils.errors import InputError
 
 ROWS = {"one": ("walk_straight", ("prior=walking",)), "other": ("walk_circle", ())}
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from workbench.annotation.annotations import Annotations, parse_annotation
-from workbench.datasets.files.marks import read_marks
-from workbench.errors import InputError
+from workbench.datasets.files.joint_annotations import read_marks
+from workbench.utils.errors import InputError
 
 
 def test_datasets_read_the_annotations(tmp_path):

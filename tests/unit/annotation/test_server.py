@@ -11,8 +11,8 @@ import pytest
 from workbench.annotation.annotations import Annotations
 from workbench.annotation.frames import Frames
 from workbench.annotation.server import Server
-from workbench.datasets.files.marks import read_marks
-from workbench.errors import InputError
+from workbench.datasets.files.joint_annotations import read_marks
+from workbench.utils.errors import InputError
 
 N = 70
 

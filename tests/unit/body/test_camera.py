@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from workbench.body.camera import Camera, load_cameras, plain_camera
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 GOOD = """
 [cam]

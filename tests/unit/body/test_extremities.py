@@ -7,7 +7,7 @@ from workbench.body.extremities import FOOT_BREADTH, FOOT_LENGTH, with_neck_and_
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import ANKLE_HEIGHT, from_height
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 TALL = 1.7
 PLAIN = person(from_height(TALL))

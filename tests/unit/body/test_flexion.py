@@ -9,7 +9,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.evaluation.errors import flexion_errors
-from workbench.mocap.full_skeleton import full_skeleton
+from workbench.motion.full_skeleton import full_skeleton
 
 BANDAI = full_skeleton(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)))
 PERSON = person(from_height(1.8)).skeleton

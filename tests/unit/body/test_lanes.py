@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.oracles.kinematics import forward as forward_oracle
-from workbench.body.lanes import FRAME, LANES, POSITION, lane_frames, load_frames
-from workbench.threads import over_threads
+from workbench.body.simd_kinematics import FRAME, LANES, POSITION, lane_frames, load_frames
+from workbench.utils.parallel import over_threads
 
 SKELETON = scenes.PERSON.skeleton
 

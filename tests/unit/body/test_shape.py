@@ -8,7 +8,7 @@ import pytest
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 
 @pytest.mark.parametrize("height", [0.5, 1.65, 1.75, 2.5])

@@ -8,7 +8,7 @@ import surface_scenes as scenes
 
 from workbench.body.kinematics import forward
 from workbench.body.surface import Surface, attach, residuals
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 HERE = np.zeros(6)
 TO_FIRST = 0  # every point of the lone ellipsoid's tests belongs to its only part

@@ -11,7 +11,7 @@ from workbench.body.kinematics import forward
 from workbench.body.limbs import person, skeleton_limbs
 from workbench.body.shape import from_height
 from workbench.body.surface import attach, limbs_surface, person_surface, residuals
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 NEUTRAL = np.zeros(25)
 

@@ -17,7 +17,7 @@ from workbench.body.surface import (
     residual_jacobian,
     residuals,
 )
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 TREES = [scenes.tree(seed) for seed in range(3)]
 SCENES = {

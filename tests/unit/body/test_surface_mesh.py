@@ -10,7 +10,7 @@ import surface_scenes as scenes
 from tests.oracles.surface import distances
 from workbench.body.kinematics import forward
 from workbench.body.surface_mesh import surface_mesh
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 with_scikit_image = pytest.mark.skipif(
     importlib.util.find_spec("skimage") is None, reason="scikit-image, the extra 'mesh', is not installed"

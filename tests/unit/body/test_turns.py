@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from single_steps import SKELETON
 
+from workbench.body.angles import _far, nearest_turn
 from workbench.body.kinematics import joints
-from workbench.body.turns import _far, nearest_turn
 
 POSES = arrays(float, (3, 25), elements=st.floats(-400.0, 400.0))
 

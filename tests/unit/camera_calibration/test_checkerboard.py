@@ -21,7 +21,7 @@ from workbench.camera_calibration.checkerboard import (
     place_on_floor,
     pose_cameras,
 )
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 BOARD = Checkerboard(COLUMNS, ROWS, 0.05)
 

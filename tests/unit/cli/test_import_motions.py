@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from workbench.cli.import_motions import main
-from workbench.errors import InputError
-from workbench.mocap.library import read_library
-from workbench.mocap.sources import cmu_clips, find_sources, import_sources, load_motion
+from workbench.motion.library import read_library
+from workbench.motion.sources import cmu_clips, find_sources, import_sources, load_motion
+from workbench.utils.errors import InputError
 
 # lengths (in 1/0.45 inch) of an invented person on the bones the CMU database has
 BONES = {

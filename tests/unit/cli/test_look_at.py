@@ -6,7 +6,7 @@ import pytest
 from seen_walkers import around, seen_by
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cli import look_at
+from workbench.cli import check_calibration as look_at
 
 CAMERA = """[one]
 size = [1280, 960]

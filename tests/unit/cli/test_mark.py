@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.cli import mark
+from workbench.cli import annotate as mark
 
 
 @pytest.fixture

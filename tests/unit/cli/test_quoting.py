@@ -5,7 +5,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.cli.quoting import quoted, unquoted
+from workbench.cli.hydra_quoting import quoted, unquoted
 
 
 def value_of(argument):

@@ -20,7 +20,7 @@ from workbench.recording.read.reader import read
 from workbench.recording.study.recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
-from workbench.report.groups import joint_errors
+from workbench.results.report.groups import joint_errors
 
 PLOTS = ["coverage", "error_against_particles", "error_against_time", "error_per_joint"]
 

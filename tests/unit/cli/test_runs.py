@@ -16,9 +16,9 @@ from small_recordings import leave_recorded
 
 from workbench.cli import gallery, runs, view
 from workbench.cli.runs import main
-from workbench.recording.read import probe
-from workbench.run_files import EARLIER
-from workbench.run_lock import locked
+from workbench.recording.read import crash_probe as probe
+from workbench.utils.run_files import EARLIER
+from workbench.utils.run_lock import locked
 
 
 @pytest.fixture

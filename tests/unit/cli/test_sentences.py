@@ -8,11 +8,11 @@ import pytest
 from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 
-from workbench.cli import told
-from workbench.cli.sentences import lines, mistyped
+from workbench.cli import run_output as told
+from workbench.cli.error_messages import lines, mistyped
 from workbench.evaluation.verdict import Finding, Verdict
-from workbench.experiment.parts import GROUPS, options
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.schema import prepare_hydra
 
 
 class _UnknownKeyError(Exception):

@@ -18,7 +18,7 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
-from workbench.recording.compare.overlaid import write_overlaid
+from workbench.recording.overlaid import write_overlaid
 from workbench.recording.read.chunks import curves, static_values
 from workbench.recording.write.recorder import Recorder
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.core.checks import BELOW_1, FINITE, INSIDE_UNIT, POSITIVE, UNIT, UP_TO_1, at_least, check, one_of
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 
 @pytest.mark.parametrize(

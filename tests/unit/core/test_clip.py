@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.body.camera import plain_camera
-from workbench.core import clip as clip_module
-from workbench.core.clip import Clip
+from workbench.core import frame_cache as clip_module
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.errors import InputError
+from workbench.core.frame_cache import Clip
+from workbench.utils.errors import InputError
 
 CAMERA = plain_camera(4, 3, 5.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
 BYTES = 12

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from workbench.core.postures import Postures
+from workbench.core.pose_prior import Postures
 
 
 def covariance(rng, d, scale=1.0):

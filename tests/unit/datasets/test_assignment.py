@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.datasets.people.assignment import best_assignments
+from workbench.datasets.association.assignment import best_assignments
 
 
 @given(st.integers(0, 3), st.integers(0, 2), st.integers(0, 2**32 - 1), st.floats(0.0, 0.5))

@@ -8,9 +8,9 @@ from crowd_scenes import CAMERAS, RATE_HZ, crowd, shown, walkers, whose
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.people.association import follow
-from workbench.errors import InputError
-from workbench.mocap.openpose import People, read_openpose
+from workbench.datasets.association.target_selection import follow
+from workbench.motion.formats.openpose import People, read_openpose
+from workbench.utils.errors import InputError
 
 CROSSING = (((-0.8, -0.2), (1.6, 0.0)), ((0.8, 0.2), (-1.6, 0.0)))
 """Two who pass each other at 40 cm, half a second after the first frame."""

@@ -7,9 +7,9 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.people import beliefs
-from workbench.datasets.people.beliefs import ARMS, LEGS, Expected, born, exchanged, predict
-from workbench.datasets.people.detections import Detection, Eye, meeting
+from workbench.datasets.association import keypoint_kalman as beliefs
+from workbench.datasets.association.detections import Detection, Eye, meeting
+from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, Expected, born, exchanged, predict
 
 FRONT = Eye(CAMERAS["front"], np.ones(15, dtype=bool))
 BODY = walkers([((0.0, 0.0), (1.0, 0.0))], 1)[0][0]

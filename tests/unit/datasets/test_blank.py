@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from workbench.datasets.blank import Blank
-from workbench.errors import InputError
-from workbench.mocap.sources import find_motion
+from workbench.motion.sources import find_motion
+from workbench.utils.errors import InputError
 
 
 def test_frames_are_empty_and_evenly_spaced():

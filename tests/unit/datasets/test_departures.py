@@ -10,13 +10,13 @@ from workbench.body.limbs import Body, person, skeleton_limbs
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
-from workbench.datasets.scenes.departures import NONE, USUAL
-from workbench.datasets.scenes.miscalibration import calibrated, calibration_error
-from workbench.datasets.scenes.subject import height_of, subject_of
-from workbench.datasets.scenes.visible import first_depth
+from workbench.datasets.rendering.miscalibration import calibrated, calibration_error
+from workbench.datasets.rendering.perturbations import NONE, USUAL
+from workbench.datasets.rendering.subject import height_of, subject_of
+from workbench.datasets.rendering.visible import first_depth
 from workbench.datasets.stereo import Stereo
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 3, "width": 160, "height": 120, "focal_px": 175.0}
 MADE = {

@@ -6,8 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.files.marks import COLUMNS, read_marks
-from workbench.errors import InputError
+from workbench.datasets.files.joint_annotations import COLUMNS, read_marks
+from workbench.utils.errors import InputError
 
 HEADER = "frame,joint,u,v,visible\n"
 pixel = st.floats(-5000.0, 5000.0, allow_nan=False)

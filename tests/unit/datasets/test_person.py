@@ -7,8 +7,8 @@ from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 from workbench.body.shape import from_height
 from workbench.core.dataset import Known
 from workbench.datasets.person import of_dataset, of_height
-from workbench.errors import InputError
-from workbench.mocap.full_skeleton import full_body
+from workbench.motion.full_skeleton import full_body
+from workbench.utils.errors import InputError
 
 SHAPE = from_height(1.7)
 BODY = full_body(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)), SHAPE)

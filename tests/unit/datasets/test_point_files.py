@@ -11,9 +11,9 @@ from hypothesis.extra import numpy as numbers
 
 from workbench.datasets.files.point_formats import read_csv, read_hdf5, read_npz, read_ply
 from workbench.datasets.point_files import PointFiles
-from workbench.errors import InputError
-from workbench.mocap.generated.gait import builtin_motions
-from workbench.mocap.library import write_library
+from workbench.motion.library import write_library
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.utils.errors import InputError
 
 coordinate = st.floats(-1e6, 1e6, allow_nan=False)
 clouds = numbers.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=coordinate)

@@ -7,9 +7,9 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.datasets.points import Points, with_depth_noise
-from workbench.datasets.scenes.surroundings import BOX_M, WALL_M
-from workbench.datasets.scenes.visible import first_depth
-from workbench.errors import InputError
+from workbench.datasets.rendering.surroundings import BOX_M, WALL_M
+from workbench.datasets.rendering.visible import first_depth
+from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 3, "n_points": 200}
 

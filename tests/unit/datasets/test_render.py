@@ -12,7 +12,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import Limbs, person
 from workbench.body.shape import from_height
-from workbench.datasets.scenes import render
+from workbench.datasets.rendering import render
 
 BODY = person(from_height(1.75))
 STANDING = np.zeros(25)

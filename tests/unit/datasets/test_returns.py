@@ -3,8 +3,8 @@
 import numpy as np
 from crowd_scenes import walkers
 
-from workbench.datasets.people.returns import rejoined
-from workbench.datasets.people.tracker import Tracked
+from workbench.datasets.association.multi_hypothesis import Tracked
+from workbench.datasets.association.track_stitching import rejoined
 
 RATE_HZ = 30.0
 

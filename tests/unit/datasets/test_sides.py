@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from crowd_scenes import CAMERAS, RATE_HZ, shown, walkers
 
-from workbench.datasets.people.detections import Eye
-from workbench.datasets.people.sides import PARTS, _cost, _likeliest, exchanged_sides, undone
+from workbench.datasets.association.detections import Eye
+from workbench.datasets.association.left_right import PARTS, _cost, _likeliest, exchanged_sides, undone
 
 WALK = (((-0.8, -0.2), (1.6, 0.0)),)
 ALL = np.ones(15, dtype=bool)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.datasets.scenes.splice import gait_phases, splice
-from workbench.datasets.scenes.take import Scene, find_take, given_start
-from workbench.errors import InputError
-from workbench.mocap.generated.gait import average_subject, subjects, walker
-from workbench.mocap.sources import find_motion
+from workbench.datasets.rendering.concatenation import gait_phases, splice
+from workbench.datasets.rendering.sequence import Scene, find_take, given_start
+from workbench.motion.sources import find_motion
+from workbench.motion.synthetic.gait import average_subject, subjects, walker
+from workbench.utils.errors import InputError
 
 RATE = 60.0
 WALK = walker(average_subject(), 6.0, RATE)

@@ -9,10 +9,10 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
-from workbench.datasets.scenes.room import empty_view, room
-from workbench.datasets.scenes.visible import surface_points
+from workbench.datasets.rendering.room import empty_view, room
+from workbench.datasets.rendering.visible import surface_points
 from workbench.datasets.stereo import N_EMPTY, Stereo, disparities, empty_disparity, nearer_points
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 2, "width": 320, "height": 240, "focal_px": 350.0, "baseline_m": 0.4, "n_points": 300}
 

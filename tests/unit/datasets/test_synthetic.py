@@ -10,9 +10,9 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.datasets import synthetic
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
-from workbench.mocap.generated.gait import builtin_motions
-from workbench.mocap.library import write_library
+from workbench.motion.library import write_library
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.utils.errors import InputError
 
 SMALL = {"n_frames": 3, "width": 160, "height": 120, "person_px": 70.0, "focal_px": 175.0}
 

@@ -13,7 +13,7 @@ from workbench.body.camera import load_cameras
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.files.decode import count_frames, decode, image_files
 from workbench.datasets.video import Video
-from workbench.errors import InputError
+from workbench.utils.errors import InputError
 
 WIDTH, HEIGHT = 64, 48
 NECK, ANKLE = JOINT_NAMES.index("neck"), JOINT_NAMES.index("left_ankle")

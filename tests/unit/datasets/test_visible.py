@@ -10,8 +10,8 @@ from workbench.body.camera import plain_camera
 from workbench.body.limbs import Limbs, person
 from workbench.body.shape import from_height
 from workbench.datasets.points import with_depth_noise
-from workbench.datasets.scenes.render import Rays
-from workbench.datasets.scenes.visible import first_depth, surface_points, visible_points
+from workbench.datasets.rendering.render import Rays
+from workbench.datasets.rendering.visible import first_depth, surface_points, visible_points
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 200.0, (0.3, -4.0, 0.4), (0.1, 0.0, 0.2))

@@ -9,7 +9,9 @@ from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.calibration import (
+from workbench.evaluation.errors import step_errors
+from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.posterior_calibration import (
     covered,
     crps,
     log_score,
@@ -18,8 +20,6 @@ from workbench.evaluation.calibration import (
     ranks,
     share_below,
 )
-from workbench.evaluation.errors import step_errors
-from workbench.evaluation.intervals import weighted_quantiles
 
 N = 20_001
 EVEN = np.full(N, 1.0 / N)

@@ -11,7 +11,7 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, Truth
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.doubt import area_under_curve, group_errors, joint_groups, spearman, stated_doubt
+from workbench.evaluation.expected_error import area_under_curve, group_errors, joint_groups, spearman, stated_doubt
 
 SKELETON = person(from_height(1.7)).skeleton
 

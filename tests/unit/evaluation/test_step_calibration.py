@@ -5,7 +5,7 @@ import pytest
 from single_steps import SKELETON, standing, step_of
 
 from workbench.core.frame import Truth
-from workbench.evaluation.calibration import expected_calibration_error
+from workbench.evaluation.posterior_calibration import expected_calibration_error
 from workbench.evaluation.step_calibration import joint_calibration, pose_calibration, pose_ranks
 
 HEADING, TWIST = SKELETON.dof("root_heading"), SKELETON.dof("left_shoulder_twist")

@@ -11,8 +11,8 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
-from workbench.evaluation.agreement import bends, limb_lengths, meeting
 from workbench.evaluation.evidence import Measured
+from workbench.evaluation.multiview_consistency import bends, limb_lengths, meeting
 from workbench.evaluation.verdict import FOREARM, HELD_MM, Told, usual_height, verdict
 
 N = 30

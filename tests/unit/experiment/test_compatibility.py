@@ -3,8 +3,8 @@
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.experiment.compatibility import incompatibility, no_evidence
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.compatibility import incompatibility, no_evidence
+from workbench.experiment.config.schema import prepare_hydra
 
 
 @pytest.mark.parametrize(

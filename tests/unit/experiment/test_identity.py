@@ -5,8 +5,8 @@ import shutil
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.experiment import identity as module
-from workbench.experiment.identity import identity
+from workbench.experiment.config import identity as module
+from workbench.experiment.config.identity import identity
 
 
 def config(**changes):

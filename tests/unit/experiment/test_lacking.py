@@ -3,8 +3,8 @@
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.experiment.lacking import SOURCES, what_lacks
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.lacking import SOURCES, what_lacks
+from workbench.experiment.config.schema import prepare_hydra
 
 NAMES = {"dataset": "video", "body": "height"}
 

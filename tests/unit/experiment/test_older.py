@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from workbench.errors import InputError
-from workbench.experiment.older import in_todays_words
+from workbench.experiment.config.migrations import in_todays_words
+from workbench.utils.errors import InputError
 
 PATH = Path("run.rrd")
 VIDEO, MULTI = "workbench.datasets.video.Video", "workbench.datasets.multi_view.MultiView"

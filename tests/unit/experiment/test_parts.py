@@ -10,13 +10,13 @@ from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from workbench.cli.parts import listing
-from workbench.cli.parts import main as describe
-from workbench.errors import InputError
-from workbench.experiment import parts
-from workbench.experiment.build import build, check_targets
-from workbench.experiment.schema import prepare_hydra
-from workbench.experiment.stored import runnable
+from workbench.cli.components import listing
+from workbench.cli.components import main as describe
+from workbench.experiment.config import options as parts
+from workbench.experiment.config.instantiate import build, check_targets
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.config.stored import runnable
+from workbench.utils.errors import InputError
 
 MODULE = '''
 """A prior that holds still but for noise."""
@@ -185,7 +185,7 @@ def test_a_recording_adds_nothing_to_what_may_be_built(package):
     assert not imported(package)
 
 
-@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "workbench.cli.run.main", "workbench.errors.X"])
+@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "workbench.cli.run.main", "workbench.utils.errors.X"])
 def test_a_recording_builds_options_only(target):
     with pytest.raises(InputError, match=f"{target}' is no part of the workbench"):
         runnable(run_of(target=target), [], own())

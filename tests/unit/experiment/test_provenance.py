@@ -6,7 +6,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import provenance as module
-from workbench.experiment.identity import input_files
+from workbench.experiment.config.identity import input_files
 from workbench.experiment.provenance import CUT, code_state, has_commit
 
 

@@ -6,15 +6,15 @@ import sys
 
 import pytest
 
-from workbench import signals
-from workbench.catalog.entry import entry_of_folder
 from workbench.experiment import execute, summary
 from workbench.experiment.execute import ending
 from workbench.experiment.summary import Summary
 from workbench.recording.read.reader import read
 from workbench.recording.write import file as files
 from workbench.recording.write.file import RecordingFile
-from workbench.signals import Interrupted, interruptible
+from workbench.results.entry import entry_of_folder
+from workbench.utils import signals
+from workbench.utils.signals import Interrupted, interruptible
 
 STEPS = [module.__file__ for module in (files, execute, summary, signals)]
 

@@ -10,10 +10,10 @@ from omegaconf import OmegaConf
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.errors import InputError
-from workbench.experiment.build import build, check_targets, resolved
-from workbench.experiment.parts import GROUPS, options
-from workbench.experiment.schema import PartsConfigSource, keys_of, prepare_hydra, typed
+from workbench.experiment.config.instantiate import build, check_targets, resolved
+from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.schema import PartsConfigSource, keys_of, prepare_hydra, typed
+from workbench.utils.errors import InputError
 
 CHOICES = [(group, option) for group in GROUPS for option in options(group)]
 
@@ -111,10 +111,10 @@ def test_files_by_camera_are_given_without_a_plus_and_with_one(plus):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("_target_: workbench.priors.jitter.Jitter\nsigmas: 1", "mine.yaml.*Jitter has no key 'sigmas'; it has base"),
-        ("_target_: workbench.priors.jitter.Jitter\nsigma: much", "mine.yaml.*much.*sigma"),
+        ("_target_: workbench.priors.ar_offsets.Jitter\nsigmas: 1", "mine.yaml.*Jitter has no key 'sigmas'"),
+        ("_target_: workbench.priors.ar_offsets.Jitter\nsigma: much", "mine.yaml.*much.*sigma"),
         ("base: {_target_: workbench.priors.smooth.Smooth, k: 1}", "mine.yaml.*Smooth.*'k'"),
-        ("_target_: workbench.priors.jitter.Nobody", "mine.yaml.*Nobody"),
+        ("_target_: workbench.priors.ar_offsets.Nobody", "mine.yaml.*Nobody"),
         ("_target_: os.system", "mine.yaml.*os.system"),
     ],
 )  # fmt: skip
@@ -124,13 +124,13 @@ def test_a_file_with_a_key_that_is_none_is_named(text, match):
 
 
 def test_parts_within_a_file_have_the_keys_of_their_classes():
-    text = "_target_: workbench.priors.jitter.Jitter\nbase: {_target_: workbench.priors.smooth.Smooth, damping: 1}"
+    text = "_target_: workbench.priors.ar_offsets.Jitter\nbase: {_target_: workbench.priors.smooth.Smooth, damping: 1}"
     found = typed(OmegaConf.create(text), "mine.yaml")
     assert (found.base.damping, found.base.start_pose, found.keep) == (1.0, 2.0, 0.9)
 
 
 def test_what_a_run_fills_in_is_no_key():
-    assert set(keys_of(resolved("workbench.priors.jitter.Jitter"))) == {"base", "sigma", "keep", "parameters"}
+    assert set(keys_of(resolved("workbench.priors.ar_offsets.Jitter"))) == {"base", "sigma", "keep", "parameters"}
     for group, choice in CHOICES:
         assert not {"body", "prior", "likelihood", "run_id"} & set(keys_of(resolved(options(group)[choice].target)))
 
@@ -178,8 +178,8 @@ def test_only_targets_of_the_workbench_pass(target):
 
 def test_what_a_module_of_ours_only_imports_is_no_part(monkeypatch):
     """Though an option names it."""
-    target = "workbench.experiment.build.import_module"
-    monkeypatch.setattr("workbench.experiment.build.targets", lambda: {target})
+    target = "workbench.experiment.config.instantiate.import_module"
+    monkeypatch.setattr("workbench.experiment.config.instantiate.targets", lambda: {target})
     with pytest.raises(InputError, match="must name a part"):
         resolved(target)
 

@@ -6,8 +6,8 @@ from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from workbench.experiment.parts import options
-from workbench.experiment.schema import prepare_hydra
+from workbench.experiment.config.options import options
+from workbench.experiment.config.schema import prepare_hydra
 
 
 def literal_of(option):

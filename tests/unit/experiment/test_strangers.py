@@ -7,9 +7,9 @@ import pytest
 from compositions import composed
 from omegaconf import OmegaConf
 
-from workbench.errors import InputError
-from workbench.experiment.strangers import activity_of, clips_of, first_frame, half_of, hashed
-from workbench.learning.training import database_motions
+from workbench.experiment.config.resolvers import activity_of, clips_of, first_frame, half_of, hashed
+from workbench.motion.models.training import database_motions
+from workbench.utils.errors import InputError
 
 REPORT = {
     "02_01", "dataset-1_walk_old_001", "dataset-2_walk_elderly_002", "03_04", "32_02", "dataset-1_run_old_001",
@@ -75,7 +75,9 @@ def test_the_persons_clips_and_those_in_their_style_are_left_out():
 
 def test_a_style_leaves_the_library_with_all_it_does_in_both_sets(data: Path, monkeypatch):
     files = []
-    monkeypatch.setattr("workbench.learning.training._imported", lambda clips, cache, name: files.extend(clips) or [])
+    monkeypatch.setattr(
+        "workbench.motion.models.training._imported", lambda clips, cache, name: files.extend(clips) or []
+    )
     with pytest.raises(InputError):
         database_motions("recorded", data=str(data), cache="", leave_out=["bandai-active"])
     assert sum("_active_" in file.stem for file in files) > 50  # which `_without` is asked to take out

@@ -12,10 +12,10 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import LayeredLook, Slope
-from workbench.inference.kalman.both import OWN_M, PIXELS_SAY, of_both, shares
-from workbench.inference.kalman.filter import Kalman
+from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.pass_fusion import OWN_M, PIXELS_SAY, of_both, shares
 from workbench.priors.smooth import Smooth
-from workbench.streams import stream
+from workbench.utils.rng import stream
 
 N = len(POSE_NAMES)
 SKELETON = person_skeleton(from_height(1.75))

@@ -6,7 +6,7 @@ import pytest
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.inference.synthesis import ANKLES, PLANTED_SPEED, SETTLE, FootContact, ankle_positions
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.synthetic.gait import builtin_motions
 
 DT = 1 / 30
 

@@ -25,12 +25,12 @@ from linear_gaussian import (
 
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
-from workbench.errors import InputError
-from workbench.inference.particles.auxiliary import Auxiliary
-from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import DegenerateWeights, ParticleFilter, traced
-from workbench.inference.particles.weights import RESAMPLING, effective_sample_size
+from workbench.inference.smc.auxiliary import Auxiliary
+from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter, traced
+from workbench.inference.smc.weights import RESAMPLING, effective_sample_size
 from workbench.priors.density import log_normal
+from workbench.utils.errors import InputError
 
 
 class Constant(Memoryless):

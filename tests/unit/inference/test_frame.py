@@ -8,13 +8,13 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss, keypoint_residual
-from workbench.errors import InputError
-from workbench.inference.fit.decoding import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.fit.frame import Gaussian, fit_frame, follow, global_motion
-from workbench.inference.fit.frame_by_frame import fit_poses, pose_prior
-from workbench.inference.fit.motion import fit_motion, fit_problem
-from workbench.inference.fit.phase_grid import best_lines, find_phase, roots_from_points
-from workbench.inference.fit.residuals import joint_residual
+from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.least_squares.frame import Gaussian, fit_frame, follow, global_motion
+from workbench.inference.least_squares.frame_by_frame import fit_poses, pose_prior
+from workbench.inference.least_squares.motion import fit_motion, fit_problem
+from workbench.inference.least_squares.phase_grid import best_lines, find_phase, roots_from_points
+from workbench.inference.least_squares.residuals import joint_residual
+from workbench.utils.errors import InputError
 
 SQUARED, ROBUST = Loss("squared", 1.0), Loss("geman_mcclure", 3.0)
 CAMERA = plain_camera(640, 480, 700.0, (3.0, -3.0, 1.2), (1.3, 2.0, 0.9))

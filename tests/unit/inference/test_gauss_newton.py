@@ -15,9 +15,9 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.errors import InputError
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.gauss_newton import GaussNewton
+from workbench.inference.smc.gauss_newton import GaussNewton
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.utils.errors import InputError
 
 T, SEEDS, N = 8, 25, 400
 

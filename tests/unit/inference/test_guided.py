@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from linear_gaussian import LinearPrior
 
-from workbench.errors import InputError
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.guided import Hybrid, guides_of
-from workbench.learning.training import activity_model
+from workbench.inference.smc.hybrid import Hybrid, guides_of
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.motion.models.training import activity_model
 from workbench.priors.activity import Activity
+from workbench.utils.errors import InputError
 
 DT = 1 / 14
 N = 200_000

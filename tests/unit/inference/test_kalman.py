@@ -9,19 +9,19 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Slope
-from workbench.core.memory import Past
-from workbench.core.postures import Postures
-from workbench.errors import InputError
-from workbench.inference.kalman.belief import predict, smoothed
-from workbench.inference.kalman.climb import climb, tails
-from workbench.inference.kalman.filter import Kalman
-from workbench.inference.kalman.peak import find_peak
-from workbench.learning.linear_motion import LinearMotion
+from workbench.core.pose_prior import Postures
+from workbench.inference.ekf.gaussian_state import predict, smoothed
+from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.levenberg_marquardt import climb, tails
+from workbench.inference.ekf.mode_search import find_peak
+from workbench.motion.models.linear_motion import LinearMotion
 from workbench.priors.linear import Linear
 from workbench.priors.smooth import Smooth
-from workbench.streams import rng_streams
+from workbench.utils.errors import InputError
+from workbench.utils.rng import rng_streams
 
 N = len(POSE_NAMES)
 SIGMA = 0.02
@@ -140,7 +140,7 @@ class Twice(Seen):
 def test_every_frame_tells_what_both_looks_at_it_took(monkeypatch):
     prior, marks, frames = setting()
     ticks = count()
-    monkeypatch.setattr("workbench.inference.particles.target.working_s", lambda: float(next(ticks)))
+    monkeypatch.setattr("workbench.inference.smc.target.working_s", lambda: float(next(ticks)))
     once, twice = (run(Kalman(prior, likelihood(marks), BODY, guesses=0), frames) for likelihood in (Seen, Twice))
     for k, (one, two) in enumerate(zip(once, twice, strict=True)):
         learning = 1.0 if k == 0 else 0.0

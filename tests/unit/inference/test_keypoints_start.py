@@ -7,11 +7,11 @@ import pytest
 from keypoint_scenes import BODY
 from view_scenes import CAMERAS, errors_mm, frames, swinging
 
-from workbench.errors import InputError
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.start.keypoints import start_from_keypoints
+from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 STREAMS = ("start", "prior", "resampling")

@@ -9,11 +9,11 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import LayeredLook, Slope
-from workbench.inference.kalman.belief import Belief, smoothed
-from workbench.inference.kalman.filter import Kalman
-from workbench.inference.kalman.leap import LEAST_GAIN, cost, is_better, leap
+from workbench.inference.ekf.gaussian_state import Belief, smoothed
+from workbench.inference.ekf.iterated_ekf import Kalman
+from workbench.inference.ekf.limb_reinitialization import LEAST_GAIN, cost, is_better, leap
 from workbench.priors.smooth import Smooth
-from workbench.streams import stream
+from workbench.utils.rng import stream
 
 SKELETON = person_skeleton(from_height(1.75))
 ARM = np.array([k for k, name in enumerate(SKELETON.dof_names) if name.startswith(("left_shoulder", "left_elbow"))])

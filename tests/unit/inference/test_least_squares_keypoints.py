@@ -8,14 +8,14 @@ from least_squares_scenes import Knowing, SineModel
 from workbench.core.frame import Frame
 from workbench.core.observations import kinds_seen, observe
 from workbench.core.residual import Loss
-from workbench.errors import InputError
-from workbench.inference.fit.decoding import FitData, MotionDecoder
-from workbench.inference.fit.frame_by_frame import FrameByFrame
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion import fit_problem
-from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.fit.residuals import views_residual
+from workbench.inference.least_squares.decoding import FitData, MotionDecoder
+from workbench.inference.least_squares.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion import fit_problem
+from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.residuals import views_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.utils.errors import InputError
 
 HIDDEN_ANKLES = [BODY.skeleton.joint("left_ankle"), BODY.skeleton.joint("right_ankle")]
 STEADY = MotionFit(frames_per_style=None)

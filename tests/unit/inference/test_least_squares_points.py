@@ -14,16 +14,16 @@ from workbench.body.surface import person_surface
 from workbench.core.frame import Frame, View
 from workbench.core.prior import Smoothness
 from workbench.core.residual import surface_residual
-from workbench.errors import InputError
-from workbench.inference.fit.decoding import MotionDecoder
-from workbench.inference.fit.frame_by_frame import FrameByFrame
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion_fit import MotionFit
-from workbench.inference.fit.smooth_fit import SmoothFit
+from workbench.inference.least_squares.decoding import MotionDecoder
+from workbench.inference.least_squares.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
+from workbench.utils.errors import InputError
 
 BODY, T = person(from_height(1.75)), 10
 SURFACE = person_surface(BODY)

@@ -7,10 +7,10 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, streams
 from view_scenes import CAMERAS, frames, observed, swinging
 
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.lengths import TOLD_SIGMA, Lengths, told_doubt
-from workbench.inference.fit.residuals import views_residual
-from workbench.inference.start.limb_lengths import HEIGHT_SIGMA, measure
+from workbench.inference.initialization.limb_lengths import HEIGHT_SIGMA, measure
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.lengths import TOLD_SIGMA, Lengths, told_doubt
+from workbench.inference.least_squares.residuals import views_residual
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton

@@ -8,9 +8,9 @@ from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_re
 
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss
-from workbench.errors import InputError
-from workbench.inference.fit.decoding import FitData, MotionDecoder
-from workbench.inference.fit.motion import fit_motion, fit_problem
+from workbench.inference.least_squares.decoding import FitData, MotionDecoder
+from workbench.inference.least_squares.motion import fit_motion, fit_problem
+from workbench.utils.errors import InputError
 
 T = 8
 STYLES = {"steady": T, "groups of 4": 4, "frame": 1}

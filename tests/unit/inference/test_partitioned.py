@@ -18,10 +18,10 @@ from linear_gaussian import (
 )
 
 from workbench.core.state_space import StateSpace
-from workbench.errors import InputError
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.partitioned import PARTS, Partitioned, columns_of_parts
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.partitioned import PARTS, Partitioned, columns_of_parts
 from workbench.priors.density import log_normal
+from workbench.utils.errors import InputError
 
 T, SEEDS, N = 8, 25, 200
 LEGS_FIRST = ("lower_body", "upper_body")

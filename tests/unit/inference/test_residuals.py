@@ -5,15 +5,15 @@ import pytest
 from keypoint_scenes import BODY, CAMERA, PX_M
 
 from workbench.body.kinematics import joints
-from workbench.core.postures import Postures
-from workbench.inference.fit.residuals import (
+from workbench.core.pose_prior import Postures
+from workbench.inference.least_squares.residuals import (
     balance_residual,
     centre_of_mass,
     ground_residual,
     posture_residual,
     usual_residual,
 )
-from workbench.inference.fit.smooth_fit import FLIP_SIGMA_M, LIMBS, flips
+from workbench.inference.least_squares.smooth_fit import FLIP_SIGMA_M, LIMBS, flips
 
 SKELETON = BODY.skeleton
 STANDING = np.zeros(25)

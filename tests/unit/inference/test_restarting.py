@@ -8,13 +8,13 @@ import pytest
 from linear_gaussian import streams
 
 from workbench.body.limbs import person
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.datasets.synthetic import Synthetic
 from workbench.evaluation.errors import step_errors
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.restarting import REFERENCE_FRAMES, Restarting
-from workbench.likelihoods.appearance import Appearance
-from workbench.likelihoods.background import Background
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
+from workbench.likelihoods.cues.appearance import Appearance
+from workbench.likelihoods.cues.background import Background
 from workbench.likelihoods.product import Product
 from workbench.priors.from_motions import walking
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from workbench.core.likelihood import LayeredLook, Slope
-from workbench.inference.kalman.climb import tails
-from workbench.inference.kalman.settle import settle
+from workbench.inference.ekf.dense_refinement import settle
+from workbench.inference.ekf.levenberg_marquardt import tails
 
 D, JOINTS = 5, np.ones(3, dtype=np.bool_)
 WIDE = np.tile([-10.0, 10.0], (D, 1))

@@ -8,14 +8,14 @@ import pytest
 from scipy.stats import norm
 from simulated_posteriors import Simulated, arm_prior, filtered, fitted, walking_prior
 
-from workbench.inference.particles.annealed import Annealed
-from workbench.inference.particles.auxiliary import Auxiliary
-from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.gauss_newton import GaussNewton
-from workbench.inference.particles.partitioned import Partitioned
-from workbench.inference.particles.smoothing import BackwardSimulation, FixedLag
-from workbench.inference.particles.tempered_smc import TemperedSMC
+from workbench.inference.smc.annealed import Annealed
+from workbench.inference.smc.auxiliary import Auxiliary
+from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.gauss_newton import GaussNewton
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.partitioned import Partitioned
+from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
+from workbench.inference.smc.tempered_smc import TemperedSMC
 
 LEAST, MOST = 0.86, 0.93
 """Of the truths that the 90 % bands shall hold."""

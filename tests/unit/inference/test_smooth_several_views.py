@@ -12,17 +12,17 @@ from workbench.body.kinematics import joints, length_jacobian
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
-from workbench.core.postures import Postures
+from workbench.core.pose_prior import Postures
 from workbench.core.prior import Powers
 from workbench.core.residual import Loss, robust, stacked
-from workbench.errors import InputError
-from workbench.inference.fit.decoding import FitData, PoseDecoder
-from workbench.inference.fit.frame_by_frame import FrameByFrame
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.residuals import limit_residual, views_residual
-from workbench.inference.fit.smooth_fit import SmoothFit, smooth_problem
-from workbench.inference.start.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
+from workbench.inference.initialization.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
+from workbench.inference.least_squares.decoding import FitData, PoseDecoder
+from workbench.inference.least_squares.frame_by_frame import FrameByFrame
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.residuals import limit_residual, views_residual
+from workbench.inference.least_squares.smooth_fit import SmoothFit, smooth_problem
 from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 

@@ -18,11 +18,11 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.errors import InputError
-from workbench.evaluation.calibration import covered, share_below
-from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.smoothing import BackwardSimulation, FixedLag
+from workbench.evaluation.posterior_calibration import covered, share_below
+from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
+from workbench.utils.errors import InputError
 
 T, SEEDS = 8, 25
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.inference.fit.solver import Pattern
+from workbench.inference.least_squares.solver import Pattern
 
 
 def random_system(n_band, n_border, width, seed):

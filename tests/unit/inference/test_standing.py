@@ -9,12 +9,18 @@ from view_scenes import CAMERAS, frames, observed
 
 from workbench.body.kinematics import joints
 from workbench.core.residual import SQUARED, stacked
-from workbench.inference.fit.decoding import FitData, PoseDecoder
-from workbench.inference.fit.least_squares import LeastSquares
-from workbench.inference.fit.motion import fit_motion
-from workbench.inference.fit.residuals import joint_residual, limit_residual
-from workbench.inference.fit.smooth_fit import smooth_problem
-from workbench.inference.fit.standing import LEAST_S, image_speeds, standing_feet, standing_height, ties_of_feet
+from workbench.inference.least_squares.decoding import FitData, PoseDecoder
+from workbench.inference.least_squares.foot_contact import (
+    LEAST_S,
+    image_speeds,
+    standing_feet,
+    standing_height,
+    ties_of_feet,
+)
+from workbench.inference.least_squares.least_squares import LeastSquares
+from workbench.inference.least_squares.motion import fit_motion
+from workbench.inference.least_squares.residuals import joint_residual, limit_residual
+from workbench.inference.least_squares.smooth_fit import smooth_problem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton

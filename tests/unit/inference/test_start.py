@@ -10,16 +10,21 @@ from least_squares_scenes import SineModel
 from view_scenes import CAMERAS, errors_mm, frames, swinging
 
 from workbench.body.kinematics import joints
-from workbench.core.clip import Clip
 from workbench.core.dataset import Known
 from workbench.core.frame import MarkedFrames
+from workbench.core.frame_cache import Clip
 from workbench.core.prior import Powers
-from workbench.errors import InputError
-from workbench.inference.start.keypoints import start_from_keypoints
-from workbench.inference.start.marks import placed_costs, start_from_examples, start_from_marks, usable_marks
-from workbench.inference.start.poses import start_poses
-from workbench.mocap.generated.gait import builtin_motions
-from workbench.mocap.generated.running import builtin_runs
+from workbench.inference.initialization.from_annotations import (
+    placed_costs,
+    start_from_examples,
+    start_from_marks,
+    usable_marks,
+)
+from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.poses import start_poses
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.motion.synthetic.running import builtin_runs
+from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 

@@ -11,13 +11,13 @@ from workbench.body.limbs import person
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
-from workbench.errors import InputError
 from workbench.inference import synthesis
 from workbench.inference.synthesis import Synthesis, jump_deg
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
 CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself

@@ -16,12 +16,12 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.errors import InputError
-from workbench.inference.particles.annealed import NO_POSTERIOR, Annealed
-from workbench.inference.particles.auxiliary import Auxiliary
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.particles.restarting import Restarting, lost
-from workbench.inference.particles.tempered_smc import TemperedSMC, next_temperature
+from workbench.inference.smc.annealed import NO_POSTERIOR, Annealed
+from workbench.inference.smc.auxiliary import Auxiliary
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.inference.smc.reinitializing import Restarting, lost
+from workbench.inference.smc.tempered_smc import TemperedSMC, next_temperature
+from workbench.utils.errors import InputError
 
 T, SEEDS, N = 6, 25, 300
 EXACT = {

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from workbench.inference.particles.weights import _pick, logsumexp, systematic
+from workbench.inference.smc.weights import _pick, logsumexp, systematic
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])

@@ -11,25 +11,25 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.clip import Clip
 from workbench.core.frame import Frame, View
+from workbench.core.frame_cache import Clip
 from workbench.core.likelihood import Relearning, SlopedLook
-from workbench.datasets.scenes import render
+from workbench.datasets.rendering import render
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
-from workbench.likelihoods.alignment.alignment import Alignment
-from workbench.likelihoods.alignment.beside import beside
-from workbench.likelihoods.alignment.cells import (
+from workbench.likelihoods.dense.background_model import OWN, _lasting, _median, first_scene, tracked_scene
+from workbench.likelihoods.dense.contour_samples import beside
+from workbench.likelihoods.dense.dense_alignment import Alignment
+from workbench.likelihoods.dense.occluders import LEAST_PX, nothing_passing
+from workbench.likelihoods.dense.pyramid import picture
+from workbench.likelihoods.dense.surface_elements import (
     motion_of,
     moved_by,
     placed,
     surface_cells,
     visible,
 )
-from workbench.likelihoods.alignment.passing import LEAST_PX, nothing_passing
-from workbench.likelihoods.alignment.pictures import picture
-from workbench.likelihoods.alignment.scene import OWN, _lasting, _median, first_scene, tracked_scene
-from workbench.likelihoods.alignment.sight import Residuals, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
+from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
 CAMERA = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))

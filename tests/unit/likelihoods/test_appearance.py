@@ -5,11 +5,19 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import forward
-from workbench.errors import InputError
-from workbench.likelihoods.appearance import ALONG, AROUND, Appearance, Template, cells, learned, template_log_ratio
-from workbench.likelihoods.image_levels import bilinear
+from workbench.likelihoods.cues.appearance import (
+    ALONG,
+    AROUND,
+    Appearance,
+    Template,
+    cells,
+    learned,
+    template_log_ratio,
+)
+from workbench.likelihoods.cues.image_levels import bilinear
+from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.limb_points import limb_points
+from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 SIGMA, EPSILON = 12.0, 0.1

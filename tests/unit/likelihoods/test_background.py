@@ -10,10 +10,10 @@ from still_clips import EPSILON, by_hand, clip, of_frames, with_block
 from tests.oracles.image_motion import PosedView, limb_patches
 from workbench.body.kinematics import forward
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
-from workbench.likelihoods.background import Background, points_about
-from workbench.likelihoods.image_levels import log_ratio, still_scene
+from workbench.likelihoods.cues.background import Background, points_about
+from workbench.likelihoods.cues.image_levels import log_ratio, still_scene
 from workbench.likelihoods.image_motion import ImageMotion, patch_samples
+from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 

@@ -8,10 +8,7 @@ import pytest
 from tests.oracles import edges as oracle
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
-from workbench.errors import InputError
-from workbench.learning.store import Provenance, load, save
-from workbench.likelihoods.edges import Edges, response_log_ratio
-from workbench.likelihoods.edges.filters import (
+from workbench.likelihoods.cues.edge_filters import (
     ALONG,
     POINTS,
     RIDGE_SCALES_PX,
@@ -21,8 +18,11 @@ from workbench.likelihoods.edges.filters import (
     responses,
     smoothed,
 )
-from workbench.likelihoods.edges.model import BINS, EdgeModel, learn_edges
-from workbench.likelihoods.limb_points import limb_points, looked_up
+from workbench.likelihoods.cues.edge_model import BINS, EdgeModel, learn_edges
+from workbench.likelihoods.cues.edges import Edges, response_log_ratio
+from workbench.likelihoods.cues.limb_points import limb_points, looked_up
+from workbench.motion.models.store import Provenance, load, save
+from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.4), (0.0, 0.0, 0.4), 0.1))  # 15 px wide, from column 152 to 167
 PROVENANCE = Provenance({}, {}, ())

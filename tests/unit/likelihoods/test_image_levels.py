@@ -7,7 +7,7 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.core.frame import View
-from workbench.likelihoods.image_levels import StillScene, colour_levels, scene_log_ratio
+from workbench.likelihoods.cues.image_levels import StillScene, colour_levels, scene_log_ratio
 
 
 @pytest.mark.parametrize(("blur_px", "height"), [(0.0, 128), (1.5, 149)])

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from tests.oracles.image_motion import PosedView, hidden_samples, limb_patches
 from workbench.body.kinematics import forward
 from workbench.core.frame import View
-from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion, drawn_samples, patch_samples
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.05))

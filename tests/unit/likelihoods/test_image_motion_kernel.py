@@ -8,7 +8,7 @@ import pytest
 from tests.oracles import image_motion as oracle
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.camera import plain_camera
-from workbench.likelihoods.image_levels import grey_levels
+from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.image_motion import kernel as image_motion_kernel
 

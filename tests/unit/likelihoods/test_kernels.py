@@ -11,17 +11,17 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, world_axes
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.likelihoods.alignment.beside import beside
-from workbench.likelihoods.alignment.cells import (
+from workbench.likelihoods.dense.background_model import Scene
+from workbench.likelihoods.dense.contour_samples import beside
+from workbench.likelihoods.dense.pyramid import picture, pictures
+from workbench.likelihoods.dense.surface_elements import (
     motion_of,
     moved_by,
     placed,
     surface_cells,
     visible,
 )
-from workbench.likelihoods.alignment.pictures import picture, pictures
-from workbench.likelihoods.alignment.scene import Scene
-from workbench.likelihoods.alignment.sight import THIN, Residuals, Sight
+from workbench.likelihoods.dense.view_likelihood import THIN, Residuals, Sight
 
 BODY = person(from_height(1.75))
 FAR = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))

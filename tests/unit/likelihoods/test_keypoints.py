@@ -8,8 +8,8 @@ from view_scenes import CAMERAS, frames, swinging
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Frame, View
-from workbench.errors import InputError
 from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 

@@ -10,18 +10,18 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.core.likelihood import LayeredLook
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.alignment.alignment import Alignment
-from workbench.likelihoods.alignment.cells import surface_cells
-from workbench.likelihoods.alignment.layers import (
+from workbench.likelihoods.dense.dense_alignment import Alignment
+from workbench.likelihoods.dense.layer_rendering import (
     Shown,
     drawn,
     log_ratios,
     surface_facets,
 )
-from workbench.likelihoods.alignment.sight import person_mask
+from workbench.likelihoods.dense.surface_elements import surface_cells
+from workbench.likelihoods.dense.view_likelihood import person_mask
 
 BODY = person(from_height(1.75))
 SKELETON = BODY.skeleton

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import forward
-from workbench.likelihoods.limb_looks import LimbLook, ViewJudge, evaluate_together
-from workbench.likelihoods.limb_points import limb_points, limb_points_of_all
+from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge, evaluate_together
+from workbench.likelihoods.cues.limb_points import limb_points, limb_points_of_all
 from workbench.likelihoods.product import Product
 
 OTHER = scenes.distorted(scenes.FRONT)

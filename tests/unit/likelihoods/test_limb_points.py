@@ -6,9 +6,9 @@ import pytest
 
 from tests.oracles.image_motion import PosedView, cover, hidden_samples, inside_image, limb_patches
 from tests.oracles.kinematics import forward as forward_oracle
-from workbench.likelihoods.image_levels import bilinear
+from workbench.likelihoods.cues.image_levels import bilinear
+from workbench.likelihoods.cues.limb_points import levels_at, limb_points, mean_at
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.likelihoods.limb_points import levels_at, limb_points, mean_at
 
 LIMBS = scenes.PERSON.limbs
 SAMPLES = patch_samples(30, np.random.default_rng(0))

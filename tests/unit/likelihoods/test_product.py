@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from workbench.core.likelihood import Evaluation
-from workbench.errors import InputError
 from workbench.likelihoods.product import Product, shares
 from workbench.likelihoods.uniform import Uniform
+from workbench.utils.errors import InputError
 
 FRAME = scenes.frame(0, (scenes.FRONT, scenes.flat(0)))
 POSES = np.zeros((4, 25))

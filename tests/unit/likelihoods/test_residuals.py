@@ -8,11 +8,11 @@ from view_scenes import CAMERAS, frames, swinging
 from workbench.body.surface import person_surface
 from workbench.core.observations import Observables, Observed, observe
 from workbench.core.residual import Loss, ResidualLikelihood, keypoint_residual, robust, surface_residual
-from workbench.errors import InputError
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.likelihoods.uniform import Uniform
+from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 EVEN = {"points": 1.0, "keypoints": 1.0}

@@ -8,12 +8,12 @@ import pytest
 from still_clips import by_hand, clip, of_frames, with_block
 
 from tests.oracles import outlines as oracle
-from workbench.core.clip import Clip
+from workbench.core.frame_cache import Clip
 from workbench.datasets.synthetic import Synthetic
-from workbench.errors import InputError
-from workbench.likelihoods.image_levels import still_scene, uncovered_scene
-from workbench.likelihoods.outlines import OUTWARDS, outline_sums, running_sums
-from workbench.likelihoods.silhouette import Silhouette
+from workbench.likelihoods.cues.image_levels import still_scene, uncovered_scene
+from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
+from workbench.likelihoods.cues.silhouette import Silhouette
+from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 

@@ -9,8 +9,8 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.surface import attach, person_surface, residuals
 from workbench.core.frame import Frame
-from workbench.errors import InputError
 from workbench.likelihoods.surface_points import SurfacePoints
+from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
 

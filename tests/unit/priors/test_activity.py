@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.learning.training import activity_model
+from workbench.motion.models.training import activity_model
 from workbench.priors.activity import Activity
 
 DT = 1 / 14

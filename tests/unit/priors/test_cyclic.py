@@ -10,9 +10,9 @@ from workbench.body.kinematics import forward
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, person_skeleton
 from workbench.core.residual import projection_jacobian
-from workbench.errors import InputError
-from workbench.learning.walking import WalkingModel
+from workbench.motion.models.walking import WalkingModel
 from workbench.priors.cyclic import Cyclic, decode, sampled
+from workbench.utils.errors import InputError
 
 T, D = 32, 3
 

@@ -8,20 +8,20 @@ import pytest
 from scipy.stats import multivariate_normal, truncnorm
 
 from workbench.core.discrepancy import Discrepancy
-from workbench.errors import InputError
-from workbench.learning.training import activity_model
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.training import activity_model
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
+from workbench.priors.ar_offsets import SIGMA, Jitter
 from workbench.priors.density import apart
-from workbench.priors.flipping import Flipping
-from workbench.priors.following import Following, Trajectory
+from workbench.priors.factored import Partwise
+from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.jitter import SIGMA, Jitter
+from workbench.priors.kinematic_flips import Flipping
 from workbench.priors.mixture import Mixture, Switching
-from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 DT = 1 / 25
 N = 20_000

@@ -7,11 +7,11 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.errors import InputError
-from workbench.mocap.generated.gait import builtin_motions
-from workbench.priors.flipping import LIMBS, Flipping, angles
-from workbench.priors.jitter import Jitter
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors.ar_offsets import Jitter
+from workbench.priors.kinematic_flips import LIMBS, Flipping, angles
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 DT = 1 / 30
 SKELETON = person_skeleton(from_height(1.75))

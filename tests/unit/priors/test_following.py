@@ -9,13 +9,13 @@ from view_scenes import CAMERAS, errors_mm, frames, swinging
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.errors import InputError
 from workbench.evaluation.errors import forearm_px
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.inference.start.keypoints import trajectory_of_keypoints
+from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.priors.following import Following, Trajectory
+from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 SKELETON, RATE_HZ = BODY.skeleton, 14.0
 ARM = np.isin(POSE_NAMES, PARTS["right_arm"])

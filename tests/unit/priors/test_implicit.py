@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
-from workbench.errors import InputError
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob, group_equal
+from workbench.utils.errors import InputError
 
 STILL = {"sigma_position": (0.0,) * 3, "sigma_rotation": (0.0,) * 3, "sigma_angles": 0.0}
 CERTAIN = {"beta": 1e-6, **STILL}  # so cold that an entry's own window finds nothing but itself

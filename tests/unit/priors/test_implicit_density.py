@@ -7,13 +7,13 @@ from scipy.stats import norm
 
 from tests.oracles import implicit as oracle
 from workbench.body.skeleton import POSE_NAMES
-from workbench.errors import InputError
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.density import SAME
 from workbench.priors.implicit import MOST_EXAMPLES, Implicit
 from workbench.priors.implicit_density import WindowWays, log_mixture
 from workbench.priors.implicit_search import exact_log_prob, kd_tree, nearest_entries
+from workbench.utils.errors import InputError
 
 DT, P, N = 1 / 30, len(POSE_NAMES), 20_000
 ELBOW = POSE_NAMES.index("left_elbow_flexion")

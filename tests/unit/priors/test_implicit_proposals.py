@@ -8,10 +8,10 @@ from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.core.state_space import StateSpace
-from workbench.inference.particles.bootstrap import Bootstrap
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.particle_filter import ParticleFilter
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_search import exact_log_prob
 

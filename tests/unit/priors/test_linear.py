@@ -5,9 +5,9 @@ import pytest
 
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.prior import Gaussian
-from workbench.errors import InputError
-from workbench.learning.linear_motion import N_POSE, LinearMotion
+from workbench.motion.models.linear_motion import N_POSE, LinearMotion
 from workbench.priors.linear import Linear
+from workbench.utils.errors import InputError
 
 DT_S = 1.0 / 30.0
 

@@ -11,10 +11,10 @@ from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.errors import InputError
-from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.priors.mixture import Mixture, Switching, stratified_choice
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 DT = 1 / 30
 P = len(POSE_NAMES)

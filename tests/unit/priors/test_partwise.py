@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.errors import InputError
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors.factored import Partwise
 from workbench.priors.implicit import Implicit
-from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 DT = 1 / 30
 ARM = [POSE_NAMES.index(name) for name in PARTS["right_arm"]]

@@ -5,19 +5,19 @@ import pytest
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.prior import Smoothness
-from workbench.errors import InputError
-from workbench.learning.training import activity_model
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.training import activity_model
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
-from workbench.priors.flipping import Flipping
-from workbench.priors.following import Following, Trajectory
+from workbench.priors.ar_offsets import Jitter
+from workbench.priors.factored import Partwise
+from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
-from workbench.priors.jitter import Jitter
+from workbench.priors.kinematic_flips import Flipping
 from workbench.priors.mixture import Mixture, Switching
-from workbench.priors.partwise import Partwise
 from workbench.priors.smooth import Smooth
+from workbench.utils.errors import InputError
 
 HALVES = {"a": 0.5, "b": 0.5}
 

@@ -6,8 +6,8 @@ from scipy.stats import kstest, truncnorm
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.errors import InputError
 from workbench.priors.smooth import SIGMA, SIGMA_VELOCITY, Smooth, truncated_normal
+from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))
 ARM = tuple(f"right_{name}" for name in ("shoulder_abduction", "shoulder_flexion", "shoulder_twist", "elbow_flexion"))

@@ -9,13 +9,13 @@ import pytest
 import rerun as rr
 from recording_steps import BODY, SPACE, steps
 
-from workbench.core.memory import Memory
-from workbench.errors import InputError
+from workbench.core.filter_state import Memory
 from workbench.recording.read import checkpoints as reading
 from workbench.recording.read.checkpoints import checkpoint_frames, past_before
 from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.errors import InputError
 
 LABELS = {"run_id": "run", "config_yaml": "seed: 0", "provenance": {"seed": 0}}
 

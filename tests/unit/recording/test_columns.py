@@ -9,7 +9,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from workbench.recording.write.columns import Columns, Row, curves
-from workbench.signals import Interrupted, interruptible
+from workbench.utils.signals import Interrupted, interruptible
 
 RNG = np.random.default_rng(0)
 

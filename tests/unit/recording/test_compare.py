@@ -8,15 +8,15 @@ from recording_steps import BODY, SPACE, errors, steps
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, StudyResult
-from workbench.errors import InputError
-from workbench.recording.compare.agreement import Agreement, Tolerance, agreement
-from workbench.recording.compare.compare import Demand, compare, compare_seeds, demand_on, same_environment
-from workbench.recording.compare.condense import condense
+from workbench.recording.condense import condense
 from workbench.recording.read.reader import read
 from workbench.recording.study.recorder import record_study
 from workbench.recording.write import file
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
+from workbench.results.check.agreement import Agreement, Tolerance, agreement
+from workbench.results.check.compare import Demand, compare, compare_seeds, demand_on, same_environment
+from workbench.utils.errors import InputError
 
 HERE = {"system": "Linux x86_64", "numpy": "1.0", "blas": "openblas 1 Haswell"}
 ELSEWHERE = HERE | {"blas": "openblas 1 Zen"}

@@ -9,12 +9,12 @@ import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
-from workbench.errors import InputError
-from workbench.recording.compare.condense import condense
-from workbench.recording.compare.side_by_side import write_side_by_side
+from workbench.recording.condense import condense
 from workbench.recording.read.reader import find_recordings, open_runs, read
+from workbench.recording.side_by_side import write_side_by_side
 from workbench.recording.write.file import FORMAT, RecordingFile
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.errors import InputError
 
 FORMAT_1 = Path(__file__).parent / "recordings" / "format_1.rrd"
 N = 3

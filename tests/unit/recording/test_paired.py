@@ -5,9 +5,9 @@ import pytest
 from recording_steps import BODY, SPACE, errors, steps
 from scipy import stats
 
-from workbench.recording.compare.paired import compare_paired, differences, flip_test, holm, p_of_mean, paired_interval
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
+from workbench.results.check.paired import compare_paired, differences, flip_test, holm, p_of_mean, paired_interval
 
 
 def share(check, n=1000):

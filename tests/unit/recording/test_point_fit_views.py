@@ -12,7 +12,7 @@ from workbench.body.flexion import flexions
 from workbench.body.kinematics import forward
 from workbench.body.surface import attach, person_surface
 from workbench.body.surface_mesh import surface_mesh
-from workbench.datasets.scenes.visible import surface_points
+from workbench.datasets.rendering.visible import surface_points
 from workbench.recording.write import blueprint
 from workbench.recording.write import point_fit_views as fit
 from workbench.recording.write.recorder import Recorder

@@ -7,11 +7,11 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import PARTS, POSE_NAMES
 from workbench.core.frame import Frame
-from workbench.inference.particles.filter import ParticleFilter
-from workbench.learning.walking import learn_walking
-from workbench.learning.windows import learn_windows
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.walking import learn_walking
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.mixture import Mixture, Switching

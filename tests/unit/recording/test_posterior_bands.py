@@ -9,7 +9,7 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame
 from workbench.evaluation.intervals import weighted_quantiles
-from workbench.inference.particles.filter import ParticleFilter
+from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.uniform import Uniform
 from workbench.priors.smooth import Smooth
 from workbench.recording.write.posterior import Posterior

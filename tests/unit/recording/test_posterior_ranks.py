@@ -8,7 +8,7 @@ from layouts import SHOWN, laid_out
 from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
-from workbench.evaluation.calibration import ranks, share_below
+from workbench.evaluation.posterior_calibration import ranks, share_below
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write.posterior import RANKS as PATH
 from workbench.recording.write.recorder import Recorder

@@ -9,10 +9,10 @@ import rerun as rr
 from small_recordings import record
 
 from workbench.cli import export, report, view
-from workbench.errors import LONGEST, InputError
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.read.reader import open_runs, read
 from workbench.recording.write.file import RecordingFile
+from workbench.utils.errors import LONGEST, InputError
 
 CONFIGS = {"text": "seed: 3\ndataset: x", "surrogate": 'seed: 3\na: "\\ud800"', "flow": "seed: " + "[" * 3000}
 """Others: see tests/robustness."""
@@ -49,7 +49,7 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
     with pytest.raises(InputError, match=r"hostile\.rrd: "):
         _ = read(beside).settings
     monkeypatch.setattr(view, "viewer", lambda: "true")
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda *_: set())  # which test_open_runs tests
+    monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda *_: set())  # which test_open_runs tests
     assert report.main([str(beside.parent)]) == view.main([str(beside.parent)]) == 0
     shown = capsys.readouterr()
     assert "hostile.rrd" in shown.out + shown.err

@@ -12,9 +12,9 @@ import rerun as rr
 import rerun_cli
 from recording_steps import BODY, SCALE, SPACE, errors, steps
 
-from workbench.errors import InputError
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")

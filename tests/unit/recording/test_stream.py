@@ -9,19 +9,19 @@ import pytest
 import rerun as rr
 from small_recordings import record
 
-from workbench.recording.compare.side_by_side import write_names, write_side_by_side
 from workbench.recording.read.reader import read
-from workbench.recording.write import stream
+from workbench.recording.side_by_side import write_names, write_side_by_side
+from workbench.recording.write import rerun_stream as stream
 from workbench.recording.write.cards import write_card
 from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.stream import give_up, new_stream
+from workbench.recording.write.rerun_stream import give_up, new_stream
 
 TASKS = Path("/proc/self/task")
 
 
 @pytest.fixture
 def two(tmp_path, monkeypatch):
-    monkeypatch.setattr("workbench.recording.read.probe.fatal", lambda *_: set())
+    monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda *_: set())
     return [record(tmp_path / f"{name}.rrd", name) for name in "ab"]
 
 
@@ -75,7 +75,7 @@ FULL = """
 import resource, signal, sys
 import numpy as np
 import rerun as rr
-from workbench.recording.write.stream import give_up, new_stream
+from workbench.recording.write.rerun_stream import give_up, new_stream
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 stream = new_stream("a", "a", batcher_config=rr.ChunkBatcherConfig.NEVER())

@@ -7,10 +7,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
-from workbench.errors import InputError
 from workbench.recording.read.reader import read
 from workbench.recording.study.recorder import eye, grid, pages, record_study
 from workbench.recording.write.file import RecordingFile
+from workbench.utils.errors import InputError
 
 CONFIG = "seed: 7\nstudy:\n  missing: 0.3  # ö\n"
 PROVENANCE = {"seed": 7, "version": "0.1.0"}

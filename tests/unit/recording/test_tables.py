@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
-from workbench.errors import InputError
 from workbench.recording.read.chunks import Curve
 from workbench.recording.read.reader import read
 from workbench.recording.read.tables import TABLES, bands_of, data_frame, table_of_metrics
 from workbench.recording.write.recorder import Recorder
+from workbench.utils.errors import InputError
 
 N = 3
 

@@ -10,15 +10,15 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.study import Bars, Curves, Sticks
-from workbench.errors import InputError
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import total_variation
 from workbench.priors.implicit_search import exact_log_prob
 from workbench.priors.implicit_tree import log_proposal, sign_tree
 from workbench.priors.smooth import Smooth
 from workbench.studies.database import HEIGHT_M, CoefficientHistograms, Temperature, left_out_probes
+from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")

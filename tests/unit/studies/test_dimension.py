@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.errors import InputError
 from workbench.studies.dimension import (
     ANGLES,
     INDEPENDENT,
@@ -17,6 +16,7 @@ from workbench.studies.dimension import (
     paper_alpha,
     tracked,
 )
+from workbench.utils.errors import InputError
 
 TRANSITION = np.array([[1.0, 1.0], [0.0, 1.0]])
 

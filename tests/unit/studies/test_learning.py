@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.errors import InputError
-from workbench.learning.walking import CHANNEL_NAMES, walking_cycles
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.walking import CHANNEL_NAMES, walking_cycles
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.studies.gaps import ImputeGaps, in_gaps
 from workbench.studies.learning_alignment import AlignCycles, fold
 from workbench.studies.learning_period import PeriodSnr
 from workbench.studies.learning_walk import LearnWalk
+from workbench.utils.errors import InputError
 
 
 def rng():

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from workbench.core.study import Bars, Curves
-from workbench.errors import InputError
-from workbench.learning.windows import learn_windows
-from workbench.mocap.generated.gait import builtin_motions
+from workbench.motion.models.windows import learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_tree import sign_tree
 from workbench.priors.smooth import Smooth
@@ -20,6 +19,7 @@ from workbench.studies.tree_balance import (
     by_size,
     node_sizes,
 )
+from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")

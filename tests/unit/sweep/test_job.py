@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.errors import InputError
 from workbench.experiment import execute, resuming
-from workbench.run_files import EARLIER
-from workbench.run_lock import is_locked, locked
-from workbench.signals import Interrupted
 from workbench.sweep.job import FAILED, run_job
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import EARLIER
+from workbench.utils.run_lock import is_locked, locked
+from workbench.utils.signals import Interrupted
 
 BASIC = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
 JOBLIB = "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher"

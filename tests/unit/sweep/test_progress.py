@@ -5,9 +5,9 @@ import json
 import pytest
 from run_folders import leave, summary
 
-from workbench.run_lock import locked
 from workbench.sweep.plan import Plan
 from workbench.sweep.progress import Progress, close, rest_of
+from workbench.utils.run_lock import locked
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 import pytest
 
-from workbench.errors import InputError
 from workbench.sweep.stopping import stop_when
+from workbench.utils.errors import InputError
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import shutil
 import pytest
 from run_folders import leave, summary
 
-from workbench.errors import InputError
-from workbench.run_lock import locked
 from workbench.sweep import watch as module
 from workbench.sweep.watch import read_plan, watch
+from workbench.utils.errors import InputError
+from workbench.utils.run_lock import locked
 
 PLAN = """
 hydra: {sweeper: {params: {prior: "smooth,walking"}}, overrides: {task: ["seed=range(2)", "dataset.n_frames=5"]}}

@@ -4,8 +4,8 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.schema import prepare_hydra
-from workbench.why.changes import SAME, SAME_WHOLE, changes_of
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.results.why.changes import SAME, SAME_WHOLE, changes_of
 
 
 def changes(*overrides, from_start=False):

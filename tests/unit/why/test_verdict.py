@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.why.changes import SAME, SAME_WHOLE, Change
-from workbench.why.futures import Future
-from workbench.why.verdict import ranked, sentence, table, verdict
+from workbench.results.why.changes import SAME, SAME_WHOLE, Change
+from workbench.results.why.futures import Future
+from workbench.results.why.verdict import ranked, sentence, table, verdict
 
 CAMERA = Change("the camera as it is", whole=True)
 CUE = Change("without edges")

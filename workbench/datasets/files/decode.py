@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from workbench.arrays import ByteArray
 from workbench.datasets.files import natural_order
-from workbench.errors import InputError
-from workbench.limits import check_file
+from workbench.utils.arrays import ByteArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_file
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 MOST_BYTES = 1 << 45

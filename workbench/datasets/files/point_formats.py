@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench import hdf5
-from workbench.arrays import AnyArray, FloatArray
 from workbench.datasets.files import natural_order
-from workbench.errors import InputError
-from workbench.limits import MOST_NUMBERS, check_file, check_number
-from workbench.mocap.text import fail
+from workbench.motion.formats.text import fail
+from workbench.utils import hdf5
+from workbench.utils.arrays import AnyArray, FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MOST_NUMBERS, check_file, check_number
 
 AXES = ("x", "y", "z")
 _PLY_TYPES = {

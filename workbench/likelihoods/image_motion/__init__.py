@@ -7,19 +7,19 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
+from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import BELOW_1, POSITIVE, at_least, check, one_of
 from workbench.core.frame import Frame
-from workbench.core.given import STILL_CAMERA
 from workbench.core.likelihood import Evaluation
-from workbench.core.traits import IMAGES, Traits, offering
-from workbench.errors import InputError
-from workbench.likelihoods.image_levels import grey_levels
+from workbench.core.side_information import STILL_CAMERA
+from workbench.likelihoods.base import Remembering, among_finite, finite_rows, those
+from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.image_motion import kernel
-from workbench.likelihoods.looks import Remembering, among_finite, finite_rows, those
-from workbench.streams import stream
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+from workbench.utils.rng import stream
 
 Points = Literal["spread", "drawn"]
 

@@ -3,7 +3,7 @@
 Particles are independent, each writes its own slot only, and no sum crosses particles: the number of threads cannot
 change a bit of the result, nor can the other particles. What makes it fast:
 
-- Lanes. Kinematics, patches, occlusion and interpolation work on one particle a lane, see `workbench.body.lanes`.
+- Lanes. Kinematics, patches, occlusion, interpolation: one particle a lane, see `workbench.body.simd_kinematics`.
 - Lookups in three phases, a block of points at a time: vector instructions find the indices, plain loads fetch the
   pixels, vector instructions interpolate. The loads are all that is done one by one.
 - Packed neighbourhoods: one word of 64 bits holds a pixel and its right, lower and lower right neighbours, so that a
@@ -25,11 +25,9 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.arrays import Float32Array, FloatArray, IntArray
 from workbench.body.camera import Camera
-from workbench.body.lanes import FAST, FRAME, LANES, inlined, lane_frames, load_frames
 from workbench.body.limbs import Body, Limbs
-from workbench.kernel_cache import kernel
+from workbench.body.simd_kinematics import FAST, FRAME, LANES, inlined, lane_frames, load_frames
 from workbench.likelihoods.image_motion.patches import (
     ACROSS,
     AX,
@@ -49,7 +47,9 @@ from workbench.likelihoods.image_motion.patches import (
     patch,
     place,
 )  # fmt: skip
-from workbench.threads import over_threads
+from workbench.utils.arrays import Float32Array, FloatArray, IntArray
+from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import over_threads
 
 Exponent = Literal["mean", "sum"]
 Occlusion = Literal["sample", "limb", "none"]

@@ -1,14 +1,14 @@
 """The limbs' planar patches inside kernels, LANES particles at once: where they lie, what they cover, what hides them.
 
 What `limb_patches`, `inside_image` and `hidden_samples` of `tests/oracles/image_motion.py` define, in the same float64,
-so that both agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.lanes`.
+so that both agree on which side of an edge a point lies. Rows and lanes: see `workbench.body.simd_kinematics`.
 """
 
 from typing import Any
 
 import numpy as np
 
-from workbench.body.lanes import LANES, POSITION, inlined
+from workbench.body.simd_kinematics import LANES, POSITION, inlined
 
 MIN_DEPTH = 1e-3  # a patch with a corner nearer to the camera's plane than this, m, or behind it, is not compared
 MIN_SINE = 1e-3  # a limb that points at the camera more closely than this, rad, has no patch and is not compared

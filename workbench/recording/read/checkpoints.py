@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import AnyArray, FloatArray, IntArray
-from workbench.core.memory import Memory, Past
-from workbench.errors import InputError
+from workbench.core.filter_state import Memory, Past
 from workbench.recording.read.chunks import cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.checkpoints import ARCHETYPE, EXPECTED, MEMORY, TOLD
+from workbench.utils.arrays import AnyArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 MOST_BYTES = 2_000_000_000
 """Of a checkpoint's arrays; a recording may come from a stranger."""

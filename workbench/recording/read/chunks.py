@@ -15,9 +15,9 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.arrays import FloatArray, IntArray
-from workbench.errors import InputError
 from workbench.recording.messages import end_of_whole
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 DAMAGES = (
     pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,

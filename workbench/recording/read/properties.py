@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError
-from workbench.limits import DEEPEST
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import DEEPEST
 
 Properties = dict[str, dict[str, Any]]
 

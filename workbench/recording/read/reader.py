@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from workbench.arrays import FloatArray, IntArray
 from workbench.core.study import Figure
-from workbench.errors import InputError
-from workbench.limits import parse_yaml
 from workbench.recording.read import chunks, tables
 from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
-from workbench.run_files import PART, RECORDING, RECORDING_SUFFIXES
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import parse_yaml
+from workbench.utils.run_files import PART, RECORDING, RECORDING_SUFFIXES
 
 _IN_A_FOLDER = (RECORDING, PART)
 _NO_MAPPING = "expected the configuration to be a mapping in plain YAML, found something else"
@@ -86,7 +86,7 @@ class Run:
 
     @property
     def environment(self) -> Mapping[str, str]:
-        """What decides the last bits of its numbers, see `workbench.environment`; empty before that was recorded."""
+        """What decides the last bits of its numbers, see `workbench.utils.environment`; empty in older recordings."""
         return self.properties.get("environment", {})
 
     @property

@@ -10,9 +10,9 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from workbench.arrays import AnyArray, FloatArray, IntArray
-from workbench.errors import InputError
 from workbench.recording.read.chunks import Curve
+from workbench.utils.arrays import AnyArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 Columns: TypeAlias = dict[str, AnyArray]
 """A table: columns of one length, by name; the first is "frame"."""

@@ -16,8 +16,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
-from workbench.arrays import FloatArray
 from workbench.core.study import Bars, Curves, Scatter
+from workbench.utils.arrays import FloatArray
 
 Drawn: TypeAlias = Curves | Bars | Scatter
 

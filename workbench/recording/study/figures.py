@@ -6,9 +6,9 @@ from typing import Any, get_args
 
 import numpy as np
 
-from workbench.arrays import FloatArray
 from workbench.core.study import Curves, Figure, Sticks
-from workbench.errors import InputError
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 _KINDS: dict[str, type[Figure]] = {kind.__name__: kind for kind in get_args(Figure)}
 _WIDTHS = {"points": 2, "trails": 3}  # of mappings to arrays of more than one axis

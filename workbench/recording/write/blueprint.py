@@ -8,13 +8,13 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import FloatArray
 from workbench.recording.write import marginal_pictures, verdict_view
 from workbench.recording.write import point_fit_views as fit
 from workbench.recording.write import series_styles as styles
 from workbench.recording.write.images import OVERLAYS, Picture
 from workbench.recording.write.posterior import DEGREES, PARAMETERS, ranks_view
 from workbench.recording.write.scene import ESTIMATE
+from workbench.utils.arrays import FloatArray
 
 MOST_BESIDE = 4
 """Cameras whose images are shown beside each other; of more, one at a time."""

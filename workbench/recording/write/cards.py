@@ -12,10 +12,10 @@ from rerun.blueprint import table
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.errors import InputError
 from workbench.recording.settings import numbers_and_texts
 from workbench.recording.write.file import CHOICES, SETTINGS, arrow
-from workbench.recording.write.stream import new_stream
+from workbench.recording.write.rerun_stream import new_stream
+from workbench.utils.errors import InputError
 
 CARD = "card"
 """The property that a card adds to a recording."""

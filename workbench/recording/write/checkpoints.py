@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from workbench.arrays import AnyArray, FloatArray, IntArray
-from workbench.core.memory import Memory
+from workbench.core.filter_state import Memory
 from workbench.core.step import Step
 from workbench.recording.write.columns import Rows, curves
+from workbench.utils.arrays import AnyArray, FloatArray, IntArray
 
 SHARE = 0.1
 """Of the file that checkpoints take at most. The particles of every frame would be several times the rest; so those of

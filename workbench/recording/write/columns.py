@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import rerun as rr
 
-from workbench.arrays import AnyArray, FloatArray
-from workbench.signals import deferred
+from workbench.utils.arrays import AnyArray, FloatArray
+from workbench.utils.signals import deferred
 
 Entities: TypeAlias = Iterator[tuple[str, rr.AsComponents | Iterable[rr.DescribedComponentBatch]]]
 """Pairs (entity path, archetype), to be logged one by one."""

@@ -19,13 +19,13 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.environment import environment
-from workbench.errors import InputError
 from workbench.recording.settings import choices_of, numbers_and_texts
 from workbench.recording.write.columns import Entities
-from workbench.recording.write.stream import give_up, new_stream
+from workbench.recording.write.rerun_stream import give_up, new_stream
 from workbench.recording.write.viewer import Viewer
-from workbench.signals import deferred
+from workbench.utils.environment import environment
+from workbench.utils.errors import InputError
+from workbench.utils.signals import deferred
 
 logger = logging.getLogger(__name__)
 

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from workbench.arrays import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from workbench.body.camera import Camera
 from workbench.core.frame import Truth
-from workbench.errors import InputError
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities, Row, Rows
+from workbench.utils.arrays import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
 
 OVERLAYS = ("particles", "estimate", "truth", "truth_marks", "keypoints")
 _TAKEN = ("estimate", "truth", "particles")

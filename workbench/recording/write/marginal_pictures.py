@@ -5,10 +5,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import Float32Array, FloatArray
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.marginals import LOWEST_LOG_MASS
+from workbench.utils.arrays import Float32Array, FloatArray
 
 PICTURES = "posterior/pictures"
 _SIZE = np.array([320.0, 80.0])  # what a view's points are at 1500 × 950, so that labels fit beside the picture

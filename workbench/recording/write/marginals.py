@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from workbench.arrays import Float32Array, FloatArray
-from workbench.kernel_cache import kernel
+from workbench.utils.arrays import Float32Array, FloatArray
+from workbench.utils.kernel_cache import kernel
 
 LOWEST_LOG_MASS = float(np.log(1e-4))
 """What an empty bin of a marginal shows."""

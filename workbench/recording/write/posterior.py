@@ -7,18 +7,18 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import Float32Array, FloatArray
+from workbench.body.angles import nearest_turn
 from workbench.body.skeleton import Skeleton
-from workbench.body.turns import nearest_turn
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.calibration import rank_histogram
 from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.posterior_calibration import rank_histogram
 from workbench.evaluation.step_calibration import pose_ranks
 from workbench.recording.write import colours, marginal_pictures
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram
+from workbench.utils.arrays import Float32Array, FloatArray
 
 SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import rerun as rr
 
-from workbench.arrays import FloatArray
 from workbench.body.camera import Camera
 from workbench.body.flexion import flexions
 from workbench.body.kinematics import joints
@@ -21,7 +20,6 @@ from workbench.core.frame import true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.errors import InputError
 from workbench.recording.write import (
     blueprint,
     columns,
@@ -36,6 +34,8 @@ from workbench.recording.write import (
 from workbench.recording.write import checkpoints as stored
 from workbench.recording.write import point_fit_views as fit
 from workbench.recording.write import series_styles as styles
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk

@@ -3,10 +3,10 @@
 import numpy as np
 import rerun as rr
 
-from workbench.arrays import FloatArray
 from workbench.evaluation.evidence import Measured
 from workbench.evaluation.verdict import FOREARM
 from workbench.recording.write import colours
+from workbench.utils.arrays import FloatArray
 
 RESIDUALS = "residual_px"
 LOST = "forearm"

@@ -10,7 +10,6 @@ import numpy as np
 import rerun as rr
 import scipy
 
-from workbench.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
@@ -20,6 +19,7 @@ from workbench.core.frame import Truth
 from workbench.core.step import Step
 from workbench.recording.write import colours
 from workbench.recording.write.columns import Entities, Row, Rows
+from workbench.utils.arrays import ByteArray, Float32Array, FloatArray, IntArray
 
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
 POINTS = "world/points"

@@ -7,13 +7,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.arrays import FloatArray
 from workbench.recording.write import colours, verdict_view
 from workbench.recording.write import series_styles as styles
 from workbench.recording.write.blueprint import no_legend, page
 from workbench.recording.write.columns import Entities
 from workbench.recording.write.posterior import DEGREES
 from workbench.recording.write.scene import ESTIMATE, Figure
+from workbench.utils.arrays import FloatArray
 
 EVERY = 4
 """Frames from one stick figure to the next."""

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from workbench.processes import end, module, start
 from workbench.recording.messages import HEAD, end_of_whole
+from workbench.utils.processes import end, module, start
 
 _PERIOD_S = 0.1
 _PATIENCE_S = 5.0

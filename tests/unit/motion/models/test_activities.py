@@ -1,0 +1,159 @@
+"""The motion model of several activities: PCA against planted components, derivatives, and the disk."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from workbench.motion.models.activities import ActivityModel, learn_activities
+from workbench.motion.models.activity_cycles import ActivityCycles
+from workbench.motion.models.store import Provenance, load, save
+from workbench.utils.errors import InputError
+
+T, ANGLES = 24, ("left_hip_flexion", "left_knee_flexion", "right_hip_flexion", "neck_turn")
+PROVENANCE = Provenance({"a.bvh": "12"}, {"variance": 0.9}, ("free",))
+
+
+def planted(n=30, seed=0):
+    """Cycles of a mean and three curves with coefficients of deviations 3, 1 and 0.3; also curves and coefficients."""
+    rng = np.random.default_rng(seed)
+    phases = 2.0 * np.pi * np.arange(T)[:, None] / T
+    orders, starts = rng.integers(1, 4, (4, len(ANGLES))), rng.uniform(0.0, 6.0, (4, len(ANGLES)))
+    mean, *curves = np.cos(orders[:, None] * phases + starts[:, None])
+    basis = np.linalg.qr(np.stack(curves).reshape(3, -1).T)[0].T
+    coefficients = rng.normal(size=(n, 3)) * [3.0, 1.0, 0.3]
+    values = mean + (coefficients @ basis).reshape(n, T, -1)
+    activities = tuple("run" if a > 0.0 else "walk" for a in coefficients[:, 0])
+    sources = tuple(f"clip_{k // 2:02d}" for k in range(n))
+    return ActivityCycles(ANGLES, values, rng.uniform(0.6, 1.2, n), activities, sources), basis, coefficients
+
+
+@pytest.fixture(scope="module")
+def model():
+    return learn_activities(planted()[0], angles=ANGLES, n_components=3)
+
+
+def test_the_components_are_the_planted_ones(model):
+    _, basis, coefficients = planted()
+    rows = model.components.reshape(3, -1)
+    assert rows @ rows.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert basis - basis @ rows.T @ rows == pytest.approx(0.0, abs=1e-9)  # one space
+    assert model.scales**2 == pytest.approx(np.linalg.eigvalsh(np.cov(coefficients.T))[::-1])
+    assert model.explained[2:] == pytest.approx(1.0)
+    assert model.explained[:2] == pytest.approx(np.cumsum(model.scales[:2] ** 2) / np.sum(model.scales**2))
+
+
+def test_scores_are_whitened_and_give_every_example_back(model):
+    cycles, *_ = planted()
+    assert np.cov(model.scores.T) == pytest.approx(np.eye(3), abs=1e-9)
+    again = model.angles_at(model.scores[:, None], np.arange(T) / T)
+    assert again == pytest.approx(cycles.curves, abs=1e-9)
+    assert model.cycle_rate_hz == pytest.approx(1.0 / cycles.durations_s)
+    assert (model.activities, model.sources) == (cycles.activities, cycles.sources)
+
+
+def test_the_number_of_components_is_the_fewest_that_explain_more():
+    cycles, *_ = planted()
+    full = learn_activities(cycles, angles=ANGLES, n_components=3).explained
+    for d in (1, 2, 3):
+        below = (full[d - 1] + (full[d - 2] if d > 1 else 0.0)) / 2.0
+        assert len(learn_activities(cycles, angles=ANGLES, variance=below).scales) == d
+    chosen = learn_activities(cycles, angles=["left_knee_flexion"])
+    assert chosen.angles == ("left_knee_flexion",)
+    assert chosen.mean.shape == (T, 1)
+
+
+@pytest.mark.parametrize("shape", [(), (7,), (2, 3)])
+def test_derivatives_agree_with_finite_differences(model, shape):
+    rng = np.random.default_rng(1)
+    alpha, mu = rng.normal(size=(*shape, 3)), rng.uniform(-2.0, 3.0, shape)
+    by_alpha, by_mu = model.jacobian_at(alpha, mu)
+    assert by_alpha.shape == (*shape, len(ANGLES), 3)
+    h = 1e-5
+    moved = (model.angles_at(alpha, mu + h) - model.angles_at(alpha, mu - h)) / (2.0 * h)
+    # third derivative of a cubic spline of curves with 3 waves a cycle: (6π)³ h² / 6 = 1e-7 of about 20 rad a cycle
+    assert by_mu == pytest.approx(moved, abs=2e-6)
+    for k, unit in enumerate(np.eye(3)):
+        step = model.angles_at(alpha + unit, mu) - model.angles_at(alpha, mu)
+        assert by_alpha[..., k] == pytest.approx(step, abs=1e-12)  # linear
+
+
+def test_one_style_serves_all_frames_and_the_phase_goes_round(model):
+    alpha, mu = np.array([0.5, -1.0, 2.0]), np.linspace(0.0, 0.99, 9)
+    repeated = np.tile(alpha, (9, 1))
+    np.testing.assert_array_equal(model.angles_at(alpha, mu), model.angles_at(repeated, mu))
+    for one, other in zip(model.jacobian_at(alpha, mu), model.jacobian_at(repeated, mu), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert model.angles_at(alpha, mu + 3.0) == pytest.approx(model.angles_at(alpha, mu), abs=1e-12)
+    ends = [model.jacobian_at(alpha, np.array(phase))[1] for phase in (1e-9, 1.0 - 1e-9)]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-5)  # no corner where the cycle closes
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"n_components": 0}, "1 to 29"),
+        ({"n_components": 30}, "1 to 29"),
+        ({"variance": 1.0}, "variance"),
+        ({"angles": ["wing"]}, "wing"),
+        ({"angles": []}, "angle"),
+    ],
+)
+def test_wrong_options_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        learn_activities(planted()[0], **{"angles": ANGLES, **options})
+
+
+def test_one_cycle_is_no_model():
+    cycles, *_ = planted()
+    with pytest.raises(InputError, match="two cycles"):
+        learn_activities(cycles.only(np.arange(30) == 0), angles=ANGLES)
+
+
+def test_a_model_survives_the_disk(tmp_path, model):
+    save(tmp_path / "deep" / "m.h5", model, PROVENANCE)
+    read = load(ActivityModel, tmp_path / "deep" / "m.h5")
+    for name in ("mean", "components", "scales", "explained", "scores", "cycle_rate_hz"):
+        assert getattr(read, name).tobytes() == getattr(model, name).tobytes()
+    assert (read.angles, read.activities, read.sources) == (model.angles, model.activities, model.sources)
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["m.h5"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scores": np.zeros((30, 2))},
+        {"scales": np.array([1.0, 0.0, 1.0])},
+        {"mean": np.full((T, 4), np.nan)},
+        {"sources": ("one",)},
+        {"angles": ANGLES[:3]},
+        {"components": np.zeros((3, T, 4), dtype=np.float32)},
+    ],
+)
+def test_models_that_do_not_fit_together_are_refused(tmp_path, model, change):
+    save(tmp_path / "m.h5", replace(model, **change), PROVENANCE)
+    with pytest.raises(InputError, match=r"m\.h5"):
+        load(ActivityModel, tmp_path / "m.h5")
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all"])
+def test_what_is_no_model_is_refused(tmp_path, content):
+    path = tmp_path / "m.h5"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"m\.h5"):
+        load(ActivityModel, path)
+
+
+@pytest.mark.parametrize("attribute", ["format", None])
+def test_other_hdf5_files_are_refused(tmp_path, model, attribute):
+    path = tmp_path / "m.h5"
+    save(path, model, PROVENANCE)
+    with h5py.File(path, "r+") as file:
+        if attribute:
+            file.attrs[attribute] = "workbench model 2, WalkingModel"
+        else:
+            del file["activities"]
+    with pytest.raises(InputError, match=r"m\.h5"):
+        load(ActivityModel, path)

@@ -1,0 +1,97 @@
+"""Alignment against planted shifts, and the error that never rises."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from workbench.motion.models.cycle_alignment import N_PHASES, align, fit_periodic, periodic_basis
+from workbench.utils.errors import InputError
+
+M = 5
+
+
+def cycle(phase, rng):
+    """A smooth periodic curve (F, M) drawn at random, the same for the same state of rng."""
+    waves = rng.normal(size=(4, M)) + 1j * rng.normal(size=(4, M))
+    orders = np.arange(1, 5)
+    return (np.exp(2j * np.pi * phase[:, None] * orders) / orders @ waves).real
+
+
+def planted(shifts, periods, noise=0.05, gaps=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    sequences = []
+    for shift, period in zip(shifts, periods, strict=True):
+        frames = np.arange(int(period * rng.uniform(2.2, 4.0)))
+        series = cycle(frames / period + shift, np.random.default_rng(seed)) + noise * rng.normal(size=(len(frames), M))
+        series[rng.random(series.shape) < gaps] = np.nan
+        sequences.append(series)
+    return sequences
+
+
+def relative(offsets):
+    """Offsets against the first, in cycles from −1/2 to 1/2."""
+    return (offsets - offsets[0] + 0.5) % 1.0 - 0.5
+
+
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_planted_shifts_are_recovered(gaps, seed):
+    rng = np.random.default_rng(100 + seed)
+    shifts, periods = rng.random(8), rng.uniform(90.0, 150.0, 8)
+    aligned = align(planted(shifts, periods, gaps=gaps, seed=seed), periods)
+    wrong = (relative(aligned.offsets) - relative(shifts) + 0.5) % 1.0 - 0.5
+    assert np.abs(wrong).max() <= 1.5 / N_PHASES  # two offsets, each rounded to a step, and the noise
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_error_never_rises(noise, seed):
+    rng = np.random.default_rng(seed)
+    shifts, periods = rng.random(10), rng.uniform(60.0, 160.0, 10)
+    errors = align(planted(shifts, periods, noise, gaps=0.2, seed=seed), periods, tolerance=0.0).errors
+    assert len(errors) > 1
+    assert (np.diff(errors) < 0.0).all()
+
+
+def test_the_last_error_is_the_deviation_from_the_reference():
+    """With every sample on a phase of the grid there is no rounding, and the sum can be done over again by hand."""
+    periods = [64.0, 128.0, 256.0]
+    sequences = planted([0.1, 0.5, 0.7], periods, gaps=0.2)
+    aligned = align(sequences, periods)
+    scale = np.zeros(M)
+    deviation = np.zeros(M)
+    for i, series in enumerate(sequences):
+        places = np.rint(aligned.phases(i, len(series)) * N_PHASES).astype(int) % N_PHASES
+        deviation += np.nansum((series - aligned.reference[places]) ** 2, axis=0)
+        scale += np.nansum((series - np.nanmean(series, axis=0)) ** 2, axis=0)
+    variance = scale / sum(np.isfinite(series).sum(axis=0) for series in sequences)
+    assert (deviation / variance).sum() == pytest.approx(aligned.errors[-1], rel=1e-9)
+
+
+def test_opposite_phases_do_not_stay_where_they_cancel():
+    frames = np.arange(300)
+    wave = np.column_stack([np.cos(2 * np.pi * frames / 100), np.sin(2 * np.pi * frames / 100)])
+    aligned = align([wave, -wave], [100.0, 100.0])
+    assert abs(relative(aligned.offsets)[1]) == pytest.approx(0.5, abs=1.5 / N_PHASES)
+    assert aligned.errors[-1] < 1e-3 * aligned.errors[0]
+
+
+def test_the_regression_spline_is_the_periodic_spline():
+    """With a sample at every knot it interpolates, as scipy's periodic cubic spline does."""
+    knots = np.arange(13) / 12
+    values = np.sin(2 * np.pi * knots) + 0.3 * np.cos(6 * np.pi * knots)
+    phases = np.linspace(0.0, 2.0, 77)
+    spline = CubicSpline(knots, np.r_[values[:-1], values[0]], bc_type="periodic")
+    coefficients = fit_periodic(periodic_basis(knots[:-1], 12), np.ones((12, 1)), values[:-1, None])
+    assert periodic_basis(phases, 12) @ coefficients[:, 0] == pytest.approx(spline(phases % 1.0), abs=1e-12)
+
+
+def test_what_does_not_go_together_is_refused():
+    series = np.random.default_rng(0).normal(size=(100, 2))
+    with pytest.raises(InputError, match="same m"):
+        align([series, series[:, :1]], [40, 40])
+    with pytest.raises(InputError, match="one period"):
+        align([series], [40, 40])
+    series[:, 1] = np.nan
+    with pytest.raises(InputError, match="angle 1 has no valid sample"):
+        align([series], [40])

@@ -1,0 +1,146 @@
+"""The walking model by paper B: on walks without gaps it is paper A's, with gaps it stays near it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.motion.models.cyclic_model import learn_cyclic
+from workbench.motion.models.gaps import (
+    event_period,
+    gap_study,
+    gappy_sequences,
+    period_study,
+    remove_blocks,
+    remove_markers,
+)
+from workbench.motion.models.walking import learn_walking
+from workbench.motion.motion import Motion
+from workbench.priors.cyclic import Cyclic
+from workbench.utils.errors import InputError
+
+RATE, CYCLE_S, T = 60.0, 1.1, 64
+
+
+def walk(style=0.0, first=0.2, n_cycles=4.2, name="walk"):
+    """A walk at 1.3 m/s from phase `first`, whose left knee and right elbow vary with the style."""
+    times = np.arange(int(n_cycles * CYCLE_S * RATE)) / RATE
+    turn = 2 * np.pi * (times / CYCLE_S + first)
+    poses = np.zeros((len(times), len(POSE_NAMES)))
+    poses[:, 0], poses[:, 2] = 1.3 * times, 0.95
+    for angle, curve in {
+        "left_hip_flexion": 0.5 * np.cos(turn),
+        "right_hip_flexion": -0.5 * np.cos(turn),
+        "left_knee_flexion": 0.6 + 0.4 * np.sin(turn) + style * np.cos(2 * turn),
+        "right_knee_flexion": 0.6 - 0.4 * np.sin(turn),
+        "right_elbow_flexion": 0.5 + 0.3 * np.cos(turn) + 0.5 * style * np.sin(3 * turn),
+    }.items():
+        poses[:, POSE_NAMES.index(angle)] = curve
+    return Motion(name, "s", "walk", RATE, poses, from_height(1.75), np.zeros(14), "made", "0" * 64, "none")
+
+
+def walks(n=12, seed=0, noise=0.0):
+    rng = np.random.default_rng(seed)
+    clean = [walk(0.15 * rng.normal(), rng.random(), rng.uniform(3.0, 5.0), f"walk{i}") for i in range(n)]
+    return [replace(motion, poses=motion.poses + noise * rng.normal(size=motion.poses.shape)) for motion in clean]
+
+
+def with_gaps(motions, fraction, rng):
+    gappy = []
+    for motion in motions:
+        poses = motion.poses.copy()
+        poses[:, N_ROOT:][remove_blocks(motion, fraction, rng)] = np.nan
+        gappy.append(replace(motion, poses=poses))
+    return gappy
+
+
+def test_without_gaps_it_is_the_walking_model_of_paper_a():
+    a, b = learn_walking(walks(), n_components=1, n_phases=T), learn_cyclic(walks(), q=1, n_phases=T)
+    # phases differ by the offsets' step and by where the events are seen; the steepest curve moves 2π × 0.5 a cycle
+    assert b.mean[:, 1:] == pytest.approx(a.mean[:, 1:], abs=2 * np.pi * 0.5 * 0.01)
+    assert b.mean[:, 0] == pytest.approx(1.3, abs=1e-3)
+    assert b.cycle_rate_hz[0] == pytest.approx(1 / CYCLE_S, rel=0.005)
+    assert b.explained > 0.9
+    overlap = (a.components[:, :, 1:] * b.components[:, :, 1:]).sum()
+    assert abs(overlap) == pytest.approx(1.0, abs=0.02)
+    assert b.scales == pytest.approx(a.scales, rel=0.15)  # the two weigh clips by different numbers of cycles
+
+
+def test_gaps_change_the_model_little():
+    full = learn_cyclic(walks(), q=1)
+    gappy = learn_cyclic(with_gaps(walks(), 0.2, np.random.default_rng(3)), q=1)
+    assert np.abs(gappy.mean - full.mean)[:, 1:].max() < 0.05
+    assert abs((gappy.components[:, :, 1:] * full.components[:, :, 1:]).sum()) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_cyclic_prior_runs_on_it():
+    prior = Cyclic(learn_cyclic(walks(), q=2))
+    rng = np.random.default_rng(0)
+    truth = walk(0.1, n_cycles=4.5)
+    state = prior.start(truth.poses[0], 50, rng)
+    for _ in range(30):
+        state = prior.step(state, 1 / 30, rng)
+    poses = prior.pose(state)
+    assert np.isfinite(poses).all()
+    assert poses[:, 0].mean() == pytest.approx(1.3, abs=0.15)  # a second at 1.3 m/s
+    hip = POSE_NAMES.index("left_hip_flexion")
+    assert poses[:, hip].mean() == pytest.approx(truth.poses[60, hip], abs=0.15)
+
+
+def test_phase_zero_has_the_left_thigh_ahead():
+    model = learn_cyclic(walks(), q=1)
+    left, right = (1 + POSE_NAMES.index(f"{side}_hip_flexion") - N_ROOT for side in ("left", "right"))
+    assert np.argmax(model.mean[:, left] - model.mean[:, right]) in (0, 1, T - 1)
+
+
+def test_motions_without_a_period_are_left_out_with_a_warning(caplog):
+    short = walk(n_cycles=1.2, name="short")
+    model = learn_cyclic([*walks(4), short], q=1)
+    assert "short left out" in caplog.text
+    assert model.n_cycles == learn_cyclic(walks(4), q=1).n_cycles
+    with pytest.raises(InputError, match="found 0 of 1"):
+        learn_cyclic([short])
+
+
+@pytest.mark.parametrize("remove", [remove_blocks, remove_markers])
+@pytest.mark.parametrize("fraction", [0.1, 0.3])
+def test_as_much_is_removed_as_was_asked_for(remove, fraction):
+    motion = walk()
+    gone = remove(motion, fraction, np.random.default_rng(0))
+    longest = 0.5 * RATE if remove is remove_blocks else 0.5 * CYCLE_S * RATE + 1
+    assert (gone.mean(axis=0) >= fraction).all()
+    assert (gone.mean(axis=0) < fraction + (longest + 1) / len(motion)).all()
+    if remove is remove_markers:
+        names = POSE_NAMES[N_ROOT:]
+        leg = [names.index(f"left_{angle}") for angle in ("hip_flexion", "hip_abduction", "hip_twist", "knee_flexion")]
+        assert (gone[:, leg] == gone[:, leg[:1]]).all()
+
+
+def test_studies_are_named_and_repeatable():
+    motions = walks(6, noise=0.05)
+    measured = gap_study(motions, (0.2,), np.random.default_rng(5))
+    names = {f"rmse_deg_20{method}" for method in ("", "_linear", "_periodic", "_paper")}
+    assert set(measured) == names | {"sequences_20"}
+    _, first, _ = gappy_sequences(motions, 0.2, np.random.default_rng(5))
+    _, again, _ = gappy_sequences(motions, 0.2, np.random.default_rng(5))
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first, again, strict=True))
+    assert measured["rmse_deg_20"] < measured["rmse_deg_20_linear"]
+    periods = period_study(motions, np.random.default_rng(5))
+    assert periods["period_error_max_pct"] < 2.0
+    assert periods["period_error_max_pct_30"] < 5.0
+    assert periods["white_noise_peak_ratio"] <= 1.5
+    assert len(periods["clips"]) == periods["n_clips"] == 6
+
+
+def test_a_period_that_is_not_found_is_an_infinite_error(caplog):
+    """Three events, then the walker stands: events see strides, the whole clip is no cycle."""
+    still = walk(n_cycles=3.2)
+    poses = np.concatenate([still.poses, np.repeat(still.poses[-1:], 400, axis=0)])
+    poses[:, N_ROOT:] += np.linspace(0.0, 3.0, len(poses))[:, None] ** 3
+    broken = replace(still, poses=poses, name="broken")
+    assert np.isfinite(event_period(broken))
+    study = period_study([broken], np.random.default_rng(0))
+    assert study["period_error_max_pct"] == np.inf
+    assert "broken" in caplog.text

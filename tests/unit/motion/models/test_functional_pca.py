@@ -1,0 +1,214 @@
+"""Slices, functional PCA with gaps and imputation against planted cycles and a plain SVD."""
+
+import logging
+
+import numpy as np
+import pytest
+from scipy.interpolate import KroghInterpolator
+
+from workbench.motion.models import functional_pca
+from workbench.motion.models.cycle_alignment import Alignment
+from workbench.motion.models.functional_pca import (
+    N_FOURIER,
+    Slices,
+    cut,
+    fill_linear,
+    fourier_basis,
+    fpca_paper,
+    fpca_shrunk,
+)
+from workbench.motion.models.imputation import fill_smooth, impute, impute_linear, impute_paper, impute_periodic
+from workbench.utils.errors import InputError
+
+T, M = 48, 4
+
+
+def curves(n_curves, rng):
+    """Smooth periodic curves (n_curves, F, M) as functions of the phase (F,)."""
+    waves = rng.normal(size=(n_curves, 3, M)) + 1j * rng.normal(size=(n_curves, 3, M))
+    return lambda phase: np.einsum("fo,kom->kfm", np.exp(2j * np.pi * phase[:, None] * [1, 2, 3]), waves).real
+
+
+def planted_slices(n=40, rank=2, gaps=0.0, noise=0.0, seed=0):
+    """X = μ + c V with independent coefficients, a sequence of two slices each, entries missing at random."""
+    rng = np.random.default_rng(seed)
+    mean, *components = curves(1 + rank, rng)(np.arange(T) / T)
+    amounts = rng.normal(size=(n, rank)) * (0.4 / np.arange(1, rank + 1))
+    truth = mean + np.einsum("nk,ktm->ntm", amounts, np.array(components)) + noise * rng.normal(size=(n, T, M))
+    observed = rng.random(truth.shape) >= gaps
+    guess = np.where(observed, truth, 0.0).sum(axis=0) / observed.sum(axis=0)
+    order = np.arange(n)
+    return truth, Slices(np.where(observed, truth, guess), observed, order // 2, order % 2)
+
+
+def test_the_fourier_functions_are_orthonormal():
+    for n_phases in (21, 64):
+        basis = fourier_basis(np.arange(n_phases) / n_phases, n_phases)
+        assert basis.shape == (n_phases, N_FOURIER)
+        assert basis.T @ basis == pytest.approx(np.eye(N_FOURIER), abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [40, 200])  # fewer and more slices than Fourier coefficients
+@pytest.mark.parametrize("method", [fpca_paper, fpca_shrunk])
+def test_without_gaps_it_is_the_pca_of_the_slices(method, n):
+    truth, slices = planted_slices(n, rank=3)
+    pca = method(slices, 3)
+    _, singular, rows = np.linalg.svd((truth - truth.mean(axis=0)).reshape(len(truth), -1), full_matrices=False)
+    assert pca.mean == pytest.approx(truth.mean(axis=0), abs=1e-9)
+    assert pca.scales == pytest.approx(singular[:3] / np.sqrt(len(truth) - 1), rel=1e-9)
+    assert np.abs(pca.components.reshape(3, -1) @ rows[:3].T) == pytest.approx(np.eye(3), abs=1e-6)
+    assert pca.explained == pytest.approx(1.0, abs=1e-9)
+    assert (pca.completed == truth).all()
+    assert len(pca.errors) == 1  # nothing is missing, so nothing changes
+
+
+def test_missing_entries_of_a_low_rank_are_recovered():
+    truth, slices = planted_slices(gaps=0.2)
+    pca = fpca_paper(slices, 2, tolerance=1e-9)
+    missing = ~slices.observed
+    before = np.sqrt(np.mean((slices.values - truth)[missing] ** 2))
+    after = np.sqrt(np.mean((pca.completed - truth)[missing] ** 2))
+    assert after < 1e-4 * before  # nothing but the cycles' own five numbers is unknown, and 153 are seen
+    assert (pca.completed[slices.observed] == truth[slices.observed]).all()
+
+
+@pytest.mark.parametrize("method", [fpca_paper, fpca_shrunk])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_error_falls_in_every_pass(method, seed):
+    _, slices = planted_slices(gaps=0.3, noise=0.1, seed=seed)
+    errors = method(slices, 2).errors
+    assert len(errors) > 5
+    assert (np.diff(errors) < 0.0).all()
+    assert errors[-2] - errors[-1] <= 1e-6 * errors[-2] < errors[-3] - errors[-2] + 1e-5 * errors[-2]
+
+
+def test_a_pass_is_the_papers_steps():
+    """Steps 3–7 done over with a plain SVD of the discrete Fourier transform, for the fixed point that was reached."""
+    _, slices = planted_slices(gaps=0.3, noise=0.1)
+    pca = fpca_paper(slices, 2, tolerance=1e-12)
+    mean = pca.completed.mean(axis=0)
+    spectrum = np.fft.rfft(pca.completed - mean, axis=1)
+    spectrum[:, 11:] = 0.0  # ten orders …
+    spectrum[:, 10] = spectrum[:, 10].real  # … the last without its sine: 20 coefficients
+    smooth = np.fft.irfft(spectrum, n=T, axis=1)
+    u, s, vt = np.linalg.svd(smooth.reshape(len(smooth), -1), full_matrices=False)
+    x4 = ((u[:, :2] * s[:2]) @ vt[:2]).reshape(smooth.shape) + mean
+    missing = ~slices.observed
+    assert pca.completed[missing] == pytest.approx(x4[missing], abs=1e-4)
+
+
+@pytest.mark.parametrize("method", [fpca_paper, fpca_shrunk])
+def test_value_and_two_derivatives_match_at_the_ends(method):
+    """On slices that do not close. Each end is continued by the polynomial through the ten samples inside it."""
+    n_phases = 256
+    _, slices = planted_slices(gaps=0.2, noise=0.05)
+    ramp = 0.5 * (np.arange(T) / T)[:, None]
+    open_slices = Slices(slices.values + ramp, slices.observed, slices.sequence, slices.cycle)
+    pca = method(open_slices, 2)
+    at = fourier_basis(np.arange(T) / T, T).T
+    fine = fourier_basis(np.arange(n_phases) / n_phases, T)
+    for curve in (pca.mean, *pca.components):
+        assert fine[:: n_phases // 16] @ (at @ curve) == pytest.approx(curve[:: T // 16], abs=1e-9)  # is its own sum
+        samples = fine @ (at @ curve)
+        step = 1.0 / n_phases
+        left = KroghInterpolator(np.arange(10) * step, samples[:10]).derivatives(0.0, 3)
+        right = KroghInterpolator(1.0 + np.arange(-10, 0) * step, samples[-10:]).derivatives(1.0, 3)
+        size = np.abs(curve).max() * (2 * np.pi * 10) ** np.arange(3)[:, None]  # of order-10 waves and their slopes
+        assert np.abs(left - right) == pytest.approx(0.0 * left, abs=2e-3 * size.max(axis=1).max())
+        assert (np.abs(left - right) <= 2e-3 * size).all()
+    assert np.abs(ramp[-1] - ramp[0]).max() > 0.4  # which plain means of these slices would show
+
+
+def test_too_few_slices_and_unseen_phases_are_refused():
+    _, slices = planted_slices(n=4)
+    with pytest.raises(InputError, match="allow 1 to 3 components, found 4"):
+        fpca_paper(slices, 4)
+    series = np.random.default_rng(0).normal(size=(100, 2))
+    series[10:40, 1] = series[60:90, 1] = np.nan
+    with pytest.raises(InputError, match="angle 1 was never seen"):
+        cut([series], alignment([50.0], [0.0]))
+
+
+def test_not_converging_is_said(monkeypatch, caplog):
+    monkeypatch.setattr(functional_pca, "MOST_PASSES", 3)
+    _, slices = planted_slices(gaps=0.3, noise=0.1)
+    with caplog.at_level(logging.WARNING):
+        fpca_paper(slices, 2)
+    assert "not converged" in caplog.text
+
+
+def alignment(periods, offsets):
+    return Alignment(np.array(periods), np.array(offsets), np.zeros((1, 1)), np.zeros(1))
+
+
+def planted_sequences(gaps=0.0, seed=0, n=10, noise=0.0):
+    """Sequences of 3 to 4 cycles that vary along one component from cycle to cycle and sit at their own level."""
+    rng = np.random.default_rng(seed)
+    curve = curves(2, rng)
+    truths, gappy, periods, offsets = [], [], rng.uniform(80.0, 120.0, n), rng.random(n)
+    for period, offset in zip(periods, offsets, strict=True):
+        phase = np.arange(int(period * rng.uniform(3.0, 4.0))) / period + offset
+        mean, component = curve(phase)
+        truth = mean + 0.3 * rng.normal() * component + 0.3 * rng.normal(size=M) + noise * rng.normal(size=mean.shape)
+        series = truth.copy()
+        for angle in series.T:
+            while np.isnan(angle).mean() < gaps:
+                start = rng.integers(len(angle) - 12)
+                angle[start : start + rng.integers(10, 41)] = np.nan
+        truths.append(truth)
+        gappy.append(series)
+    return truths, gappy, alignment(periods, offsets)
+
+
+def test_slices_lie_where_the_alignment_says():
+    truths, _, aligned = planted_sequences()
+    slices = cut(truths, aligned, n_phases=T)
+    for i, truth in enumerate(truths):
+        for row in np.flatnonzero(slices.sequence == i):
+            frames = (slices.cycle[row] + np.arange(T) / T - aligned.offsets[i]) * aligned.periods[i]
+            inside = (frames >= 0) & (frames <= len(truth) - 1)
+            assert (slices.observed[row] == inside[:, None]).all()
+            nearest = np.rint(frames[inside]).astype(int)
+            steepest = 0.5 * np.abs(np.diff(truth, axis=0)).max()  # half a frame away at most
+            assert np.abs(slices.values[row][inside] - truth[nearest]).max() <= 1.1 * steepest
+    assert slices.observed.mean() == pytest.approx(
+        sum(len(t) / p for t, p in zip(truths, aligned.periods, strict=True)) / len(slices.values), abs=0.01
+    )
+
+
+def test_every_method_fills_the_gaps_and_only_those():
+    truths, gappy, aligned = planted_sequences(gaps=0.2, noise=0.05)
+    missing = [np.isnan(series) for series in gappy]
+    errors = {}
+    for method in (impute, impute_paper, impute_periodic):
+        filled = method(gappy, aligned)
+        for series, full, gap in zip(gappy, filled, missing, strict=True):
+            assert np.isfinite(full).all()
+            assert (full[~gap] == series[~gap]).all()
+        errors[method] = np.sqrt(
+            np.mean(np.concatenate([(f - t)[g] for f, t, g in zip(filled, truths, missing, strict=True)]) ** 2)
+        )
+    linear = np.concatenate([(f - t)[g] for f, t, g in zip(impute_linear(gappy), truths, missing, strict=True)])
+    assert all(error < 0.3 * np.sqrt(np.mean(linear**2)) for error in errors.values())
+    assert errors[impute] < errors[impute_paper]  # whose rank-5 model has no place for the sequences' levels
+
+
+def test_the_gappy_input_is_left_alone():
+    _, gappy, aligned = planted_sequences(gaps=0.2, n=4)
+    before = [series.copy() for series in gappy]
+    impute(gappy, aligned)
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(gappy, before, strict=True))
+
+
+def test_interpolation_of_single_gaps():
+    line = np.arange(10.0)[:, None] * [1.0, -2.0]
+    gappy = line.copy()
+    gappy[3:6, 0] = np.nan
+    gappy[:2, 1] = np.nan
+    expected = line.copy()
+    expected[:2, 1] = -4.0  # constant beyond the ends
+    assert fill_linear(gappy) == pytest.approx(expected)
+    assert fill_smooth(gappy) == pytest.approx(expected)
+    nothing = np.full((5, 1), np.nan)
+    assert (fill_linear(nothing) == 0.0).all()
+    assert (fill_smooth(nothing) == 0.0).all()

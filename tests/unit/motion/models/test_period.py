@@ -1,0 +1,104 @@
+"""The signal-to-noise ratio against a slow computation of its definition, and periods that were planted."""
+
+import numpy as np
+import pytest
+
+from workbench.motion.models.period import find_period, snr, snr_per_series
+from workbench.utils.errors import InputError
+
+
+def with_blocks_removed(series, fraction, rng):
+    gappy = series.copy()
+    for angle in gappy.T:
+        while np.isnan(angle).mean() < fraction:
+            start = rng.integers(len(angle) - 12)
+            angle[start : start + rng.integers(12, 61)] = np.nan
+    return gappy
+
+
+def slow_ratio(samples, period):
+    """The F ratio of one-way analysis of variance with the phases as groups, from its textbook definition."""
+    frames = np.flatnonzero(np.isfinite(samples))
+    starts = np.rint(np.arange(len(samples)) * period)
+    phases = frames - np.array([starts[starts <= frame].max() for frame in frames])  # samples since the cycle began
+    groups = [samples[frames[phases == phase]] for phase in range(int(np.ceil(period)))]
+    groups = [group for group in groups if len(group)]
+    mean = samples[frames].mean()
+    between = sum(len(group) * (group.mean() - mean) ** 2 for group in groups) / (len(groups) - 1)
+    within = sum(((group - group.mean()) ** 2).sum() for group in groups) / (len(frames) - len(groups))
+    return between / within
+
+
+def stride(frames, period, rng, noise=0.02):
+    """Left and right in opposite phase, each with a strong second harmonic, as the angles of a walk."""
+    phase = 2 * np.pi * frames / period
+    left = 0.4 * np.cos(phase) + 0.3 * np.cos(2 * phase + 1.0)
+    right = 0.4 * np.cos(phase + np.pi) + 0.3 * np.cos(2 * phase + 1.0)
+    trunk = 0.1 * np.cos(2 * phase + 0.3)  # repeats at every step
+    return np.column_stack([left, right, trunk]) + noise * rng.standard_normal((len(frames), 3))
+
+
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+def test_the_ratio_is_the_f_ratio_of_its_definition(gaps):
+    rng = np.random.default_rng(0)
+    series = stride(np.arange(211), 61.3, rng, noise=0.2)
+    if gaps:
+        series = with_blocks_removed(series, gaps, rng)
+    periods = [2, 30, 61, 61.3, 62.5, 100]
+    expected = [[slow_ratio(angle, period) for angle in series.T] for period in periods]
+    assert snr_per_series(series, periods) == pytest.approx(np.array(expected), rel=1e-9)
+
+
+def test_what_says_nothing_has_no_ratio():
+    series = np.random.default_rng(0).standard_normal((50, 3))
+    series[:, 1] = 2.0  # never moves
+    series[:, 2] = np.nan
+    ratios = snr_per_series(series, [20, 60])
+    assert np.isfinite(ratios[0, 0])
+    assert np.isnan(ratios[:, 1:]).all()
+    assert np.isnan(ratios[1]).all()  # no phase of 60 samples is seen twice in 50
+    assert np.isnan(snr(series, [60])).all()
+
+
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_white_noise_is_flat(gaps, seed):
+    """Largest over median at most 1.5, over the paper's 50 to 250 samples, in its shortest sequences."""
+    rng = np.random.default_rng(seed)
+    noise = with_blocks_removed(rng.standard_normal((500, 19)), gaps, rng)
+    ratios = snr(noise, np.arange(50, 251))
+    assert ratios.max() / np.median(ratios) <= 1.5
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("period", [61.0, 87.4, 130.7])
+@pytest.mark.parametrize("cycles", [2.3, 6.0])
+@pytest.mark.parametrize("gaps", [0.0, 0.3])
+def test_a_planted_stride_is_found(period, cycles, gaps):
+    """Not half of it (a step), not twice. Half a sample without gaps; 2 % of 30 % missing, as asked of real walks."""
+    rng = np.random.default_rng(int(period))
+    series = stride(np.arange(int(cycles * period)), period, rng)
+    if gaps:
+        series = with_blocks_removed(series, gaps, rng)
+    found = find_period(series, 0.4 * period, 2.5 * period)
+    assert found == pytest.approx(period, abs=0.02 * period if gaps else 0.5)
+
+
+def test_the_parabola_places_the_peak_between_samples():
+    errors = [
+        find_period(stride(np.arange(1500), period, np.random.default_rng(1)), 50, 160) - period
+        for period in np.linspace(100.0, 101.0, 11)
+    ]
+    assert np.sqrt(np.mean(np.square(errors))) < np.sqrt(1 / 12)  # better than rounding to whole samples
+
+
+def test_no_period_is_said():
+    slow = np.cos(2 * np.pi * np.arange(600.0) / 200)[:, None]
+    with pytest.raises(InputError, match="largest at"):
+        find_period(slow, 120, 190)
+    with pytest.raises(InputError, match="two periods"):
+        find_period(np.zeros((90, 2)), 50, 140)
+    with pytest.raises(InputError, match="too few valid"):
+        find_period(np.full((300, 2), np.nan), 50, 140)
+    with pytest.raises(InputError, match="2 samples"):
+        snr(np.zeros((20, 1)), [1])

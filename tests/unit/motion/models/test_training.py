@@ -1,0 +1,160 @@
+"""Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
+
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from workbench.motion.library import write_library
+from workbench.motion.models import training
+from workbench.motion.models.store import as_kept
+from workbench.motion.models.training import (
+    cyclic_model,
+    database_motions,
+    gait_model,
+    linear_motion,
+    motion_windows,
+    training_motions,
+    walking_model,
+)
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.utils.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Six walkers in one file; the second is called a run."""
+    motions = [replace(motion, name=f"{k + 10}_0{k + 1}", subject=f"{k + 10}")
+               for k, motion in enumerate(builtin_motions(6))]  # fmt: skip
+    motions[1] = replace(motions[1], activity="run")
+    path = tmp_path_factory.mktemp("library") / "six.h5"
+    write_library(path, motions)
+    return str(path)
+
+
+def names(motions):
+    return [motion.name for motion in motions]
+
+
+@pytest.mark.parametrize(
+    ("leave_out", "missing"),
+    [
+        ((), set()),
+        (("12_03",), {"12_03"}),
+        (("1203",), {"12_03"}),  # how a command line reads 12_03
+        (("some/where/12_03.amc",), {"12_03"}),
+        (("six.h5:12_03",), {"12_03"}),
+        (("12", "13_04"), {"12_03", "13_04"}),
+        (("nobody",), set()),
+    ],
+)
+def test_clips_and_subjects_are_left_out_by_any_of_their_names(library, tmp_path, leave_out, missing):
+    found = database_motions(library, data=None, cache=str(tmp_path), leave_out=leave_out)
+    assert set(names(database_motions(library, data=None, cache=str(tmp_path)))) - set(names(found)) == missing
+
+
+def test_walks_leave_out_clips_and_subjects_too(library, tmp_path):
+    options = {"data": None, "cache": str(tmp_path), "subjects": None}
+    found = training_motions(library, leave_out=["12_03", "13"], **options)
+    assert set(names(training_motions(library, **options))) - set(names(found)) == {"12_03", "13_04"}
+    with pytest.raises(InputError, match=r"expected clips without 10, .* found 6 clips, of activity run, walk"):
+        training_motions(library, leave_out=[str(k) for k in range(10, 16)], **options)
+
+
+def test_recorded_walks_are_those_of_cmu(monkeypatch, tmp_path):
+    """Subjects that are left out are not even imported."""
+    asked = []
+    monkeypatch.setattr(training, "cmu_clips", lambda folder, subjects: asked.append(subjects) or [])
+    monkeypatch.setattr(training, "_imported", lambda clips, cache, name: builtin_motions(2))
+    for motions in ("cmu", "recorded"):
+        options = {"data": str(tmp_path), "cache": str(tmp_path), "subjects": training.WALKERS}
+        assert training_motions(motions, leave_out=["32", "35"], **options)
+    assert asked == [["02", "05", "06", "07", "08", "16", "39"]] * 2
+
+
+def test_activities_choose(library, tmp_path):
+    assert names(database_motions(library, data=None, cache=str(tmp_path), activities=["run"])) == ["11_02"]
+    with pytest.raises(InputError, match="expected clips of dance, found 6 clips, of activity run, walk"):
+        database_motions(library, data=None, cache=str(tmp_path), activities=["dance"])
+
+
+@pytest.mark.parametrize("motions", ["recorded", "cmu", "bandai"])
+def test_recordings_need_their_folder(tmp_path, motions):
+    with pytest.raises(InputError, match=r"paths\.data"):
+        database_motions(motions, data=None, cache=str(tmp_path))
+
+
+@pytest.mark.parametrize("read", [training_motions, database_motions])
+def test_an_unknown_set_is_named(tmp_path, read):
+    options = {"subjects": ()} if read is training_motions else {}
+    with pytest.raises(InputError, match="everything"):
+        read("everything", data=None, cache=str(tmp_path), **options)
+
+
+def test_windows_from_the_cache_are_those_learned(library, tmp_path):
+    options = {"motions": library, "cache": str(tmp_path), "angles": ["left_arm"], "root": False}
+    learned, read = motion_windows(**options), motion_windows(**options)
+    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 1
+    np.testing.assert_array_equal(learned.coefficients, read.coefficients)
+    assert learned.clips == read.clips
+    fewer = motion_windows(**options, leave_out=["12"])
+    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 2
+    assert set(learned.clips) - set(fewer.clips) == {"12_03"}
+
+
+def arrays(model):
+    """All arrays of a model, by name, those of models within it too."""
+    found = {}
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if is_dataclass(value):
+            found |= {f"{field.name}.{name}": array for name, array in arrays(value).items()}
+        elif isinstance(value, np.ndarray):
+            found[field.name] = value
+    return found
+
+
+@pytest.mark.parametrize("learn", [walking_model, gait_model, cyclic_model, linear_motion, motion_windows])
+def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_path, learn):
+    """Sums over arrays that lie otherwise in memory round otherwise: the first run would not be the second one."""
+    learned, read = (arrays(learn(motions=library, cache=str(tmp_path))) for _ in range(2))
+    assert len(list((tmp_path / "models").glob("*.h5"))) == 1
+    assert learned.keys() == read.keys()
+    for name, array in learned.items():
+        np.testing.assert_array_equal(array, read[name])
+        assert (array.dtype, array.strides) == (read[name].dtype, read[name].strides), name
+
+
+def test_models_within_models_are_laid_out_too():
+    @dataclass(frozen=True, eq=False)
+    class Inner:
+        SHAPES: ClassVar = {"a": "xy"}
+        a: np.ndarray
+
+    @dataclass(frozen=True, eq=False)
+    class Outer:
+        SHAPES: ClassVar = {"b": "xy", "c": ""}
+        b: np.ndarray
+        c: np.ndarray
+        inner: Inner
+        name: str
+
+    turned = np.arange(6.0).reshape(2, 3).T
+    kept = as_kept(Outer(turned, np.array(2.0), Inner(turned), "n"))
+    for array in (kept.b, kept.inner.a):
+        np.testing.assert_array_equal(array, turned)
+        assert array.flags.c_contiguous
+    assert kept.c.shape == ()
+    assert kept.name == "n"
+
+
+def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
+    whole = cyclic_model(cache=str(tmp_path), q=2)
+    gappy = cyclic_model(cache=str(tmp_path), q=2, missing=0.2)
+    assert len(list((tmp_path / "models").glob("cyclic-*.h5"))) == 2
+    apart = np.abs(whole.mean[:, 1:] - gappy.mean[:, 1:]).max()
+    # gaps of a fifth of 12 walkers × 5 cycles leave the mean cycle known to a degree or two
+    assert 0.0 < apart < np.radians(2.0)
+    again = cyclic_model(cache=str(tmp_path / "other"), q=2, missing=0.2)
+    np.testing.assert_array_equal(gappy.mean, again.mean)

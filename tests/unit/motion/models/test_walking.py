@@ -1,0 +1,162 @@
+"""Cutting cycles and the multivariate PCA against planted answers."""
+
+import numpy as np
+import pytest
+
+from workbench.body.shape import from_height
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.motion.gait_events import gait_events
+from workbench.motion.models.store import Provenance, load, save
+from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.motion import Motion
+from workbench.utils.errors import InputError
+
+RATE = 60.0
+T = 48
+
+
+def curves(phase, first=0.0, second=0.0):
+    """Joint angles (F, 19) of a planted two-component walk at phases (F,); phase 0 has the left thigh ahead."""
+    angles = np.zeros((len(phase), 19))
+    names = POSE_NAMES[N_ROOT:]
+    wave, knee = np.cos(2 * np.pi * phase), np.sin(2 * np.pi * phase)
+    angles[:, names.index("left_hip_flexion")] = 0.5 * wave
+    angles[:, names.index("right_hip_flexion")] = -0.5 * wave
+    angles[:, names.index("left_knee_flexion")] = 0.6 + 0.4 * knee + first * np.cos(4 * np.pi * phase)
+    angles[:, names.index("right_elbow_flexion")] = 0.3 + second * np.sin(6 * np.pi * phase)
+    return angles
+
+
+def walk(first=0.0, second=0.0, cycle_s=1.1, n_cycles=3.5, speed=1.3, heading=0.4, name="walk"):
+    times = np.arange(int(n_cycles * cycle_s * RATE)) / RATE
+    poses = np.zeros((len(times), 25))
+    poses[:, 0], poses[:, 1] = speed * times * np.cos(heading), speed * times * np.sin(heading)
+    poses[:, 2], poses[:, 3] = 0.95, heading
+    poses[:, N_ROOT:] = curves(times / cycle_s - 0.25, first, second)
+    return Motion(name, "s", "walk", RATE, poses, from_height(1.75), np.zeros(14), "made", "0" * 64, "none")
+
+
+def test_events_are_where_the_left_thigh_is_ahead():
+    motion = walk(cycle_s=1.1)
+    expected = (0.25 + np.arange(4)) * 1.1 * RATE
+    assert gait_events(motion) == pytest.approx(expected, abs=0.5)  # the filtered signal is cut off at its ends
+
+
+def test_cycles_recover_the_curves():
+    cycles = walking_cycles([walk(first=0.1, second=-0.05)], n_phases=T)
+    assert cycles.curves.shape == (3, T, len(CHANNEL_NAMES))
+    assert cycles.durations_s == pytest.approx(1.1, abs=0.4 / RATE)
+    expected = curves(np.arange(T) / T, 0.1, -0.05)
+    # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 4π + 0.4 × 2π rad a cycle) by 0.012 rad
+    assert cycles.curves[1, :, 1:] == pytest.approx(expected, abs=0.015)
+    assert cycles.curves[:, :, 0] == pytest.approx(1.3, abs=1e-6)
+
+
+def test_a_short_motion_has_no_cycles():
+    assert len(walking_cycles([walk(n_cycles=0.9)]).curves) == 0
+    with pytest.raises(InputError, match="two walking cycles"):
+        learn_walking([walk(n_cycles=0.9)])
+
+
+def planted(n=14, seed=0):
+    rng = np.random.default_rng(seed)
+    return [walk(first=0.12 * a, second=0.06 * b, name=f"walk{i}") for i, (a, b) in enumerate(rng.normal(size=(n, 2)))]
+
+
+@pytest.mark.parametrize("scaling", ["none", "joints"])
+def test_pca_finds_the_planted_components(scaling):
+    model = learn_walking(planted(), n_components=2, scaling=scaling, n_phases=T)
+    assert model.explained > 0.95  # the rest: events known to half a frame only
+    span = model.components.reshape(2, -1)
+    for a, b in ((0.1, 0.0), (0.0, 0.1)):
+        wanted = np.zeros((T, len(CHANNEL_NAMES)))
+        wanted[:, 1:] = curves(np.arange(T) / T, a, b) - curves(np.arange(T) / T)
+        solution, *_ = np.linalg.lstsq(span.T, wanted.ravel(), rcond=None)
+        left = np.linalg.norm(wanted.ravel() - solution @ span) / np.linalg.norm(wanted)
+        assert left < 0.15  # the events are known to a fraction of a frame only
+
+
+def test_coefficients_have_the_standard_deviations_it_says():
+    """Projecting the training cycles on the components gives coefficients with deviations λ and no correlation."""
+    motions = planted()
+    model = learn_walking(motions, n_components=3, n_phases=T)
+    weights = np.ones(len(CHANNEL_NAMES))
+    weights[0] = 1 / 30
+    rows = ((walking_cycles(motions, T).curves - model.mean) * weights).reshape(-1, T * len(CHANNEL_NAMES))
+    basis = (model.components * weights).reshape(3, -1)
+    assert basis @ basis.T == pytest.approx(np.eye(3), abs=1e-9)
+    covariance = np.cov(rows @ basis.T, rowvar=False)
+    assert covariance == pytest.approx(np.diag(model.scales**2), abs=1e-9)
+
+
+def test_the_number_of_components_follows_the_variance():
+    few, many = (learn_walking(planted(), variance=v, n_phases=T) for v in (0.5, 0.999))
+    assert len(few.scales) < len(many.scales)
+    assert few.explained > 0.5
+    assert many.explained > 0.999
+    one_less = learn_walking(planted(), n_components=len(many.scales) - 1, n_phases=T)
+    assert one_less.explained <= 0.999  # the fewest that explain more
+
+
+@pytest.mark.parametrize("options", [{"n_components": 0}, {"n_components": 500}, {"variance": 1.0}, {"scaling": "x"}])
+def test_wrong_options_are_refused(options):
+    with pytest.raises(InputError):
+        learn_walking(planted(4), **options)
+
+
+def test_a_model_survives_the_disk(tmp_path):
+    model = learn_walking(planted(), n_components=2)
+    provenance = Provenance({"a.amc": "12"}, {"variance": 0.95}, ("free",))
+    save(tmp_path / "deep" / "m.h5", model, provenance)
+    read = load(WalkingModel, tmp_path / "deep" / "m.h5")
+    for name in ("mean", "components", "scales"):
+        assert (getattr(read, name) == getattr(model, name)).all()
+    assert (read.cycle_rate_hz, read.explained, read.n_cycles) == (
+        model.cycle_rate_hz,
+        model.explained,
+        model.n_cycles,
+    )
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["m.h5"]
+    assert Provenance({"a.amc": "13"}, {"variance": 0.95}, ("free",)).key != provenance.key
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all"])
+def test_what_is_no_model_is_refused(tmp_path, content):
+    path = tmp_path / "m.h5"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"m\.h5"):
+        load(WalkingModel, path)
+
+
+def swaying(heading_rate=0.0, **options):
+    """A walker whose root sways aside by 2 cm once a cycle, up and down by 1 cm twice, and turns by 0.1 rad once."""
+    motion = walk(n_cycles=4.5, heading=0.0, **options)
+    times = np.arange(len(motion)) / RATE
+    phase = 2 * np.pi * (times / 1.1 - 0.25)
+    even = 0.4 + heading_rate * times
+    way = np.cumsum(1.3 / RATE * np.column_stack([np.cos(even), np.sin(even)]), axis=0)
+    motion.poses[:, :2] = way + 0.02 * np.sin(phase)[:, None] * np.column_stack([-np.sin(even), np.cos(even)])
+    motion.poses[:, 2] = 0.95 + 0.01 * np.cos(2 * phase) + 0.02 * times
+    motion.poses[:, 3], motion.poses[:, 4] = even + 0.1 * np.cos(phase), 0.05
+    return motion
+
+
+@pytest.mark.parametrize("heading_rate", [0.0, 0.3])
+def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
+    cycles = walking_cycles([swaying(heading_rate)], n_phases=T, root=True)
+    phase = 2 * np.pi * np.arange(T) / T
+    assert cycles.curves.shape[2] == len(CHANNEL_NAMES) + len(ROOT_CHANNELS)
+    sway = cycles.curves[:, :, len(CHANNEL_NAMES) :]
+    expected = [0.02 * np.sin(phase), 0.01 * np.cos(2 * phase), 0.1 * np.cos(phase), 0 * phase, 0 * phase]
+    # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 2π a cycle) by 2 mrad; aside is integrated from
+    # velocities that central differences flatten by 0.2 %
+    assert sway == pytest.approx(np.broadcast_to(np.transpose(expected), sway.shape), abs=3e-3)
+
+
+def test_a_model_that_sways_is_written_and_read_back(tmp_path):
+    model = learn_walking([walk(), swaying(), walk(first=0.1)], n_components=2, scaling="joints", root=True, n_phases=T)
+    save(tmp_path / "model.h5", model, Provenance({}, {}, ()))
+    found = load(WalkingModel, tmp_path / "model.h5")
+    assert found.mean.shape == (T, len(CHANNEL_NAMES) + len(ROOT_CHANNELS))
+    np.testing.assert_array_equal(found.components, model.components)

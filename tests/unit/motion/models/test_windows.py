@@ -1,0 +1,167 @@
+"""Windows of motion: features, clip ends, PCA and the sliding memory against direct computations."""
+
+import logging
+
+import h5py
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import axis_rotations
+from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
+from workbench.motion.models.store import Provenance, load, save
+from workbench.motion.models.windows import (
+    Windows,
+    advance,
+    learn_windows,
+    pose_rows,
+)
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.utils.errors import InputError
+
+LENGTH = 10
+
+
+def advance_reference(memory, rows, filters, offset, b):
+    """What `advance` computes, in plain NumPy."""
+    ahead = np.concatenate([memory[:, b:], np.zeros((len(memory), b))], axis=1)
+    return ahead - offset + rows @ filters
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return builtin_motions(n_subjects=3)
+
+
+@pytest.fixture(scope="module")
+def windows(motions):
+    return learn_windows(motions, length=LENGTH)
+
+
+def test_rows_rebuild_the_motion(motions):
+    poses = motions[0].resampled(30.0).poses
+    rows = pose_rows(poses, 30.0, PARTS["body"], root=True)
+    n = len(PARTS["body"])
+    assert (rows[:, :n] == poses[1:, N_ROOT:]).all()
+    assert poses[0, N_ROOT:] + np.cumsum(rows[:, n : 2 * n], axis=0) / 30.0 == pytest.approx(poses[1:, N_ROOT:])
+    place = poses[0, :4].copy()
+    for row, pose in zip(rows[:, 2 * n :], poses[1:], strict=True):
+        place[:3] += axis_rotations(np.array([0.0, 0.0, 1.0]), place[3:4])[0] @ row[:3] / 30.0
+        place[3] += row[3] / 30.0
+        assert place == pytest.approx(pose[:4], abs=1e-9)
+        assert (row[4:] == pose[4:N_ROOT]).all()
+
+
+def test_where_and_which_way_someone_walks_does_not_matter(motions):
+    poses = motions[0].poses
+    moved = poses.copy()
+    moved[:, :3] = poses[:, :3] @ axis_rotations(np.array([0.0, 0.0, 1.0]), np.array([1.1]))[0].T + [3.0, -2.0, 0.5]
+    moved[:, 3] += 1.1
+    rows = [pose_rows(p, 60.0, PARTS["body"], root=True) for p in (poses, moved)]
+    assert rows[1] == pytest.approx(rows[0], abs=1e-9)
+
+
+def test_windows_stay_in_their_clip_and_have_a_successor(motions, windows):
+    frames = [len(motion.resampled(30.0)) - 1 for motion in motions]  # rows: the first frame has no velocity
+    firsts = np.cumsum([0, *frames])[:-1]
+    expected = [first + np.arange(LENGTH - 1, rows - 1) for first, rows in zip(firsts, frames, strict=True)]
+    assert (windows.ends == np.concatenate(expected)).all()
+
+
+def test_the_components_are_those_of_an_svd(windows):
+    stacked = windows.window_rows(np.arange(len(windows))) / windows.scales
+    stacked = stacked.reshape(len(windows), -1)
+    centred = stacked - stacked.mean(axis=0)
+    _, singular, right = np.linalg.svd(centred, full_matrices=False)
+    b = len(windows.sigmas)
+    assert b == int(np.log2(len(windows)))
+    # float32 coefficients and sums of float32 rows: 1e-6 of a value, or of the first component's deviation
+    assert windows.sigmas == pytest.approx(singular[:b] / np.sqrt(len(windows)), rel=1e-6)
+    assert windows.explained == pytest.approx((singular[:b] ** 2).sum() / (singular**2).sum(), abs=1e-6)
+    c = centred @ right[:b].T / windows.sigmas
+    c *= np.sign((c * windows.coefficients).sum(axis=0))
+    assert windows.coefficients == pytest.approx(c, abs=1e-4)
+    assert windows.coefficients.std(axis=0) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_projection_gives_the_stored_coefficients(windows):
+    entries = np.array([0, 5, len(windows) - 1])
+    assert windows.project(windows.window_rows(entries)) == pytest.approx(windows.coefficients[entries], abs=1e-5)
+
+
+def test_the_memory_slides_along_the_clip(windows):
+    """Advancing the memory of a window by the row after it gives the next window's coefficients."""
+    b = len(windows.sigmas)
+    memory = windows.memory(windows.window_rows(np.array([3])))
+    for entry in (4, 5, 6, 20):
+        if entry == 20:
+            memory = windows.memory(windows.window_rows(np.array([19])))
+        row = windows.rows[windows.ends[[entry]]].astype(np.float64)
+        memory = advance(memory, row, windows.filters, windows.offset, b)
+        assert memory[:, :b] == pytest.approx(windows.coefficients[[entry]], abs=1e-5)
+
+
+def test_the_kernel_agrees_with_numpy(windows):
+    rng = np.random.default_rng(0)
+    memory = rng.normal(size=(7, windows.filters.shape[1]))
+    rows = rng.normal(size=(7, windows.filters.shape[0]))
+    arguments = (memory, rows, windows.filters, windows.offset, len(windows.sigmas))
+    assert advance(*arguments) == pytest.approx(advance_reference(*arguments), rel=1e-10, abs=1e-10)
+
+
+def test_a_part_of_the_body(motions):
+    arm = learn_windows(motions, angles=PARTS["right_arm"], root=False)
+    assert arm.rows.shape[1] == 8  # paper C's arm: four angles and their velocities
+    column = POSE_NAMES.index("right_elbow_flexion")
+    assert arm.rows[0, 3] == pytest.approx(motions[0].resampled(30.0).poses[1, column], rel=1e-6)
+
+
+def test_short_clips_are_named(motions, caplog):
+    short = builtin_motions(n_subjects=1, seed=1)[0]
+    short = type(short)(**{**short.__dict__, "poses": short.poses[:12], "name": "tiny"})
+    with caplog.at_level(logging.WARNING):
+        windows = learn_windows([*motions, short])
+    assert "tiny" in caplog.text
+    assert len(windows) == len(learn_windows(motions))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"angles": ("left_wing",)}, "left_wing"), ({"angles": ()}, "angles"), ({"length": 0}, "length"),
+     ({"length": 5000}, "at least 4 windows"), ({"rate_hz": 0.0}, "rate")],
+)  # fmt: skip
+def test_bad_input_is_refused(motions, change, message):
+    with pytest.raises(InputError, match=message):
+        learn_windows(motions, **change)
+
+
+PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
+
+
+def test_what_is_written_is_read(windows, tmp_path):
+    save(tmp_path / "w.h5", windows, PROVENANCE)
+    again = load(Windows, tmp_path / "w.h5")
+    for name in ("rows", "ends", "scales", "mean", "basis", "sigmas", "coefficients"):
+        assert (getattr(again, name) == getattr(windows, name)).all()
+    assert (again.angles, again.root, again.rate_hz) == (windows.angles, windows.root, windows.rate_hz)
+    assert [file.name for file in tmp_path.iterdir()] == ["w.h5"]
+
+
+def test_damaged_files_are_refused(windows, tmp_path):
+    path = tmp_path / "w.h5"
+    with pytest.raises(InputError, match="found none"):
+        load(Windows, path)
+    path.write_bytes(b"not HDF5")
+    with pytest.raises(InputError, match="HDF5"):
+        load(Windows, path)
+    for name, value in (("ends", windows.ends + len(windows.rows)), ("sigmas", windows.sigmas[1:])):
+        save(path, windows, PROVENANCE)
+        with h5py.File(path, "r+") as file:
+            del file[name]
+            file[name] = value
+        with pytest.raises(InputError, match="expected"):
+            load(Windows, path)
+    save(path, windows, PROVENANCE)
+    with h5py.File(path, "r+") as file:
+        del file["rows"]
+    with pytest.raises(InputError, match="rows"):
+        load(Windows, path)

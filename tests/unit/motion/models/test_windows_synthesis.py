@@ -1,0 +1,65 @@
+"""What windows know of their clips: kept on disk, checked, and used to leave windows out."""
+
+import h5py
+import numpy as np
+import pytest
+
+from workbench.motion.models.store import Provenance, load, save
+from workbench.motion.models.windows import Windows, learn_windows
+from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors.implicit import Implicit
+from workbench.utils.errors import InputError
+
+PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return builtin_motions(n_subjects=3)
+
+
+@pytest.fixture(scope="module")
+def windows(motions):
+    return learn_windows(motions)
+
+
+def test_clips_are_written_and_read(windows, motions, tmp_path):
+    save(tmp_path / "w.h5", windows, PROVENANCE)
+    again = load(Windows, tmp_path / "w.h5")
+    assert again.clips == windows.clips == tuple(motion.name for motion in motions)
+    assert again.activities == windows.activities == ("walk",) * 3
+    assert (again.firsts == windows.firsts).all()
+
+
+@pytest.mark.parametrize("damage", ["activities", "firsts", "clips"])
+def test_clips_that_do_not_fit_are_refused(windows, tmp_path, damage):
+    save(tmp_path / "w.h5", windows, PROVENANCE)
+    with h5py.File(tmp_path / "w.h5", "r+") as file:
+        value = {"activities": ["walk"], "firsts": windows.firsts[::-1].copy(), "clips": np.arange(3)}[damage]
+        del file[damage]
+        file[damage] = value
+    with pytest.raises(InputError, match=r"w\.h5: (/\w+: )?expected"):
+        load(Windows, tmp_path / "w.h5")
+
+
+def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
+    kept = windows.clip_of != 1
+    whole = Implicit(windows, beta=2.0, epsilon=1e-6)
+    some = whole.only(kept)
+    probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 20000, axis=0)  # of the first clip
+    from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))
+    assert 1 not in some.windows.clip_of[from_some]
+    assert 1 in windows.clip_of[from_whole]
+    places = np.flatnonzero(kept)[from_some]
+    conditional = np.bincount(from_whole, minlength=len(windows))[kept] / kept[from_whole].sum()
+    seen = np.bincount(places, minlength=len(windows))[kept] / len(places)
+    assert np.abs(seen - conditional).max() < 5 * np.sqrt(2 * conditional.max() / kept[from_whole].sum())
+
+
+def test_another_search_has_its_own_tree_and_leaves_the_first_alone(windows):
+    exact = Implicit(windows, beta=0.5)
+    tree = exact.searching("sign_tree", 0.1)
+    assert (tree.search, tree.beta, exact.search, exact.beta) == ("sign_tree", 0.1, "exact", 0.5)
+    own = Implicit(windows, search="sign_tree", beta=0.1)
+    probes = windows.coefficients[::7].astype(np.float64)
+    assert (tree.draw(probes, np.random.default_rng(0)) == own.draw(probes, np.random.default_rng(0))).all()

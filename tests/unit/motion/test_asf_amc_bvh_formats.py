@@ -1,0 +1,193 @@
+"""Random skeletons and movements written as BVH and Acclaim text, read back, and placed by 4×4 matrices here."""
+
+from itertools import permutations
+
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from workbench.motion.formats.asf_amc import read_amc
+from workbench.motion.formats.bvh import read_bvh
+
+WORLD = [2, 0, 1]  # world x, y, z are the file's z, x, y
+QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+TOLERANCE_M = 1e-6  # numbers are written with 9 significant digits and the coordinates stay below 100 m
+
+NUMBERS = st.sampled_from(
+    [
+        lambda x: f"{x:.9f}",
+        lambda x: f"{x:.9g}",
+        lambda x: f"{x:+.9e}",
+        lambda x: f"{x:.9E}".replace("E-", "E-0").replace("E+", "E+0"),  # three digits, as Windows prints exponents
+    ]
+)
+NEWLINES = st.sampled_from(["\n", "\r\n"])
+
+
+@st.composite
+def trees(draw):
+    """Parents of 2 to 7 joints, -1 for the first."""
+    n = draw(st.integers(2, 7))
+    return [-1, *[draw(st.integers(0, k - 1)) for k in range(1, n)]]
+
+
+def turn(axis, degrees):
+    """4×4 turn about the file's axis "X", "Y" or "Z"."""
+    a, b = {"X": (1, 2), "Y": (2, 0), "Z": (0, 1)}[axis.upper()]
+    s, c = np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))
+    matrix = np.eye(4)
+    matrix[a, a], matrix[a, b], matrix[b, a], matrix[b, b] = c, -s, s, c
+    return matrix
+
+
+def shift(vector):
+    matrix = np.eye(4)
+    matrix[:3, 3] = vector
+    return matrix
+
+
+@QUICK
+@given(data=st.data())
+def test_bvh_reads_back(data, tmp_path):
+    parents, number, newline = data.draw(trees()), data.draw(NUMBERS), data.draw(NEWLINES)
+    unit, metres = data.draw(st.sampled_from([("cm", 0.01), ("m", 1.0)]))
+    indent, same_line = data.draw(st.sampled_from([" ", "\t"])), data.draw(st.booleans())
+    n_frames = data.draw(st.integers(1, 4))
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    offsets = rng.uniform(-1, 1, (len(parents), 3)) / metres
+    turns = [data.draw(st.sampled_from(list(permutations("XYZ")))) for _ in parents]
+    moving = [data.draw(st.booleans()) for _ in parents]
+    channels = []
+    for k in range(len(parents)):
+        mine = [f"{axis}rotation" for axis in turns[k]]
+        if moving[k]:  # positions anywhere among the rotations
+            for name in ("Yposition", "Xposition", "Zposition"):
+                mine.insert(data.draw(st.integers(0, len(mine))), name)
+        channels.append(mine)
+    order = depth_first(parents)
+    values = [
+        {k: {c: rng.uniform(-360, 360) if c.endswith("rotation") else rng.uniform(-1, 1) / metres for c in channels[k]}
+         for k in order} for _ in range(n_frames)
+    ]  # fmt: skip
+
+    lines = ["HIERARCHY", *bvh_joint(0, parents, offsets, channels, number, indent, same_line), "MOTION"]
+    lines += [f"Frames:\t{n_frames}", "Frame Time: 0.0333333"]
+    lines += [" ".join(number(row[k][c]) for k in order for c in channels[k]) for row in values]
+    path = tmp_path / "random.bvh"
+    path.write_bytes((newline.join(lines) + newline).encode())
+    clip = read_bvh(path, unit)
+
+    assert clip.rate_hz == 30.0
+    assert len(clip) == n_frames
+    for frame, row in enumerate(values):
+        matrices = {-1: np.eye(4)}
+        for k in order:
+            given = row[k]
+            place = [given.get(f"{axis}position", offsets[k, i]) for i, axis in enumerate("XYZ")]
+            matrices[k] = matrices[parents[k]] @ shift(metres * np.array(place))
+            for axis in turns[k]:
+                matrices[k] = matrices[k] @ turn(axis, given[f"{axis}rotation"])
+            found = clip.positions[frame, clip.joint(f"joint {k}")]
+            np.testing.assert_allclose(found, matrices[k][:3, 3][WORLD], atol=TOLERANCE_M)
+            orientation = clip.orientations[frame, clip.joint(f"joint {k}")]
+            np.testing.assert_allclose(orientation, matrices[k][:3, :3][np.ix_(WORLD, WORLD)], atol=TOLERANCE_M)
+            if k not in parents:
+                end = matrices[k] @ [*(metres * offsets[k]), 1.0]  # its end site is written with its own offset
+                found = clip.positions[frame, clip.joint(f"joint {k}_end")]
+                np.testing.assert_allclose(found, end[:3][WORLD], atol=TOLERANCE_M)
+
+
+def depth_first(parents, k=0):
+    return [k, *[j for child, parent in enumerate(parents) if parent == k for j in depth_first(parents, child)]]
+
+
+def bvh_joint(k, parents, offsets, channels, number, indent, same_line):
+    offset = "OFFSET " + " ".join(map(number, offsets[k]))
+    inner = [offset, f"CHANNELS {len(channels[k])} " + " ".join(channels[k])]
+    for child, parent in enumerate(parents):
+        if parent == k:
+            inner += bvh_joint(child, parents, offsets, channels, number, indent, same_line)
+    if k not in parents:
+        inner += ["End Site", "{", indent + offset, "}"]
+    head = f"{'ROOT' if k == 0 else 'JOINT'} joint {k}"
+    return [*([f"{head} {{"] if same_line else [head, "{"]), *[indent + line for line in inner], "}"]
+
+
+@QUICK
+@given(data=st.data())
+def test_acclaim_reads_back(data, tmp_path):
+    parents, number, newline = data.draw(trees()), data.draw(NUMBERS), data.draw(NEWLINES)
+    names = ["root", *[f"bone{k}" for k in range(1, len(parents))]]
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    directions = rng.normal(size=(len(parents), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    lengths, unit = rng.uniform(0, 10, len(parents)), data.draw(st.sampled_from([0.45, 1.0]))
+    lengths[0] = 0.0
+    axes, axes[0] = rng.uniform(-180, 180, (len(parents), 3)), 0.0
+    orders = [data.draw(st.sampled_from(["".join(p) for p in permutations("XYZ")])) for _ in parents]
+    turns = st.lists(st.sampled_from(["rx", "ry", "rz"]), unique=True, max_size=3)
+    channels = [data.draw(st.permutations(["tx", "ty", "tz", "rx", "ry", "rz"]))]
+    channels += [data.draw(turns) for _ in parents[1:]]
+    first, n_frames = data.draw(st.integers(0, 500)), data.draw(st.integers(1, 4))
+    angle, amc_angle = data.draw(st.sampled_from(["deg", "rad"])), data.draw(st.sampled_from([None, "deg", "rad"]))
+    motion_angle = amc_angle or angle
+    degrees = [  # of the motions, and lengths of the root's shifts in file units
+        [{c: rng.uniform(-180, 180) if c[0] == "r" else rng.uniform(-10, 10) for c in mine} for mine in channels]
+        for _ in range(n_frames)
+    ]
+
+    write_asf(tmp_path / "s.asf", names, parents, directions, lengths, unit, axes, orders, channels, angle,
+              number, newline)  # fmt: skip
+    lines = ["# a comment", ":FULLY-SPECIFIED", *{None: [], "deg": [":DEGREES"], "rad": [":RADIANS"]}[amc_angle]]
+    for frame, row in enumerate(degrees):
+        lines.append(str(first + frame))
+        for k in rng.permutation(len(parents)):  # bones may come in any order
+            if channels[k]:
+                written = [to_unit(row[k][c], motion_angle) if c[0] == "r" else row[k][c] for c in channels[k]]
+                lines.append(" ".join([names[k], *map(number, written)]))
+    (tmp_path / "s_01.amc").write_bytes((newline.join(lines) + newline).encode())
+    clip = read_amc(tmp_path / "s_01.amc", rate_hz=60.0)
+
+    assert (clip.first_frame, len(clip), clip.rate_hz) == (first, n_frames, 60.0)
+    metres = 0.0254 / unit
+    for frame, row in enumerate(degrees):
+        matrices = {}
+        for k in depth_first(parents):
+            if k == 0:
+                start = shift(metres * np.array([row[0][c] for c in ("tx", "ty", "tz")]))
+            else:
+                start = matrices[parents[k]] @ shift(metres * lengths[parents[k]] * directions[parents[k]])
+            axis, own = np.eye(4), np.eye(4)
+            for letter in orders[k]:  # about fixed axes: a later turn stands further left
+                axis = turn(letter, axes[k]["XYZ".index(letter)]) @ axis
+                own = turn(letter, row[k].get(f"r{letter.lower()}", 0.0)) @ own
+            matrices[k] = start @ axis @ own @ np.linalg.inv(axis)
+            found = clip.positions[frame, clip.joint(names[k])]
+            np.testing.assert_allclose(found, start[:3, 3][WORLD], atol=TOLERANCE_M)
+            if k not in parents and k > 0:
+                end = matrices[k] @ [*(metres * lengths[k] * directions[k]), 1.0]
+                found = clip.positions[frame, clip.joint(f"{names[k]}_end")]
+                np.testing.assert_allclose(found, end[:3][WORLD], atol=TOLERANCE_M)
+
+
+def to_unit(degrees, unit):
+    return degrees if unit == "deg" else np.deg2rad(degrees)
+
+
+def write_asf(path, names, parents, directions, lengths, unit, axes, orders, channels, angle, number, newline):
+    lines = ["# a comment", ":version 1.10", ":name someone", ":units", " mass 1.0", f" length {unit}",
+             f" angle {angle}", ":documentation", " begin with any words", ":root", f" axis {orders[0]}",
+             " order " + " ".join(channels[0]).upper(), " position 0 0 0", " orientation 0 0 0",
+             ":bonedata"]  # fmt: skip
+    for k in range(1, len(names)):
+        turned = " ".join(number(to_unit(a, angle)) for a in axes[k])
+        lines += [" begin", f"  id {k}", f"  name {names[k]}", "  direction " + " ".join(map(number, directions[k])),
+                  f"  length {number(lengths[k])}", f"  axis {turned} {orders[k]}"]  # fmt: skip
+        if channels[k]:
+            lines += ["  dof " + " ".join(channels[k]), "  limits (-10.0 170.0)", "         (-20.0 20.0)"]
+        lines.append(" end")
+    lines += [":hierarchy", " begin"]
+    for k, name in enumerate(names):
+        if k in parents:
+            lines.append("  " + " ".join([name, *[names[c] for c, parent in enumerate(parents) if parent == k]]))
+    path.write_bytes((newline.join([*lines, " end"]) + newline).encode())

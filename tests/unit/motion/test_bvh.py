@@ -1,0 +1,146 @@
+"""BVH files: what is in them by hand, by our reader, and by another program's kinematics."""
+
+from dataclasses import replace
+
+import bvhio
+import numpy as np
+import pytest
+from sound_files import BVH
+
+from workbench.body.kinematics import joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.motion.formats.bvh import bvh_text, read_bvh
+from workbench.utils.errors import InputError
+
+SKELETON = person_skeleton(from_height(1.8))
+LEAVES = {"head_centre": "neck_end", **{f"{side}_{leaf}": f"{side}_{parent}_end" for side in ("left", "right")
+          for leaf, parent in (("wrist", "elbow"), ("ankle", "knee"))}}  # fmt: skip
+"""What a reader calls our joints without children."""
+
+
+def pose(**values):
+    numbers = np.zeros(25)
+    for name, value in values.items():
+        numbers[POSE_NAMES.index(name)] = value
+    return numbers
+
+
+def random_poses(n, seed=3):
+    rng = np.random.default_rng(seed)
+    return np.hstack([rng.uniform(-3.0, 3.0, (n, 3)), rng.uniform(-np.pi, np.pi, (n, 22))])
+
+
+def channels(text):
+    """{(joint, channel): values (F,)} of the text of a BVH file, by its words."""
+    hierarchy, motion = text.split("MOTION")
+    names, joint = [], ""
+    for words in map(str.split, hierarchy.splitlines()):
+        if words[0] in ("ROOT", "JOINT"):
+            joint = words[1]
+        if words[0] == "CHANNELS":
+            assert int(words[1]) == len(words) - 2
+            names += [(joint, word) for word in words[2:]]
+    rows = np.array([row.split() for row in motion.splitlines()[3:]], dtype=float)
+    return dict(zip(names, rows.T, strict=True))
+
+
+def test_channels_by_hand():
+    # The file's y is up, its z is the world's x, ahead, and its x the world's y, to the left.
+    turned = pose(root_x=1.0, root_y=2.0, root_z=3.0, root_heading=np.pi / 2, neck_nod=0.1)
+    # Abduction lifts the left arm about the axis ahead and the right arm about the one behind.
+    arms = pose(left_shoulder_abduction=np.pi / 6, right_shoulder_abduction=np.pi / 6, left_elbow_flexion=np.pi / 4)
+    found = channels(bvh_text(SKELETON, np.stack([turned, arms]), 30.0))
+    expected = {
+        ("pelvis", "Xposition"): (200.0, 0.0), ("pelvis", "Yposition"): (300.0, 0.0),
+        ("pelvis", "Zposition"): (100.0, 0.0), ("pelvis", "Yrotation"): (90.0, 0.0),
+        ("neck", "Xrotation"): (np.rad2deg(0.1), 0.0),
+        ("left_shoulder", "Zrotation"): (0.0, 30.0), ("right_shoulder", "Zrotation"): (0.0, -30.0),
+        ("left_elbow", "Xrotation"): (0.0, -45.0),
+    }  # fmt: skip
+    for channel, values in found.items():
+        assert values == pytest.approx(expected.get(channel, (0.0, 0.0)), abs=1e-6), channel
+    assert expected.keys() <= found.keys()
+
+
+def test_channels_of_a_joint_are_in_the_order_of_its_turns():
+    names = list(channels(bvh_text(SKELETON, np.zeros((1, 25)), 30.0)))
+    order = {joint: "".join(name[0] for found, name in names if found == joint and "rot" in name) for joint, _ in names}
+    assert order["pelvis"] == order["neck"] == "YXZ"  # the world's z y x: heading, pitch, roll
+    assert order["left_shoulder"] == "ZXY"  # abduction, flexion, twist
+    assert order["right_hip"] == "XZY"  # flexion, abduction, twist
+    assert order["left_knee"] == "XYZ"  # flexion, and two that stay zero
+
+
+@pytest.mark.parametrize("unit", ["cm", "m"])
+def test_our_reader_finds_the_same_joints(tmp_path, unit):
+    poses = random_poses(20)
+    path = tmp_path / "out.bvh"
+    path.write_text(bvh_text(SKELETON, poses, 30.0, unit))
+    clip = read_bvh(path, unit)
+    order = [clip.joint(LEAVES.get(name, name)) for name in SKELETON.names]
+    assert sorted(order) == list(range(15))
+    # Six decimals of metres: 0.87e-6 m for each of up to four places in a chain; those of degrees add 2e-7 m
+    np.testing.assert_allclose(clip.positions[:, order], joints(SKELETON, poses), atol=4e-6)
+
+
+def test_another_program_finds_the_same_joints(tmp_path):
+    """bvhio, from PyPI, has kinematics of its own."""
+    poses = random_poses(6)
+    path = tmp_path / "out.bvh"
+    path.write_text(bvh_text(SKELETON, poses, 30.0))
+    root = bvhio.readAsHierarchy(str(path))
+    ends = {joint.Name: np.linalg.norm(joint.EndSite) for joint, _, _ in bvhio.readAsBvh(str(path)).Root.layout()}
+    for frame, expected in enumerate(100.0 * joints(SKELETON, poses)[..., [1, 2, 0]]):
+        root.loadPose(frame)
+        found = {}
+        for joint, _, _ in root.layout():
+            found[joint.Name] = np.array(joint.PositionWorld)
+            # bvhio turns a joint's frame so that y points along its bone: to the End Site, if that is what follows
+            found[f"{joint.Name}_end"] = found[joint.Name] + ends[joint.Name] * np.array(joint.UpWorld)
+        places = np.array([found[LEAVES.get(name, name)] for name in SKELETON.names])
+        np.testing.assert_allclose(places, expected, atol=0.01)  # cm: the 1e-4 m that are asked for; it is in float32
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 120.0, 29.97, 14.0])
+def test_the_frame_rate_survives(tmp_path, rate_hz):
+    path = tmp_path / "out.bvh"
+    path.write_text(bvh_text(SKELETON, np.zeros((3, 25)), rate_hz))
+    clip = read_bvh(path)
+    assert len(clip) == 3
+    assert clip.rate_hz == pytest.approx(rate_hz, rel=0.5e-9 * rate_hz)  # the frame time has nine decimals
+    assert clip.rate_hz == rate_hz or rate_hz == 29.97
+
+
+def test_angles_stay_continuous():
+    turns = np.stack([pose(root_heading=angle, left_shoulder_flexion=angle) for angle in np.linspace(0.0, 12.0, 60)])
+    found = channels(bvh_text(SKELETON, turns, 30.0))
+    steps = np.diff(found["pelvis", "Yrotation"]), -np.diff(found["left_shoulder", "Xrotation"])
+    np.testing.assert_allclose(steps, np.rad2deg(12.0 / 59), atol=1e-6)
+
+
+def test_what_bvh_cannot_hold_is_refused():
+    with pytest.raises(ValueError, match="cm or m"):
+        bvh_text(SKELETON, np.zeros((1, 25)), 30.0, "mm")
+    oblique, twice = SKELETON.dof_axes.copy(), SKELETON.dof_axes.copy()
+    oblique[SKELETON.dof("left_knee_flexion")] = (0.6, 0.8, 0.0)
+    twice[SKELETON.dof("left_hip_twist")] = (0.0, 1.0, 0.0)
+    for axes, joint in ((oblique, "left_knee"), (twice, "left_hip")):
+        with pytest.raises(ValueError, match=joint):
+            bvh_text(replace(SKELETON, dof_axes=axes), np.zeros((1, 25)), 30.0)
+
+
+@pytest.mark.parametrize(
+    ("frame_time", "rate_hz"),
+    [("0.0333333", 30.0), ("0.033333", 30.0), ("0.0333", 30.0), ("3.33333e-02", 30.0), ("0.00833333", 120.0),
+     ("0.033367", 1 / 0.033367), ("0.04", 25.0), ("0.5", 2.0), ("2.5", 0.4)],
+)  # fmt: skip
+def test_frame_time_is_read_to_its_digits(tmp_path, frame_time, rate_hz):
+    (tmp_path / "r.bvh").write_text(BVH.replace("0.0333333", frame_time))
+    assert read_bvh(tmp_path / "r.bvh").rate_hz == pytest.approx(rate_hz, rel=1e-12)
+
+
+def test_unit_is_cm_or_m(tmp_path):
+    (tmp_path / "good.bvh").write_text(BVH)
+    with pytest.raises(InputError, match="one of cm, m, found 'inch'"):
+        read_bvh(tmp_path / "good.bvh", unit="inch")

@@ -1,0 +1,146 @@
+"""TRC files and tables: by hand, by a reader as strict as OpenSim's, and by another program's."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+import trc
+
+from workbench.body.kinematics import joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.motion.formats.export import Track, csv_text, frame_rate, trc_text
+from workbench.utils.errors import InputError
+
+SKELETON = person_skeleton(from_height(1.7))
+BY_HAND = (
+    "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
+    "50\t50\t2\t2\tmm\t50\t1\t2\n"
+    "Frame#\tTime\tknee\t\t\tankle\n"
+    "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
+    "\n"
+    "1\t0.000000000\t2000.0000\t3000.0000\t1000.0000\t-0.5000\t0.2500\t0.1250\n"
+    "2\t0.020000000\t0.0000\t0.0000\t0.0000\tnan\tnan\tnan\n"
+)
+
+
+def track(n=7):
+    rng = np.random.default_rng(5)
+    poses = rng.uniform(-1.0, 1.0, (n, 25))
+    return Track(SKELETON, 40 + np.arange(n), 1.5 + np.arange(n) / 25.0, joints(SKELETON, poses), poses)
+
+
+def read_strictly(text):
+    """Header, markers, times (F,) and positions (F, M, 3) by the rules OpenSim documents and its reader enforces."""
+    lines = text.split("\n")
+    assert lines[0].split("\t")[:3] == ["PathFileType", "4", "(X/Y/Z)"]
+    keys = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+            "OrigNumFrames"]  # fmt: skip
+    assert lines[1].split("\t") == keys
+    header = dict(zip(keys, lines[2].split("\t"), strict=True))
+    labels = lines[3].split("\t")
+    assert labels[:2] == ["Frame#", "Time"]
+    markers = labels[2::3]  # each stands above its x
+    n_markers, n_frames = int(header["NumMarkers"]), int(header["NumFrames"])
+    assert len(markers) == n_markers
+    assert [label for label in labels if label] == ["Frame#", "Time", *markers]
+    assert lines[4].split("\t") == ["", "", *[f"{axis}{k}" for k in range(1, n_markers + 1) for axis in "XYZ"]]
+    assert lines[5] == ""
+    assert lines[6 + n_frames :] == [""]
+    rows = np.array([line.split("\t") for line in lines[6 : 6 + n_frames]], dtype=float)
+    assert rows.shape == (n_frames, 2 + 3 * n_markers)
+    start, rate = int(header["OrigDataStartFrame"]), float(header["DataRate"])
+    np.testing.assert_allclose(rows[:, 1], (rows[:, 0] - start) / rate, atol=1e-9)  # the documented t = (f − start) / r
+    return header, markers, rows[:, 1], rows[:, 2:].reshape(n_frames, n_markers, 3)
+
+
+def test_by_hand():
+    positions = np.array([[[1.0, 2.0, 3.0], [0.000125, -0.0005, 0.00025]], [[0.0] * 3, [np.nan] * 3]])
+    assert trc_text("walk.trc", ("knee", "ankle"), positions, 50.0) == BY_HAND
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("m", 1.0)])
+def test_joints_come_back_as_opensim_reads_them(unit, per_metre):
+    given = track()
+    header, markers, times, places = read_strictly(trc_text("a b.trc", JOINT_NAMES, given.positions, 25.0, unit))
+    assert (header["Units"], header["DataRate"], header["NumFrames"]) == (unit, "25", "7")
+    assert tuple(markers) == JOINT_NAMES
+    assert times[-1] == pytest.approx(6 / 25.0)
+    # y up and z ahead; half of the last digit that is written
+    np.testing.assert_allclose(places[..., [2, 0, 1]] / per_metre, given.positions, atol=0.51e-7)
+
+
+def test_another_program_reads_them(tmp_path):
+    """trc-data-reader, from PyPI."""
+    given, path = track(), tmp_path / "walk.trc"
+    path.write_text(trc_text(path.name, JOINT_NAMES, given.positions, 25.0))
+    data = trc.TRCData()
+    data.load(str(path))
+    header = {"PathFileType": "4", "DataFormat": "(X/Y/Z)", "FileName": "walk.trc", "DataRate": 25.0,
+              "CameraRate": 25.0, "NumFrames": 7, "NumMarkers": 15, "Units": "mm", "OrigDataRate": 25.0,
+              "OrigDataStartFrame": 1, "OrigNumFrames": 7}  # fmt: skip
+    assert {key: data[key] for key in header} == header
+    assert data["Markers"] == list(JOINT_NAMES)
+    assert data["Frame#"] == list(range(1, 8))
+    assert data["Time"] == pytest.approx(np.arange(7) / 25.0)
+    places = np.stack([np.array(data[name]) for name in JOINT_NAMES], axis=1)
+    np.testing.assert_allclose(places[..., [2, 0, 1]] / 1000.0, given.positions, atol=0.51e-7)
+
+
+def test_only_the_units_of_opensim():
+    with pytest.raises(ValueError, match="mm or m"):
+        trc_text("walk.trc", JOINT_NAMES, track().positions, 25.0, "cm")
+
+
+def test_a_table_holds_joints_and_poses_in_named_columns():
+    given = track()
+    given.positions[2, 3] = np.nan
+    rows = list(csv.DictReader(io.StringIO(csv_text(given))))
+    assert [int(row["frame"]) for row in rows] == given.frames.tolist()
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(given.times_s)
+    assert len(rows[0]) == 2 + 45 + 25
+    for j, joint in enumerate(JOINT_NAMES):
+        for a, axis in enumerate("xyz"):
+            cells = [row[f"{joint}_{axis}_m"] for row in rows]
+            assert (cells[2] == "") == (j == 3)
+            found = [float(cell or "nan") for cell in cells]
+            np.testing.assert_allclose(found, given.positions[:, j, a], atol=0.51e-9)
+    for k, name in enumerate(POSE_NAMES):
+        found = [float(row[f"{name}_{'m' if k < 3 else 'rad'}"]) for row in rows]
+        np.testing.assert_allclose(found, given.poses[:, k], atol=0.51e-9)
+
+
+def test_a_table_of_joints_alone_has_no_pose():
+    given = track()
+    header = csv_text(Track(SKELETON, given.frames, given.times_s, given.positions)).splitlines()[0]
+    assert header.split(",")[-1] == "right_ankle_z_m"
+
+
+@pytest.mark.parametrize("rate_hz", [14.0, 25.0, 30.0, 120.0, 240.0])
+@pytest.mark.parametrize("n", [2, 3, 50, 2000])
+def test_a_whole_rate_is_found_from_nanoseconds(rate_hz, n):
+    assert frame_rate(7.0 + np.round(np.arange(n) / rate_hz, 9)) == rate_hz
+
+
+def test_a_rate_that_is_not_whole_and_a_clock_that_jitters():
+    assert frame_rate(np.arange(100) / 29.97) == pytest.approx(29.97, rel=1e-9)
+    milliseconds = np.round(np.arange(91) / 30.0, 3)
+    assert frame_rate(milliseconds) == 30.0  # 0.033 and 0.034 s apart, 3.000 s in all
+
+
+@pytest.mark.parametrize(
+    ("times_s", "sentence"),
+    [
+        ([0.0, 0.1, 0.2, 0.4, 0.5], r"0\.2 s after 0\.200 s where most are 0\.1 s"),
+        ([0.0, 0.1, 0.2, 0.2, 0.3], r"0 s after 0\.200 s"),
+        ([1.0], "two frames or more, to know their rate, found 1"),
+        ([], "found 0"),
+        ([2.0, 2.0, 2.0], "even times"),
+        ([2.0, 1.0, 0.0], "even times"),
+    ],
+)
+def test_uneven_times_have_no_rate(times_s, sentence):
+    with pytest.raises(InputError, match=sentence):
+        frame_rate(np.array(times_s))

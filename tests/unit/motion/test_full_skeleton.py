@@ -1,0 +1,126 @@
+"""The full skeleton of small clips: the same joints in the same places, whatever the file's frames."""
+
+import full_skeleton_clips as clips
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from workbench.body.kinematics import forward, joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import POSE_NAMES
+from workbench.body.surface import person_surface
+from workbench.motion.full_skeleton import full_body, full_poses, full_skeleton
+from workbench.utils.errors import InputError
+
+ENDS = tuple(name for name in clips.BANDAI_LIKE if name.endswith("_end"))
+
+
+def bandai_like(seed, **options):
+    """A clip like Bandai's: the root stands still, the hips travel in it, end sites rest."""
+    rotations = clips.wandering(clips.BANDAI_LIKE, seed, still=("joint_Root", *ENDS), **options)
+    offsets = np.array([offset for _, offset in clips.BANDAI_LIKE.values()])
+    places = np.broadcast_to(offsets, (len(rotations), *offsets.shape)).copy()
+    places[:, 1] = np.cumsum(np.random.default_rng(seed).normal(0.0, 0.03, (len(rotations), 3)), axis=0)
+    return clips.clip(clips.BANDAI_LIKE, rotations, places)
+
+
+def places_of(clip, names):
+    return clip.positions[:, [clip.joint(name) for name in names]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forward_kinematics_gives_the_clips_positions(seed):
+    clip = bandai_like(seed)
+    skeleton, poses = full_skeleton(clip), full_poses(clip)
+    assert poses.shape == (60, 66)
+    np.testing.assert_allclose(joints(skeleton, poses), places_of(clip, skeleton.names), atol=1e-12)
+
+
+def test_names_and_degrees_of_freedom():
+    skeleton = full_skeleton(bandai_like(0))
+    assert skeleton.names == tuple(n for n in clips.BANDAI_LIKE if n not in (*ENDS, "joint_Root"))
+    assert skeleton.dof_names[:6] == POSE_NAMES[:6]
+    assert skeleton.dof_names[6:9] == ("Spine_y", "Spine_x", "Spine_z")  # the bone is upright: its twist comes last
+    assert [n for n in skeleton.dof_names if n.startswith("Foot_L")] == ["Foot_L_y", "Foot_L_z", "Foot_L_x"]
+    assert [n for n in skeleton.dof_names if n.startswith("Shoulder_R")] == [f"Shoulder_R_{a}" for a in "xzy"]
+    assert np.all(np.diff(skeleton.dof_joints) >= 0)
+    assert np.all(skeleton.parents < np.arange(len(skeleton.names)))
+
+
+def test_the_neutral_pose_is_a_person_who_stands():
+    skeleton = full_skeleton(bandai_like(0))
+    frames = forward(skeleton, np.zeros((1, 66)))
+    place = dict(zip(skeleton.names, frames.positions[0], strict=True))
+    np.testing.assert_allclose(place["Head"], [0, 0, 0.52], atol=1e-12)
+    np.testing.assert_allclose(place["UpperArm_L"], [0, 0.11, 0.4], atol=1e-12)  # the person's left is y
+    np.testing.assert_allclose(place["Hand_R"], [0, -0.11, 0.4 - 0.48], atol=1e-12)  # arms hang
+    np.testing.assert_allclose(place["UpperLeg_L"], [0, 0.07, -0.02], atol=1e-12)
+    np.testing.assert_allclose(place["Foot_R"], [0, -0.07, -0.83], atol=1e-12)
+    np.testing.assert_allclose(place["Toes_R"], [0.12, -0.07, -0.83], atol=1e-12)  # toes point ahead
+
+
+def test_positive_turns_about_y_bend_the_knee_and_swing_the_leg_back():
+    skeleton = full_skeleton(bandai_like(0))
+    pose = np.zeros((1, 66))
+    pose[0, skeleton.dof("LowerLeg_L_y")] = 0.5
+    ankle = joints(skeleton, pose)[0, skeleton.joint("Foot_L")]
+    np.testing.assert_allclose(ankle, [-0.41 * np.sin(0.5), 0.07, -0.42 - 0.41 * np.cos(0.5)], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_angles_change_no_faster_than_the_joints_turn(seed):
+    """Turning by w changes no angle by more than w / cos(middle): no jump, no whole turn."""
+    clip = bandai_like(seed, size=0.005, n=200)
+    skeleton, poses = full_skeleton(clip), full_poses(clip)
+    checked = 0
+    for joint, name in enumerate(skeleton.names):
+        rotations = Rotation.from_matrix(clip.rotations[:, clip.joint(name)])
+        turned = (rotations[:-1].inv() * rotations[1:]).magnitude()
+        angles = poses[:, skeleton.dof_joints == joint][:, -3:]
+        regular = np.minimum(*np.abs(np.cos([angles[:-1, 1], angles[1:, 1]])))
+        jumps, far = np.abs(np.diff(angles, axis=0)).max(axis=1), regular > 0.2
+        checked += far.sum()
+        assert np.all(jumps[far] < 1.25 * turned[far] / regular[far])  # a quarter more: the middle moves on the way
+    assert checked > 0.7 * 21 * 199
+
+
+def test_turning_on_and_on_is_counted():
+    turning = np.broadcast_to(np.eye(3), (90, len(clips.TRAVELLER), 3, 3)).copy()
+    turning[:, 0] = Rotation.from_rotvec(np.linspace(0.0, 6.0 * np.pi, 90)[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    heading = full_poses(clips.clip(clips.TRAVELLER, turning))[:, 3]
+    np.testing.assert_allclose(np.diff(heading), 6.0 * np.pi / 89, atol=1e-9)
+
+
+def test_other_skeletons_keep_their_rest_pose():
+    rotations = clips.wandering(clips.TRAVELLER, 3, still=("hand_end", "tail", "tail_end"))
+    clip = clips.clip(clips.TRAVELLER, rotations)
+    skeleton = full_skeleton(clip)
+    assert skeleton.names == ("root", "arm", "hand", "hand_end", "tail")  # tail_end has no length
+    assert skeleton.dof_names[6:] == ("arm_x", "arm_z", "arm_y", "hand_x", "hand_z", "hand_y")  # the tail is rigid
+    np.testing.assert_array_equal(skeleton.offsets, clip.offsets[:5])
+    np.testing.assert_allclose(joints(skeleton, full_poses(clip)), places_of(clip, skeleton.names), atol=1e-12)
+
+
+def test_clips_of_one_skeleton_have_one_skeleton():
+    one, other = full_skeleton(bandai_like(1)), full_skeleton(bandai_like(2))
+    assert (one.names, one.dof_names) == (other.names, other.dof_names)
+    np.testing.assert_array_equal(one.offsets, other.offsets)
+    np.testing.assert_array_equal(one.dof_axes, other.dof_axes)
+
+
+def test_a_joint_that_travels_is_refused():
+    rotations = clips.wandering(clips.TRAVELLER, 0)
+    offsets = np.array([offset for _, offset in clips.TRAVELLER.values()])
+    places = np.broadcast_to(offsets, (len(rotations), *offsets.shape)).copy()
+    places[5, 2, 0] += 0.0123
+    for make in (full_skeleton, full_poses):
+        with pytest.raises(InputError, match=r"clip made: .* found hand moved by 12\.3 mm within the frame of arm"):
+            make(clips.clip(clips.TRAVELLER, rotations, places))
+
+
+def test_its_surface_covers_every_bone_and_the_head_hands_and_toes():
+    body = full_body(bandai_like(0), from_height(1.7))
+    beyond = {f"{name}_end" for name in ("Head", "Hand_L", "Hand_R", "Toes_L", "Toes_R")}
+    assert set(person_surface(body).part_names) == {*body.skeleton.names[1:], *beyond}
+    traveller = full_body(clips.clip(clips.TRAVELLER, clips.wandering(clips.TRAVELLER, 0)), from_height(1.7))
+    assert person_surface(traveller).part_names == ("arm", "hand", "hand_end", "tail")

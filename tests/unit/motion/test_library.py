@@ -1,0 +1,145 @@
+"""The motion library: what is written comes back, and what is not such a library is refused."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from workbench.body.shape import from_height
+from workbench.motion.library import read_library, write_library
+from workbench.motion.motion import Motion
+from workbench.utils.errors import InputError
+
+
+def motion(name, n=5, seed=0):
+    rng = np.random.default_rng(seed)
+    return Motion(
+        name=name,
+        subject="ä/b",
+        activity="jump, balance",
+        rate_hz=29.97,
+        poses=rng.normal(size=(n, 25)),
+        shape=from_height(1.6 + 0.1 * seed),
+        joint_error_mm=rng.uniform(size=14),
+        source="35/35_02.amc",
+        sha256="0" * 64,
+        licence="CC BY-NC 4.0",
+    )
+
+
+@pytest.fixture
+def library(tmp_path):
+    path = tmp_path / "motions.h5"
+    write_library(path, [motion("one"), motion("two", 7, seed=1), motion("one", 2, seed=2)])
+    return path
+
+
+def test_motions_come_back_bit_for_bit(library):
+    written = [motion("one"), motion("two", 7, seed=1), motion("one", 2, seed=2)]
+    for found, expected in zip(read_library(library), written, strict=True):
+        for name in ("name", "subject", "activity", "rate_hz", "shape", "source", "sha256", "licence"):
+            assert getattr(found, name) == getattr(expected, name)
+        np.testing.assert_array_equal(found.poses, expected.poses)
+        np.testing.assert_array_equal(found.joint_error_mm, expected.joint_error_mm)
+
+
+def test_the_file_explains_itself_to_other_readers(library):
+    with h5py.File(library) as file:
+        assert file.attrs["format"] == "workbench motion library"
+        assert file.attrs["workbench_version"]
+        assert list(file.attrs["pose_names"])[:4] == ["root_x", "root_y", "root_z", "root_heading"]
+        np.testing.assert_array_equal(file["motions/000001/velocities"], motion("two", 7, seed=1).velocities)
+
+
+def test_order_survives_many_motions(tmp_path):
+    names = [f"clip {n}" for n in range(25)]
+    write_library(tmp_path / "many.h5", [motion(name, 2) for name in names])
+    assert [found.name for found in read_library(tmp_path / "many.h5")] == names
+
+
+def test_a_library_is_replaced_only_by_a_whole_one(library):
+    before = library.read_bytes()
+    broken = motion("broken")
+    broken = Motion(**{**vars(broken), "licence": "a\0b"})  # HDF5 refuses strings with a null
+    with pytest.raises(ValueError, match="NULL"):
+        write_library(library, [motion("new"), broken])
+    assert library.read_bytes() == before
+    assert list(library.parent.iterdir()) == [library]
+    write_library(library, [motion("new")])
+    assert [found.name for found in read_library(library)] == ["new"]
+    assert list(library.parent.iterdir()) == [library]
+
+
+def test_what_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"at least one motion"):
+        write_library(tmp_path / "none.h5", [])
+    with pytest.raises(InputError, match=r"at least two frames, found 'short'"):
+        write_library(tmp_path / "short.h5", [motion("one"), motion("short", 1)])
+    with pytest.raises(InputError, match=r"cannot be written"):
+        write_library(tmp_path / "no folder" / "x.h5", [motion("one")])
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match=r"folder: cannot be written"):
+        write_library(tmp_path / "folder", [motion("one")])
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def change(file, place, value=None):
+    """Replace a dataset or an attribute ("group@attribute"), or delete it."""
+    group, _, attribute = place.partition("@")
+    holder = file[group or "/"].attrs if attribute else file
+    del holder[attribute or group]
+    if value is not None:
+        holder[attribute or group] = value
+
+
+BAD = {  # what: (place, its new value, what the sentence says)
+    "another format": ("@format", "walking model", "found 'walking model'"),
+    "no format": ("@format", None, "found None"),
+    "a later version": ("@format_version", 2, "of version 1"),
+    "no motions": ("motions", None, "at least one motion"),
+    "motions are no group": ("motions", np.zeros(3), "at least one motion"),
+    "a motion is no group": ("motions/000001", np.zeros(3), "motion 000001 is not a group"),
+    "no name": ("motions/000001@name", None, "lacks the text 'name'"),
+    "a name that is a number": ("motions/000001@name", 5, "lacks the text 'name'"),
+    "no licence": ("motions/000001@licence", None, "lacks the text 'licence'"),
+    "no rate": ("motions/000001@rate_hz", None, "a positive rate_hz, found None"),
+    "rate nought": ("motions/000001@rate_hz", 0.0, "a positive rate_hz"),
+    "no poses": ("motions/000001/poses", None, "lacks the dataset 'poses'"),
+    "poses of 24": ("motions/000001/poses", np.zeros((7, 24)), "poses must be F × 25 float64, found (7, 24)"),
+    "no frames": ("motions/000001/poses", np.zeros((0, 25)), "poses must be F × 25"),
+    "one pose": ("motions/000001/poses", np.zeros(25), "poses must be F × 25"),
+    "whole numbers": ("motions/000001/poses", np.zeros((7, 25), int), "poses must be F × 25 float64"),
+    "a pose that is no number": ("motions/000001/poses", np.full((7, 25), np.nan), "poses holds numbers"),
+    "no velocities": ("motions/000001/velocities", None, "lacks the dataset 'velocities'"),
+    "fewer velocities": ("motions/000001/velocities", np.zeros((6, 25)), "velocities must be 7 × 25"),
+    "errors of 15 joints": ("motions/000001/joint_error_mm", np.zeros(15), "joint_error_mm must be 14"),
+    "no shape": ("motions/000001/shape", None, "lacks the group 'shape'"),
+    "no thigh": ("motions/000001/shape@thigh", None, "lacks the length 'thigh'"),
+    "a thigh of nought": ("motions/000001/shape@thigh", 0.0, "thigh must be a positive length"),
+    "two thighs": ("motions/000001/shape@thigh", [0.4, 0.4], "length 'thigh'"),
+    "a flat neck": ("motions/000001/shape@neck", [0.0, 0.5], "length 'neck'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("place", "value", "sentence"), BAD.values(), ids=BAD)
+def test_what_is_not_such_a_library_is_refused(library, place, value, sentence, trusted):
+    with h5py.File(library, "r+") as file:
+        change(file, place, value)
+    with pytest.raises(InputError) as refusal:
+        read_library(library)
+    assert str(refusal.value).startswith(f"{library}: ")
+    assert sentence in str(refusal.value)
+
+
+def test_other_files_are_refused(library, tmp_path):
+    with pytest.raises(InputError, match=r"none\.h5: no such motion library"):
+        read_library(tmp_path / "none.h5")
+    with pytest.raises(InputError, match=r"no such motion library"):
+        read_library(tmp_path)
+    for name, content in (("text.h5", b"not HDF5"), ("empty.h5", b""), ("cut.h5", library.read_bytes()[:-2000])):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=rf"{name}: expected a whole motion library"):
+            read_library(tmp_path / name)
+    shutil.copy(library, tmp_path / "copy.h5")
+    assert len(read_library(tmp_path / "copy.h5")) == 3

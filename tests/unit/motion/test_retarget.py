@@ -1,0 +1,154 @@
+"""Retargeting against closed forms and against an independent optimiser."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from own_clips import OWN, own_clip
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tests.oracles.kinematics import forward as forward_oracle
+from workbench.body.kinematics import joints
+from workbench.body.shape import from_height
+from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
+from workbench.motion.clip import Clip
+from workbench.motion.retarget import CMU, continuous_turns, refine, retarget
+from workbench.utils.errors import InputError
+
+
+def moving_poses(rng, n=60, turns=0.0):
+    """Smooth angles away from the singular directions; the heading turns `turns` times around."""
+    times = np.linspace(0, 1, n)[:, None]
+    poses = 0.35 * np.sin(2 * np.pi * (times * rng.uniform(0.5, 2, 25) + rng.uniform(0, 1, 25)))
+    for name in POSE_NAMES:
+        if "elbow" in name or "knee" in name:
+            poses[:, POSE_NAMES.index(name)] += 0.5
+    poses[:, 3] += 2 * np.pi * turns * times[:, 0]
+    return poses
+
+
+def test_known_angles_and_lengths_are_recovered():
+    shape = from_height(1.8, thigh=0.41, forearm=0.23, head=(0.02, 0.0, 0.15), shoulder=(-0.02, 0.19, 0.5))
+    skeleton = person_skeleton(shape)
+    poses = moving_poses(np.random.default_rng(3), turns=2.5)
+    motion = retarget(own_clip(skeleton, poses), OWN)
+    found = motion.poses.copy()
+    whole = (found[:, 3] - poses[:, 3]) / (2 * np.pi)
+    assert np.ptp(whole) < 1e-9  # the heading is continuous, and right but for whole turns
+    assert whole[0] == pytest.approx(round(whole[0]), abs=1e-9)
+    np.testing.assert_allclose(np.delete(found, 3, axis=1), np.delete(poses, 3, axis=1), atol=1e-7)
+    np.testing.assert_allclose(motion.joint_error_mm, 0.0, atol=1e-4)
+    for name in ("neck", "head", "shoulder", "hip", "upper_arm", "forearm", "thigh", "calf"):
+        assert getattr(motion.shape, name) == pytest.approx(getattr(shape, name), abs=1e-7), name
+
+
+def cmu_at_rest():
+    """A person in the rest pose of the CMU skeletons: legs spread by 20 degrees, arms level, facing x. World axes."""
+    leg, down = np.array([0.0, np.sin(np.pi / 9), -np.cos(np.pi / 9)]), np.array([1.0, -1.0, 1.0])
+    bones = {"root": ("", [0, 0, 0]), "upperneck": ("root", [0, 0, 0.45]), "head": ("upperneck", [0, 0, 0.1]),
+             "head_end": ("head", [0, 0, 0.1])}  # fmt: skip
+    for side, mirror in (("l", np.ones(3)), ("r", down)):
+        chain = {
+            "humerus": ("root", [0, 0.2, 0.4]), "radius": ("{}humerus", [0, 0.3, 0]),
+            "wrist": ("{}radius", [0, 0.2, 0]),
+            "hand": ("{}wrist", [0, 0.05, 0]), "femur": ("root", [0, 0.1, -0.1]), "tibia": ("{}femur", 0.4 * leg),
+            "foot": ("{}tibia", 0.42 * leg),
+        }  # fmt: skip
+        for name, (parent, offset) in chain.items():
+            bones[side + name] = (parent.format(side), mirror * offset)
+    names = tuple(bones)
+    parents = np.array([names.index(parent) if parent else -1 for parent, _ in bones.values()])
+    offsets = np.array([offset for _, offset in bones.values()])
+    positions = np.zeros((len(names), 3))
+    for k, parent in enumerate(parents):
+        positions[k] = (positions[parent] if parent >= 0 else 0.0) + offsets[k]
+    rotations = np.broadcast_to(np.eye(3), (2, len(names), 3, 3)).copy()
+    both = np.stack([positions, positions])
+    return Clip("rest", 120.0, 1, names, parents, offsets, rotations, both[:, 0], both)
+
+
+def test_cmu_rest_pose_in_closed_form():
+    motion = retarget(cmu_at_rest())
+    expected = dict.fromkeys(POSE_NAMES, 0.0) | {"root_z": -0.1}
+    for side in ("left", "right"):
+        # at rest the elbows' hinges are 30 degrees off the vertical: the arms are turned out by that much
+        expected |= {f"{side}_shoulder_abduction": np.pi / 2, f"{side}_shoulder_twist": -np.pi / 6,
+                     f"{side}_hip_abduction": np.pi / 9}  # fmt: skip
+    assert dict(zip(POSE_NAMES, motion.poses[1], strict=True)) == pytest.approx(expected, abs=1e-6)
+    assert motion.joint_error_mm.max() < 1e-3
+    assert motion.shape.forearm == pytest.approx(0.25)
+    assert motion.shape.neck == pytest.approx((0.0, 0.0, 0.55), abs=1e-9)
+    assert motion.shape.head == pytest.approx((0.0, 0.0, 0.15), abs=1e-9)
+
+
+def test_refinement_finds_the_minimum_of_its_cost():
+    skeleton = person_skeleton(from_height(1.7))
+    rng = np.random.default_rng(5)
+    analytic = moving_poses(rng, n=6)
+    targets = joints(skeleton, analytic) + rng.normal(0.0, 0.01, (6, len(JOINT_NAMES), 3))
+    targets += rng.normal(0.0, 5.0, (6, 1, 3))  # the pelvis is not held: it may go any way
+    refined = refine(skeleton, analytic, targets)
+    rows = [JOINT_NAMES.index(name) for name in ERROR_JOINTS]
+    for start, target, found in zip(analytic, targets, refined, strict=True):
+
+        def residual(pose, start=start, target=target):
+            places = forward_oracle(skeleton, pose[None]).positions[0]
+            return np.concatenate([(places - target)[rows].ravel(), 0.1 * (pose - start)[3:]])
+
+        best = least_squares(residual, start, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+        # three steps are said to end within 0.01 degrees of it
+        np.testing.assert_allclose(found, best, atol=np.deg2rad(0.01))
+
+
+def test_refinement_lowers_the_error_of_a_clip_whose_torso_bends():
+    clip = cmu_at_rest()
+    bent = clip.positions.copy()
+    right = [k for k, name in enumerate(clip.joints) if name[0] == "r" and name in CMU.joints.values()]
+    bent[1, right, 0] += 0.03  # the right side slips ahead: no rigid torso and no equal limbs follow that
+    motion = retarget(replace(clip, positions=bent))
+    assert 0.0 < motion.joint_error_mm.mean() < 15.0  # half of the slip is left when the whole body turns by itself
+
+
+def test_an_unknown_skeleton_is_refused_by_the_names_of_its_missing_joints():
+    clip = cmu_at_rest()
+    renamed = tuple("leftKnee" if name == "ltibia" else name for name in clip.joints)
+    with pytest.raises(InputError, match=r"rest.*CMU.*lacks ltibia$"):
+        retarget(replace(clip, joints=renamed))
+
+
+@pytest.mark.parametrize("scale", [0.01, 100.0])
+def test_a_wrong_unit_is_refused(scale):
+    clip = cmu_at_rest()
+    with pytest.raises(InputError, match="wrong unit"):
+        retarget(replace(clip, offsets=scale * clip.offsets, positions=scale * clip.positions))
+
+
+def test_bones_without_length_are_refused():
+    clip = cmu_at_rest()
+    with pytest.raises(InputError, match="have a length"):
+        retarget(replace(clip, offsets=0.0 * clip.offsets))
+
+
+def test_turns_are_continuous_through_the_half_turn_and_over_the_head():
+    times = np.linspace(0.0, 1.0, 200)
+    limits = np.array([[-0.8, 3.1], [-1.4, 3.1], [-1.9, 1.9]])
+    # the middle angle goes past 90 degrees, where Euler angles from matrices fold back and jump by 180 degrees
+    truth = np.stack([0.3 + 0.2 * times, -0.5 + 3.3 * times, 0.4 - 0.6 * times], axis=1)
+    folded = Rotation.from_euler("XYZ", truth).as_euler("XYZ")
+    assert np.abs(np.diff(folded, axis=0)).max() > 3.0
+    found = continuous_turns(folded, limits)
+    np.testing.assert_allclose(found, truth, atol=1e-9)
+
+
+def test_of_two_courses_the_one_within_the_limits_is_kept():
+    limits = np.array([[0.0, 3.1], [-1.4, 1.4], [-0.5, 3.1]])
+    truth = np.array([2.5, 0.3, 2.4]) + np.linspace(0.0, 0.2, 20)[:, None]
+    # (a - π, π - b, c - π) has smaller angles but the middle one is beyond its limit
+    flipped = truth * [1.0, -1.0, 1.0] + [-np.pi, np.pi, -np.pi]
+    for written in (truth, flipped):
+        np.testing.assert_allclose(continuous_turns(written, limits), truth, atol=1e-9)
+    # with wide limits either is allowed: the smaller angles are kept, whichever are written
+    wide = np.array([[-4.0, 4.0]] * 3)
+    for written in (truth, flipped):
+        np.testing.assert_allclose(continuous_turns(written, wide), flipped, atol=1e-9)

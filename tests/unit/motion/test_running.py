@@ -1,0 +1,110 @@
+"""Generated runners: the flight, the feet, the speeds, and that they can be told from walkers."""
+
+import numpy as np
+import pytest
+
+from workbench.body.kinematics import joints
+from workbench.body.skeleton import POSE_NAMES, person_skeleton
+from workbench.motion.models.activities import accuracy_left_out, learn_activities
+from workbench.motion.models.activity_cycles import activity_cycles
+from workbench.motion.synthetic.gait import ANKLE_HEIGHT, builtin_motions
+from workbench.motion.synthetic.running import (
+    FOOT_ROLL,
+    GRAVITY,
+    STANCE,
+    average_runner,
+    bounce,
+    builtin_runs,
+    runner,
+    runners,
+)
+from workbench.utils.errors import InputError
+
+PEOPLE = [average_runner(), *runners(4, np.random.default_rng(7))]
+
+
+def test_in_the_flight_the_body_falls_and_in_the_stance_it_is_pushed():
+    rate = 1.4
+    phases = np.linspace(0.0, 1.0, 4001)
+    height = bounce(phases, rate)
+    assert height.mean() == pytest.approx(0.0, abs=1e-4)
+    step = 1.0 / 4000 / rate
+    acceleration = np.diff(height, 2) / step**2
+    inside = phases[1:-1] % 0.5
+    flight = (inside > STANCE + 0.02) & (inside < 0.48)
+    # the series of 128 harmonics of a force with a kink where the foot lands
+    assert acceleration[flight] == pytest.approx(-GRAVITY, abs=0.05 * GRAVITY)
+    middle = np.abs(inside - 0.5 * STANCE) < 0.01
+    assert acceleration[middle] / GRAVITY + 1.0 == pytest.approx(0.25 * np.pi / STANCE, abs=0.05)
+    drop = bounce(np.array([0.435]), rate)[0] - bounce(np.array([0.5]), rate)[0]  # from the top of the flight
+    assert drop == pytest.approx(0.5 * GRAVITY * (0.065 / rate) ** 2, rel=0.02)
+
+
+@pytest.mark.parametrize("subject", PEOPLE, ids=lambda subject: subject.name)
+def test_feet_stand_on_the_ground_and_roll(subject):
+    motion = runner(subject, 4.0, 120.0)
+    skeleton = person_skeleton(subject.shape)
+    places = joints(skeleton, motion.poses)
+    phases = subject.phase + subject.stride_hz * np.arange(len(motion)) / motion.rate_hz
+    sole = ANKLE_HEIGHT * subject.shape.calf
+    for side, shift in (("left", 0.0), ("right", 0.5)):
+        ankle, cycle = places[:, skeleton.joint(f"{side}_ankle")], phases - shift
+        # habits of half a degree in four harmonics, each side its own, move an ankle at 0.85 m by up to 2 cm
+        assert ankle[:, 2].min() > sole - 0.02
+        whole = np.arange(np.ceil(cycle[0]), np.floor(cycle[-1]))
+        for k in whole:
+            landing, leaving = (np.searchsorted(cycle, k + part) for part in (0.0, STANCE))
+            ahead = ankle[leaving, 0] - ankle[landing, 0]
+            # exact for the left foot but for the frames' grain, 1 % of a cycle of 2.2 m; the right has other habits
+            assert ahead == pytest.approx(FOOT_ROLL * subject.shape.calf, abs=0.06)
+        assert len(whole) >= 3
+
+
+def test_they_run_as_fast_as_the_published_runners():
+    """Novacheck's curves are of 3.2 m/s; people's spreads of stride and cadence make 20 % of it."""
+    speeds = [motion.poses[-1, 0] / (len(motion) - 1) * motion.rate_hz for motion in builtin_runs()]
+    assert np.mean(speeds) == pytest.approx(3.2, abs=0.3)
+    assert 2.4 < min(speeds) < max(speeds) < 4.0
+    rise = [np.ptp(motion.poses[:, 2]) for motion in builtin_runs()]
+    assert 0.05 < min(rise) < max(rise) < 0.11  # Cavanagh & Kram's runners rise and fall by 6 to 10 cm
+
+
+def test_everybody_keeps_to_the_limits_of_the_joints():
+    for subject in runners(200, np.random.default_rng(1)):
+        low, high = person_skeleton(subject.shape).limits.T
+        angles = subject.angles(np.linspace(0.0, 1.0, 50))
+        assert (angles > low[3:]).all()
+        assert (angles < high[3:]).all()
+
+
+def test_the_same_seed_gives_the_same_bits():
+    first, again = builtin_runs(2, seed=5), builtin_runs(2, seed=5)
+    assert all(np.array_equal(a.poses, b.poses) and a.shape == b.shape for a, b in zip(first, again, strict=True))
+    assert first[0].sha256 == again[0].sha256 != builtin_runs(2, seed=6)[0].sha256
+    assert {motion.activity for motion in first} == {"run"}
+    assert first[0].source == "generated: workbench.motion.synthetic.running"
+
+
+def test_runs_have_running_cycles_and_are_told_from_walks():
+    cycles = activity_cycles([*builtin_motions(4), *builtin_runs(4)], n_phases=32)
+    runs = np.array(cycles.activities) == "run"
+    assert (cycles.durations_s[runs] > 0.55).all()
+    assert (cycles.durations_s[runs] < 0.9).all()
+    assert (cycles.durations_s[~runs] > 0.9).all()
+    knee = cycles.angles.index("left_knee_flexion")
+    assert cycles.curves[runs][:, :, knee].max() > np.radians(80.0) > cycles.curves[~runs][:, :, knee].max()
+    assert accuracy_left_out(cycles, cycles.sources, 2) == 1.0
+    assert len(learn_activities(cycles).scales) < 5
+
+
+@pytest.mark.parametrize(("duration", "rate"), [(0.0, 60.0), (float("nan"), 60.0), (1.0, 0.0), (1.0, float("inf"))])
+def test_impossible_runs_are_refused(duration, rate):
+    with pytest.raises(InputError, match="two frames"):
+        runner(average_runner(), duration, rate)
+
+
+def test_the_thighs_alternate():
+    motion = runner(average_runner(), 3.0, 60.0)
+    left, right = (motion.poses[:, POSE_NAMES.index(f"{side}_hip_flexion")] for side in ("left", "right"))
+    half = round(30.0 / 1.4)
+    assert left[half : half + 60] == pytest.approx(right[:60], abs=np.radians(8.0))  # half a frame at 700° a second

@@ -1,0 +1,151 @@
+"""Runs in groups, their statistics, and what is said about those that do not count."""
+
+import numpy as np
+import pytest
+from report_runs import made_up
+
+from workbench.recording.read.reader import Unreadable
+from workbench.results.report import plots
+from workbench.results.report.contents import contents
+from workbench.results.report.groups import chief_names, group_runs, headline, metric_names, seed_of, statistic
+from workbench.results.report.plots import all_series
+
+
+def sweep():
+    """Two priors, two numbers of particles, three seeds; paths in another order than the numbers."""
+    return [
+        made_up(prior, n, seed, error_abs_mm=float(n + seed + (100 if prior == "smooth" else 0)), zeta=1.0)
+        for prior in ("walking", "smooth")
+        for n in (1000, 200)
+        for seed in (2, 0, 1)
+    ]
+
+
+def test_groups_are_ordered_and_their_runs_too():
+    grouping = group_runs(sweep())
+    labels = [group.label for group in grouping.groups]
+    expected = [f"{prior}, n_particles={n}" for prior in ("smooth", "walking") for n in (200, 1000)]
+    assert labels == expected
+    assert all([seed_of(run) for run in group.runs] == [0, 1, 2] for group in grouping.groups)
+    assert grouping.problems == ()
+
+
+def test_statistics_are_those_of_the_seeds():
+    group = group_runs(sweep()).groups[0]  # 300, 301, 302
+    found = statistic(group, "error_abs_mm")
+    assert (found.n, found.mean, found.sd, found.low, found.high) == (3, 301.0, 1.0, 300.0, 302.0)
+    assert statistic(group, "error_px") is None
+
+
+def test_a_value_that_is_not_finite_is_not_counted():
+    runs = [made_up(seed=0, error_px=2.0), made_up(seed=1, error_px=np.nan), made_up(seed=2)]
+    found = statistic(group_runs(runs).groups[0], "error_px")
+    assert (found.n, found.mean) == (1, 2.0)
+    assert np.isnan([found.sd, found.low, found.high]).all()
+    assert statistic(group_runs(runs[1:]).groups[0], "error_px") is None
+
+
+def test_everything_that_does_not_count_is_named():
+    runs = [
+        made_up("walking", seed=0, run_id="1"),
+        made_up("walking", seed=1, status="failed"),
+        made_up("walking", seed=2, status="running"),
+        made_up("smooth", seed=0, run_id="1", error_px=1.0),
+        made_up("smooth", seed=0, run_id="2", error_px=2.0),
+        made_up("smooth", seed=0, status="failed"),
+        made_up("smooth", seed=3),
+        made_up("smooth", seed="one"),
+    ]
+    torn = Unreadable("torn.rrd", "torn.rrd: expected a whole recording")
+    grouping = group_runs(runs, [torn])
+    smooth, walking = grouping.groups
+    assert smooth.runs[0].result == {"error_px": 2.0}  # the later of two
+    assert (smooth.missing, walking.missing) == ((("", 1), ("", 2)), (("", 3),))
+    assert grouping.problems == (
+        "smooth, seed 0: failed, not counted; a complete one is there (smooth_500_0_failed.rrd)",
+        "smooth, seed 0: recorded more than once, not counted again (smooth_500_0_complete.rrd)",
+        "smooth: no recording of seed 1, 2, which other groups have",
+        "walking, seed 1: failed, not counted (walking_500_1_failed.rrd)",
+        "walking, seed 2: cut off or still running, not counted (walking_500_2_running.rrd)",
+        "walking: no recording of seed 3, which other groups have",
+        "not a recording that can be read: torn.rrd: expected a whole recording",
+        "not a recording that can be read: smooth_500_one_complete.rrd: expected a configuration with a whole number "
+        "as its seed, found 'one'",
+    )
+    said = contents(grouping).summary
+    assert said[0] == "9 recordings: 4 complete, 2 failed, 1 cut off or still running, 2 unreadable."
+
+
+def test_what_was_asked_for_comes_first():
+    runs = [made_up(alpha=1.0, error_px=2.0, cost={"seconds": 3.0}), made_up("study", study=True, gap_deg=1.0)]
+    groups = group_runs(runs).groups
+    assert metric_names(groups) == ["error_px", "seconds", "alpha", "gap_deg"]
+    assert chief_names(groups) == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
+    assert headline(groups) == "error_px"
+    assert (groups[0].label, headline(groups[:1])) == ("study", None)
+
+
+def test_a_study_is_not_ranked():
+    found = contents(group_runs([made_up("study", study=True, gap_deg=1.0)]))
+    assert found.extremes is None
+    assert [title for title, _ in found.chief] == ["gap_deg"]
+
+
+def test_best_and_worst_are_the_least_and_the_largest_error():
+    title, table = contents(group_runs(sweep())).extremes
+    assert title == "best and worst runs by error_abs_mm"
+    assert table.rows[:2] == (
+        ("smooth, n_particles=200", "best", "300.0", "", "0", "smooth_200_0_complete.rrd"),
+        ("smooth, n_particles=200", "worst", "302.0", "", "2", "smooth_200_2_complete.rrd"),
+    )
+
+
+def test_recordings_without_their_cost_are_told():
+    sentence = "The recordings do not say what the runs took."
+    assert sentence in contents(group_runs([made_up(error_px=1.0)])).summary
+    assert sentence not in contents(group_runs([made_up(error_px=1.0, cost={"seconds": 1.0})])).summary
+
+
+def test_different_versions_are_told():
+    runs = [made_up(seed=0, version="0.1"), made_up(seed=1, version="0.2")]
+    assert any("different versions of the workbench: 0.1, 0.2" in line for line in contents(group_runs(runs)).summary)
+    assert not any("version" in line for line in contents(group_runs(runs[:1])).summary)
+
+
+def test_groups_of_a_series_differ_in_their_particles_only():
+    series, left_out = all_series(group_runs(sweep()), "error_abs_mm")
+    assert [(line.label, [group.settings["inference.n_particles"] for group in line.groups]) for line in series] == [
+        ("smooth", [200, 1000]), ("walking", [200, 1000]),
+    ]  # fmt: skip
+    assert left_out == 0
+    assert len({line.shade(group) for line in series for group in line.groups}) == 4
+
+
+def test_the_best_series_are_shown_where_colours_run_out():
+    runs = [made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]
+    series, left_out = all_series(group_runs(runs), "error_abs_mm")
+    assert ([line.label for line in series], left_out) == ([f"prior_{k}" for k in range(7)], 2)
+
+
+def test_every_plot_shows_the_best_series_each_in_one_colour(monkeypatch):
+    figures = {}
+    monkeypatch.setattr(plots, "joint_errors", lambda run: {})  # which are in the recordings
+    monkeypatch.setattr(plots, "_picture", lambda name, _, figure: figures.setdefault(name, figure))
+    runs = [
+        made_up(f"prior_{k}", n, error_abs_mm=float(k + n / 1e4), coverage_90=0.9 - 0.1 * k, cost={"seconds": 1.0 + k})
+        for k in range(9) for n in (200, 1000)
+    ]  # fmt: skip
+    plots.pictures(group_runs(runs))
+    best = [f"prior_{k}" for k in range(7)]
+    coverage = [label.get_text() for label in figures["coverage"].axes[0].get_yticklabels()]
+    assert coverage == [f"{prior}, n_particles={n}" for prior in best for n in (200, 1000)]
+    means = [line for line in figures["coverage"].axes[0].lines if line.get_markersize() == 6.5]
+    assert len({line.get_color() for line in means}) == len(coverage)
+    shown = {tuple(line.get_color()) for line in figures["error_against_particles"].axes[0].lines}
+    assert {tuple(line.get_color()) for line in means[1::2]} == shown  # of most particles
+
+
+@pytest.mark.parametrize("runs", [[], [made_up(status="failed")]])
+def test_nothing_complete_is_no_error(runs):
+    found = contents(group_runs(runs))
+    assert (found.extremes, found.chief, found.others) == (None, (), ())

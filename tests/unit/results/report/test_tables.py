@@ -1,0 +1,44 @@
+"""Numbers and tables as text, and labels that do not overlap."""
+
+import csv
+from io import StringIO
+
+import numpy as np
+import pytest
+
+from workbench.recording.study.drawing import spread
+from workbench.results.report.tables import Table, comma_separated, escaped, markdown, markup, number, text
+
+TABLE = Table(("group", "mean"), (("a|b", "1.5"), ("<c>", "12.25")), frozenset(["mean"]))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (0.0, "0"), (5e-17, "0"), (28.697, "28.70"), (0.26182, "0.2618"), (-12.34567, "-12.35"), (999.96, "1000"),
+        (1000.0, "1000"), (11000.4, "11000"), (1.0, "1.000"), (np.nan, "–"), (np.inf, "–"), (1.234e-7, "1.234e-07"),
+    ],
+)  # fmt: skip
+def test_four_digits_are_shown(value, expected):
+    assert number(value) == expected
+
+
+def test_a_table_is_aligned_escaped_and_marked_up():
+    assert text(TABLE) == "group   mean\na|b      1.5\n<c>    12.25"
+    assert markdown(TABLE) == "| group | mean |\n| --- | ---: |\n| a\\|b | 1.5 |\n| \\<c\\> | 12.25 |"
+    assert '<tr><td>&lt;c&gt;</td><td class="number">12.25</td></tr>' in markup(TABLE)
+    assert escaped("two\nlines [x](y) \\") == "two lines \\[x\\](y) \\\\"
+
+
+def test_csv_keeps_every_digit():
+    rows = [("a,b", 0.1 + 0.2), ('"', float("nan"))]
+    found = list(csv.reader(StringIO(comma_separated(("name", "value"), rows))))
+    assert found == [["name", "value"], ["a,b", "0.30000000000000004"], ['"', ""]]
+    assert float(found[1][1]) == 0.1 + 0.2
+
+
+def test_labels_move_only_where_they_would_overlap():
+    assert spread([0.0, 20.0, 100.0], 13.0).tolist() == [0.0, 20.0, 100.0]
+    # three within a gap are centred on their mean, the fourth stays
+    np.testing.assert_allclose(spread([10.0, 11.0, 12.0, 90.0], 13.0), [-2.0, 11.0, 24.0, 90.0])
+    assert spread([], 13.0).tolist() == []

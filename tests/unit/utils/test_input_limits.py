@@ -1,0 +1,111 @@
+"""Bounds on numbers of files and configurations, checked before arrays of that size are made."""
+
+import numpy as np
+import pytest
+from bandai_files import write_bandai_like
+
+from workbench.body.shape import from_height
+from workbench.datasets.point_files import PointFiles
+from workbench.motion import sources
+from workbench.motion.synthetic.gait import subjects, walker
+from workbench.utils.errors import LONGEST, InputError
+from workbench.utils.input_limits import (
+    LARGEST,
+    LARGEST_M,
+    LONGEST_LIMB_M,
+    MOST_COUNT,
+    check_file,
+    check_places,
+    check_products,
+    check_rate,
+    check_sizes,
+)
+
+
+def refusal(check, *arguments, **keys):
+    with pytest.raises(InputError) as caught:
+        check(*arguments, **keys)
+    return str(caught.value)
+
+
+def test_a_message_is_short_text_whatever_it_quotes():
+    message = str(InputError(f"a.toml: expected b, found {'x' * 3_000_000!r}"))
+    assert len(message) == LONGEST
+    assert message.startswith("a.toml: expected b, found 'xxx")
+    assert " … " in message
+    assert str(InputError("short")) == "short"
+    str(InputError("a\ud800")).encode()
+
+
+@pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf"), 1e300, 0.01])
+def test_rates(rate, tmp_path):
+    assert "found" in refusal(check_rate, "a.bvh", rate)
+    assert "rate_hz must be between 0.1 and 100000 Hz" in refusal(PointFiles, str(tmp_path), rate_hz=rate)
+    assert check_rate("a.bvh", 30.0) == 30.0
+
+
+def test_positions():
+    check_places("a", np.array([[LARGEST_M, np.nan, 0.0]]))
+    assert (
+        refusal(check_places, "a", np.array([[0.0, -2e7, 0.0]])) == "a: expected positions up to 1e+07 m, found 2e+07 m"
+    )
+
+
+@pytest.mark.parametrize("name", ["none", "\x00", "folder"])
+def test_what_is_no_file(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    assert name in refusal(check_file, tmp_path / name)
+
+
+def test_limbs_and_movements_that_nobody_has(tmp_path, monkeypatch):
+    assert f"at most {LONGEST_LIMB_M} m" in refusal(from_height, 1.7, thigh=1.6)
+    (subject,) = subjects(1, np.random.default_rng(0))
+    write_bandai_like(tmp_path / "a.bvh", walker(subject, 0.2, 30.0))
+    sources.load_motion(tmp_path / "a.bvh")
+    monkeypatch.setattr("workbench.motion.retarget.MOST_LEFT_MM", 1e-3)
+    assert "expected at most 0.001 mm" in refusal(sources.load_motion, tmp_path / "a.bvh")
+
+
+def test_usual_sizes_of_a_configuration():
+    usual = {"n_particles": 100_000, "layers": 5, "most_points": 10**8, "resampling": "systematic", "plain": True}
+    check_sizes({"seed": 2**40, "inference": usual, "a": [1, None, "b", LARGEST, -LARGEST], "sigma": 1e-300})
+    check_sizes({"dataset": {"n_frames": None}, "recorder": {"n_particles_shown": 0}})
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("inference.n_particles", MOST_COUNT + 1), ("dataset.n_frames", 10**9), ("seed", 10**400),
+        ("a.n_points", 10**8), ("dataset.focal_px", 1e308), ("dataset.focal_px", -1e308), ("dataset.person_px", np.inf),
+        ("likelihood.sigma", np.nan), ("prior.sigma", 1e10), ("inference.most_points", 10**10),
+        ("dataset.n_frames", 0), ("inference.n_particles", -3), ("likelihood.terms.a.n_particles", 0),
+        pytest.param("seed", 1 << 20_000, id="more digits than Python writes"),
+    ],
+)  # fmt: skip
+def test_numbers_that_no_run_can_have(place, value):
+    """Each is refused with its place, alone and in a list."""
+    for found in (value, [1, value]):
+        config = found
+        for key in reversed(place.split(".")):
+            config = {key: config}
+        assert refusal(check_sizes, config).startswith(f"config: {place}: expected a number of ")
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"dataset.n_frames": 100_000, "dataset.width": 10_000, "dataset.height": 10_000},
+        {"dataset.width": 10_000, "dataset.height": 10_000},
+        {"inference.lag": 100_000, "inference.n_particles": 1_000_000},
+        {"inference.n_paths": 1_000_000, "dataset.n_frames": 1_000_000}, {"inference.n_particles": 10**9},
+    ],
+)  # fmt: skip
+def test_sizes_that_only_keys_together_have(keys, monkeypatch):
+    monkeypatch.setattr("workbench.utils.input_limits.memory_bytes", lambda: 24_000_000_000)
+    config = {}
+    for key, value in keys.items():
+        group, _, name = key.partition(".")
+        config.setdefault(group, {})[name] = value
+    message = refusal(check_products, config)
+    assert all(key in message for key in ("config", "GB"))
+    check_products({"dataset": {"n_frames": None, "width": 640, "height": 480}, "inference": {"lag": 5}, "study": None})

@@ -1,0 +1,126 @@
+"""Cached kernels are compiled again when anything that went into them is edited, in whatever file."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import workbench
+
+HELPER = """
+from workbench.utils.kernel_cache import kernel
+
+OFFSET = 0.0
+
+@kernel()
+def twice(x):
+    return 2.0 * x
+"""
+KERNEL = """
+from workbench.a_helper import OFFSET, twice
+from workbench.utils.kernel_cache import kernel
+
+@kernel()
+def offset_twice(x):
+    return OFFSET + twice(x)
+
+if __name__ == "workbench.a_kernel":
+    print(offset_twice(10.0), sum(offset_twice.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package that can be edited."""
+    copy = tmp_path / "workbench"
+    shutil.copytree(Path(workbench.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__", "conf"))
+    return copy
+
+
+def python(package, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(package.parent)}
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=package.parent, env=environment, check=True, capture_output=True, text=True)
+    return done.stdout, done.stderr
+
+
+def run(package):
+    """What the kernel returns in a process of its own, and whether it came from the cache."""
+    value, hits = python(package, "-c", "import workbench.a_kernel")[0].split()
+    return float(value), int(hits)
+
+
+def edit(path, old, new):
+    """Replace a text in a file, which gets longer: by its size and the second Python notices that byte code is old."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new) + "\n")
+
+
+def test_an_edited_helper_in_another_file_is_compiled_again(package):
+    (package / "a_helper.py").write_text(HELPER)
+    (package / "a_kernel.py").write_text(KERNEL)
+    assert run(package) == (20.0, 0)
+    assert run(package) == (20.0, 1)
+    edit(package / "a_helper.py", "2.0 * x", "3.0 * x")
+    assert run(package) == (30.0, 0)
+    edit(package / "a_helper.py", "OFFSET = 0.0", "OFFSET = 1.0")
+    assert run(package) == (31.0, 0)
+    assert run(package) == (31.0, 1)
+    edit(package / "cli" / "run.py", "\n", "\n")  # which no kernel depends on
+    assert run(package) == (31.0, 1)
+    cached = list((package / "__pycache__" / "kernels").rglob("*offset_twice*.nbc"))
+    assert len(cached) == 1  # nothing outdated is left
+
+
+def test_a_kernel_that_cannot_be_cached_still_runs(package):
+    (package / "a_helper.py").write_text(HELPER)
+    (package / "a_kernel.py").write_text(KERNEL)
+    (package / "__pycache__").mkdir()
+    (package / "__pycache__" / "kernels").write_text("in the place of the folder")
+    output, warnings = python(package, "-c", "import workbench.a_kernel")
+    assert output == "20.0 0\n"
+    assert warnings.count("compiled kernels cannot be cached") >= 1
+
+
+EVALUATED = """
+import hashlib
+import sys
+
+import numpy as np
+
+sys.path[:0] = sys.argv[1:]
+import test_likelihood_contract as contract
+from workbench.priors.implicit_search import kd_tree, nearest_entries, search
+from workbench.priors.implicit_tree import draw, sign_tree
+
+
+def report(name, *values):
+    print(name, hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in values)).hexdigest())
+
+
+rng = np.random.default_rng(0)
+frames = contract.frames(rng, contract.LEFT, contract.RIGHT, n=3)
+for name, build in contract.BUILDERS.items():
+    likelihood = build().look(None, frames[0]).remember(np.zeros(25))
+    report(name, likelihood.look(*frames[:2]).evaluate(contract.poses(500), contract.poses(500, 2)).log_prob)
+rows, probes = rng.normal(size=(3000, 8)).astype(np.float32), rng.normal(size=(300, 8))
+found = search(kd_tree(rows), probes, np.ones(300, dtype=np.int64), 0.5, rng.random(300))
+report("search", found.entries, found.log_mass, nearest_entries(kd_tree(rows), probes, 0.5))
+report("tree", draw(sign_tree(rows), probes, 0.5, rng.random((300, 9))))
+"""
+
+
+@pytest.mark.slow
+def test_kernels_just_compiled_and_cached_kernels_give_the_same_bits(package):
+    """Of every likelihood, and of the searches of the implicit prior."""
+    tests = Path(__file__).parents[1]
+    (package / "conf").symlink_to(tests.parent / "conf")
+    command = ["-c", EVALUATED, str(tests / "scenes"), str(tests / "contract")]
+    compiled, cached = (python(package, *command)[0] for _ in range(2))
+    assert list((package / "__pycache__" / "kernels").rglob("*_run*.nbc"))
+    assert compiled.splitlines() == cached.splitlines()
+    assert len(compiled.splitlines()) > 12

@@ -1,0 +1,87 @@
+"""Work on parts: each is done once, errors reach the caller, callers do not wait for each other."""
+
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import thread as pools
+from threading import Event, Thread
+from threading import enumerate as all_threads
+
+import numba
+import numpy as np
+import pytest
+
+from workbench.utils import parallel as threads
+from workbench.utils.parallel import over_threads
+from workbench.utils.signals import Interrupted, interruptible
+
+
+@pytest.fixture(autouse=True)
+def _two_threads():
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize(("n", "step"), [(0, 1), (1, 1), (7, 1), (100, 16), (33, 32), (5000, 3)])
+def test_every_item_is_worked_on_once_in_parts_that_begin_at_the_step(n, step):
+    counts = np.zeros(n, dtype=int)
+
+    def work(first, last):
+        assert first % step == 0
+        counts[first:last] += 1
+
+    over_threads(work, n, step)
+    assert (counts == 1).all()
+
+
+def test_what_a_part_raises_reaches_the_caller_once_no_part_is_at_work_any_more():
+    at_work = set()
+
+    def work(first, last):
+        at_work.add(first)
+        try:
+            if first == 3:
+                raise ValueError("part 3")
+        finally:
+            at_work.discard(first)
+
+    with pytest.raises(ValueError, match="part 3"):
+        over_threads(work, 8, 1)
+    assert not at_work
+
+
+def test_callers_do_not_wait_for_helpers_that_others_keep_busy():
+    """Each does all of its own work where nobody is free to help; within a part, there may be parts again."""
+    others_done, counts = Event(), np.zeros(4, dtype=int)
+
+    def inner(first, last):
+        counts[first:last] += 1
+
+    def outer(first, last):
+        if first == 0:
+            over_threads(inner, 4, 1)
+            others_done.set()
+        assert others_done.wait(60.0)
+
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(over_threads, outer, 3, 1) for _ in range(2)]:
+            done.result(60.0)
+    assert (counts == 2).all()
+
+
+def test_an_interruption_while_threads_start_leaves_none_that_python_would_wait_for(monkeypatch):
+    """Python waits at its end for a thread that a pool has started; where the pool has not listed it, for ever."""
+
+    def start_and_interrupt(thread, start=Thread.start):
+        start(thread)
+        signal.raise_signal(signal.SIGTERM)
+
+    threads._helpers.cache_clear()
+    monkeypatch.setattr(Thread, "start", start_and_interrupt)
+    before = set(all_threads())
+    with pytest.raises(Interrupted), interruptible():
+        over_threads(lambda first, last: None, 100, 1)
+    assert all(each in pools._threads_queues for each in set(all_threads()) - before)
+    monkeypatch.undo()
+    over_threads(lambda first, last: None, 100, 1)

@@ -1,0 +1,53 @@
+"""Processes: what they inherit and return, and that none outlives its time."""
+
+import os
+import sys
+import time
+
+import pytest
+
+from workbench.utils.processes import CAPTURED, end, module, pool, run, start
+
+FOREVER = [sys.executable, "-c", "import time; time.sleep(600)"]
+
+
+def test_a_command_returns_what_it_writes_and_its_exit_code(tmp_path):
+    code = "import os, sys; print(os.getcwd(), os.environ['WORD']); sys.exit(3)"
+    done = run(
+        [sys.executable, "-c", code], stdout=CAPTURED, stderr=CAPTURED, cwd=tmp_path, env={**os.environ, "WORD": "seen"}
+    )
+    assert (done.stdout.decode().split(), done.returncode) == ([str(tmp_path), "seen"], 3)
+
+
+def test_a_command_that_takes_too_long_is_killed():
+    began = time.monotonic()
+    with pytest.raises(TimeoutError, match=r"longer than 0\.5 s"):
+        run(FOREVER, timeout_s=0.5)
+    assert time.monotonic() - began < 30.0
+
+
+def test_a_command_that_is_not_there_is_an_os_error():
+    with pytest.raises(OSError, match="no-such-program"):
+        run(["no-such-program"])
+
+
+def test_a_module_is_not_taken_from_the_current_folder(tmp_path):
+    (tmp_path / "platform.py").write_text("print('of the current folder')")
+    assert b"current folder" not in run(module("platform"), stdout=CAPTURED, stderr=CAPTURED, cwd=tmp_path).stdout
+
+
+def test_a_started_command_inherits_files_and_ends_with_its_input(tmp_path):
+    (tmp_path / "file").write_text("content")
+    code = "import os, sys; sys.exit(len(os.read(int(sys.argv[1]), 100)) + len(sys.stdin.read()))"
+    with (tmp_path / "file").open("rb") as file:
+        process = start([sys.executable, "-c", code, str(file.fileno())], background=True, pass_fds=[file.fileno()])
+    assert end(process, 60.0) == len("content")
+
+
+def test_a_started_command_that_does_not_end_is_killed():
+    assert end(start(FOREVER, background=True), 0.2) < 0
+
+
+def test_a_pool_prepares_its_processes(tmp_path):
+    with pool(2, os.chdir, tmp_path) as executor:
+        assert list(executor.map(os.path.abspath, ["a", "b"])) == [str(tmp_path / "a"), str(tmp_path / "b")]

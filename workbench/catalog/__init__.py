@@ -1,1 +1,0 @@
-"""Recorded runs as data: found, filtered, compared, made smaller."""

@@ -1,0 +1,1 @@
+"""Multi-person data association: detections joined across views and over time."""

@@ -1,1 +1,0 @@
-"""Who is who: detections of several people, told apart and joined across views and over time."""

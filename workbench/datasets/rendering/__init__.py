@@ -1,0 +1,1 @@
+"""Rendered scenes: person, surroundings, camera and occluders."""

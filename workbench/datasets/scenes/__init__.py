@@ -1,1 +1,0 @@
-"""Parts that datasets are made of: rendering, surroundings, points on a surface."""

@@ -1,0 +1,128 @@
+"""What calibrated cameras say of one person without any tracker: do their rays to the same joints meet, how long are
+the limbs between, and which way do the knees bend."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from workbench.body.camera import Camera
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.core.frame import View
+from workbench.utils.arrays import FloatArray
+
+LIMBS = {
+    "upper_arm": ("shoulder", "elbow"),
+    "forearm": ("elbow", "wrist"),
+    "thigh": ("hip", "knee"),
+    "calf": ("knee", "ankle"),
+}
+"""Limbs of either side, between these joints."""
+_SIDES = ("left", "right")
+BENT = 0.05
+"""How far a knee is off the line from hip to ankle, over its length, when the leg counts as bent: some 12 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """What the cameras of one frame say together. apart: by pair of cameras, the median over the joints of how far both
+    are off the place nearest to their rays, in heights of the person in the image. joints: (J, 3), m, by all cameras,
+    NaN for those that fewer than two see."""
+
+    apart: dict[tuple[str, str], float]
+    joints: FloatArray
+
+
+def meeting(views: Sequence[View]) -> Meeting:
+    """Let the rays of the views' keypoints meet, those of weight 0 left out."""
+    seen = {view.camera.name: (view.camera, found_marks(view)) for view in views if view.keypoints is not None}
+    apart = {}
+    for (first, a), (second, b) in combinations(seen.items(), 2):
+        places, heights = nearest([a, b]), (height_px(a[1]), height_px(b[1]))
+        if np.isfinite(places[:, 0]).any() and min(heights) > 0.0:
+            off = [
+                np.linalg.norm(camera.project(places) - marks, axis=1) / height
+                for (camera, marks), height in zip((a, b), heights, strict=True)
+            ]
+            known = np.isfinite(places[:, 0])
+            # behind a camera is as far as it gets: one height of the person
+            apart[first, second] = float(np.median(np.nan_to_num(np.mean(off, axis=0)[known], nan=1.0)))
+    return Meeting(apart, nearest(list(seen.values())))
+
+
+def nearest(seen: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
+    """Return the places (J, 3), m, nearest in the mean square to the cameras' rays to marks (J, 2), px, NaN for none;
+    NaN where fewer than two cameras see a joint or their rays are parallel."""
+    n_joints = len(seen[0][1]) if seen else len(JOINT_NAMES)
+    normal, right, counts = np.zeros((n_joints, 3, 3)), np.zeros((n_joints, 3)), np.zeros(n_joints, dtype=int)
+    for camera, marks in seen:
+        known = np.isfinite(marks).all(axis=1)
+        rays = _rays(camera, marks[known])
+        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+        normal[known] += across
+        right[known] += across @ camera.position
+        counts[known] += 1
+    places = np.full((n_joints, 3), np.nan)
+    meet = (counts > 1) & (np.abs(np.linalg.det(normal)) > 1e-9)
+    places[meet] = np.linalg.solve(normal[meet], right[meet, :, None])[..., 0]
+    return places
+
+
+def height_px(marks: FloatArray) -> float:
+    """Measure the longer side of the box around marks (J, 2), px, NaN for none; 0 where fewer than two are known."""
+    known = marks[np.isfinite(marks).all(axis=1)]
+    return float(np.ptp(known, axis=0).max()) if len(known) > 1 else 0.0
+
+
+def found_marks(view: View) -> FloatArray:
+    """Return the marks (J, 2), px, of a view's keypoints, NaN where they weigh nothing or there are none."""
+    if view.keypoints is None:
+        return np.full((len(JOINT_NAMES), 2), np.nan)
+    weighs = np.nan_to_num(view.keypoints[:, 2:]) > 0.0
+    return np.where(weighs, view.keypoints[:, :2], np.nan)
+
+
+def limb_lengths(joints: FloatArray) -> dict[str, float]:
+    """Return the limbs' lengths, m, the median over sides and frames of joints (F, J, 3), m; those known in some."""
+    lengths = {}
+    for limb, ends in LIMBS.items():
+        each = [np.linalg.norm(_of(joints, side, ends[0]) - _of(joints, side, ends[1]), axis=1) for side in _SIDES]
+        known = np.concatenate(each)
+        known = known[np.isfinite(known)]
+        if len(known):
+            lengths[limb] = float(np.median(known))
+    return lengths
+
+
+def bends(joints: FloatArray) -> FloatArray:
+    """Return of every bent leg (n,) in frames of joints (F, J, 3), m, how far forwards its knee is off the line from
+    hip to ankle, over that line's length. Forwards is square to the hips and to the trunk, as left and right are named;
+    where they are exchanged it is backwards, and knees bend the wrong way."""
+    across, up = _of(joints, "left", "hip") - _of(joints, "right", "hip"), joints[:, JOINT_NAMES.index("neck")]
+    up = up - 0.5 * (_of(joints, "left", "hip") + _of(joints, "right", "hip"))
+    ahead = np.cross(across, up)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
+    found = []
+    for side in _SIDES:
+        hip, knee, ankle = (_of(joints, side, name) for name in ("hip", "knee", "ankle"))
+        leg = ankle - hip
+        length = np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-12)
+        off = (knee - hip) - ((knee - hip) * leg).sum(axis=1, keepdims=True) * leg / length**2
+        bent = np.linalg.norm(off, axis=1) > BENT * length[:, 0]
+        found.append(((off * ahead).sum(axis=1) / length[:, 0])[bent])
+    return np.concatenate(found)
+
+
+def _of(joints: FloatArray, side: str, name: str) -> FloatArray:
+    return joints[:, JOINT_NAMES.index(f"{side}_{name}")]
+
+
+def _rays(camera: Camera, marks: FloatArray) -> FloatArray:
+    """Return unit directions (K, 3) in the world of the rays to marks (K, 2), px."""
+    if not len(marks):
+        return np.empty((0, 3))
+    straight = cv2.undistortPoints(np.ascontiguousarray(marks[:, None]), camera.matrix, camera.distortion)[:, 0]
+    ahead = np.column_stack([straight, np.ones(len(straight))]) @ camera.rotation
+    return ahead / np.linalg.norm(ahead, axis=1, keepdims=True)

@@ -1,0 +1,1 @@
+"""Configurations: their schema, what goes together, and from a configuration to objects."""

@@ -1,0 +1,49 @@
+"""The protocol of strangers: which clips there are to choose parameters by and to report, and what each is shown with.
+
+All follows from names, by a hash that nobody chose: a clip's half from its own, what a run is shown with from the
+clip's and the seed's. So neither depends on what else is in the list, and every seed of a clip has its own view.
+"""
+
+import hashlib
+from collections.abc import Mapping
+
+from workbench.motion.formats.names import clip_name
+from workbench.utils.errors import InputError
+
+HALVES = ("report", "choose")
+"""Of the clips, by the hash of their names: whose numbers are reported, and those to choose parameters by."""
+
+Activities = Mapping[str, Mapping[str, int]]
+"""The first frame shown of every clip, by the clip's name, by the activity."""
+
+
+def hashed(text: str, *options: object) -> object:
+    """Pick one of the options by the SHA-256 of a text: the remainder of its first eight bytes, which hardly favours
+    any. Raises InputError where there is none."""
+    if not options:
+        raise InputError(f"hashed: expected options to pick one for {text!r}, found none")
+    return options[int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % len(options)]
+
+
+def half_of(clip: object) -> str:
+    """Tell which of HALVES a clip belongs to, by its name or what a command line takes for it, see `clip_name`."""
+    return HALVES[hashlib.sha256(clip_name(str(clip)).encode()).digest()[0] % 2]
+
+
+def clips_of(activities: Activities, half: str | None = None) -> list[str]:
+    """List the clips of all activities, of one half or of both; raises InputError for another half."""
+    if half is not None and half not in HALVES:
+        raise InputError(f"clips: half must be one of {', '.join(HALVES)} or null, found {half!r}")
+    every = [clip for clips in activities.values() for clip in clips]
+    return [clip for clip in every if half in (None, half_of(clip))]
+
+
+def activity_of(activities: Activities, clip: object) -> str | None:
+    """Name what the person does in a clip; None for a clip that is not listed."""
+    return next((name for name, clips in activities.items() if clip_name(str(clip)) in clips), None)
+
+
+def first_frame(activities: Activities, clip: object) -> int:
+    """Tell the first frame shown of a clip, at 30 Hz; 0 of one that is not listed."""
+    name = clip_name(str(clip))
+    return next((int(clips[name]) for clips in activities.values() if name in clips), 0)

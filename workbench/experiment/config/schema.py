@@ -1,0 +1,450 @@
+"""The schema of a configuration: of its top level, and of every part, read off the signature of what it builds.
+
+A constructor's keyword-only or defaulted parameters are the part's keys, with their types and defaults, so that
+neither is written twice and a typo or a wrong type in an override is an error that names the key.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, is_dataclass, make_dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
+from hydra.core.object_type import ObjectType
+from hydra.core.plugins import Plugins
+from hydra.errors import ConfigCompositionException
+from hydra.plugins.config_source import ConfigResult, ConfigSource
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from workbench.experiment.config import options as parts
+from workbench.experiment.config import resolvers as strangers
+from workbench.experiment.config.instantiate import resolved
+from workbench.motion.formats.names import left_out
+from workbench.utils.errors import InputError
+
+LIVE = frozenset(
+    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
+)
+"""Parameters that the run fills with live objects, so that they are no keys of a configuration; beside those whose type
+says as much: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
+
+_PLAIN = (str, int, float, bool)
+WHEN = "when"
+"""Group of the options that are made up here, and key of an experiment's file: what it sets of particular parts."""
+
+LITERAL = "paper.literal"
+"""Place under `when` of what an experiment sets where it is to be as its paper writes it."""
+
+
+@dataclass
+class PathsSchema:
+    """data: folder with recorded motion and video. cache: folder for what can be made again."""
+
+    data: str | None = None
+    cache: str = MISSING
+
+
+@dataclass
+class LearnSchema:
+    """What learned priors learn from, whichever is chosen. motions: see them; missing: what each has of its own.
+    leave_out: clips or performers, see `mocap.names`; by default those who are tracked."""
+
+    motions: str = MISSING
+    leave_out: list[Any] = field(default_factory=list)
+
+
+@dataclass
+class PeopleSchema:
+    """Who is there, recorded or generated. walk, run: clips. walks: motions of walkers. library: of all activities."""
+
+    walk: str = MISSING
+    run: str = MISSING
+    walks: str = MISSING
+    library: str = MISSING
+
+
+@dataclass
+class ClipsSchema:
+    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported; report_run,
+    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton.
+    strangers: the first frame of every clip of the protocol of strangers, by activity. half: of those, None for both.
+    """
+
+    choose: list[str] = MISSING
+    report: list[str] = MISSING
+    report_run: list[str] = MISSING
+    report_walk_run: list[Any] = MISSING
+    report_full: list[str] = MISSING
+    strangers: dict[str, dict[str, int]] = MISSING
+    half: str | None = None
+
+
+@dataclass
+class ProtocolSchema:
+    """What a report divides runs by, see `strangers`. half: of the clips. activity: the clip's. shown: with what."""
+
+    half: str | None = None
+    activity: str | None = None
+    shown: str | None = None
+
+
+@dataclass
+class ToleranceSchema:
+    """What a metric may move by: absolute, in its unit, or relative to what it was."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+
+@dataclass
+class SweepSchema:
+    """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
+
+    fail_fast: begin no job after one has failed. stop_when: ends a run early.
+    """
+
+    resume: str | None = None
+    reuse: str | None = None
+    fail_fast: bool = False
+    stop_when: str | None = None
+    jobs: list[int] | None = None
+    metric: str | None = None
+
+
+@dataclass
+class RunSchema:
+    """The top level of a configuration. Groups a study has no use for are null in its experiment; no study: track.
+
+    parts: packages beside the workbench whose parts may be chosen; what says so is the command line, not a file.
+    given: what the experiment says its run is given, see `experiment.given`; a run says what it is.
+    paper: "literal" where an experiment does what its paper writes, else "ours".
+    """
+
+    body: Any = None
+    dataset: Any = None
+    prior: Any = None
+    likelihood: Any = None
+    inference: Any = None
+    recorder: Any = None
+    study: Any = None
+    seed: int = 0
+    threads: int | None = None
+    parts: list[str] = field(default_factory=list)
+    given: list[str] = field(default_factory=list)
+    paper: str = "ours"
+    learn: LearnSchema = field(default_factory=LearnSchema)
+    people: PeopleSchema = field(default_factory=PeopleSchema)
+    clips: ClipsSchema = field(default_factory=ClipsSchema)
+    protocol: ProtocolSchema = field(default_factory=ProtocolSchema)
+    paths: PathsSchema = field(default_factory=PathsSchema)
+    check: dict[str, ToleranceSchema] = field(default_factory=dict)
+    sweep: SweepSchema = field(default_factory=SweepSchema)
+
+
+def prepare_hydra() -> None:
+    """Tell Hydra where options are and what `conf/` refers to: the schema of its top level, and its resolvers."""
+    ConfigStore.instance().store(name="run_schema", node=RunSchema)
+    for plugin in (PartsConfigSource, PartsSearchPath):
+        Plugins.instance().register(plugin)
+    OmegaConf.register_new_resolver("given", _given, replace=True)
+    OmegaConf.register_new_resolver("performers", _performers, replace=True)
+    OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
+    OmegaConf.register_new_resolver("each", _each, replace=True)
+    for each in (strangers.hashed, strangers.half_of, strangers.clips_of, strangers.activity_of, strangers.first_frame):
+        OmegaConf.register_new_resolver(each.__name__, each, replace=True)
+
+
+@lru_cache(maxsize=256)
+def schema_of(target: str, with_defaults: bool = False) -> type:
+    """Return a dataclass with `_target_` and a typed field for each configurable parameter of a component.
+
+    Parameters
+    ----------
+    target
+        The component's dotted name.
+    with_defaults
+        Add a field for Hydra's own list `defaults`, which Hydra takes out again.
+
+    Raises
+    ------
+    InputError
+        As `resolved`.
+    """
+    component = resolved(target)
+    columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{component.__module__}.{component.__qualname__}")]
+    if with_defaults:
+        columns.append(("defaults", list[Any], field(default_factory=list)))
+    columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
+    return make_dataclass(f"{component.__name__}_keys", columns)
+
+
+def keys_without_default(target: str) -> list[str]:
+    """Name the keys that a component must be given, by its dotted name; raises InputError as `resolved`."""
+    return [key for key, (_, default) in keys_of(resolved(target)).items() if default is inspect.Parameter.empty]
+
+
+def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
+    """Type and default, `inspect.Parameter.empty` for none, of every parameter of `target` that is not live."""
+    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
+    types = get_type_hints(target.__init__ if constructed else target)
+    found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
+    return {name: each for name, each in found.items() if name not in LIVE and not _is_live(each[0])}
+
+
+def _is_live(hint: Any) -> bool:
+    if get_origin(hint) in (Union, UnionType):
+        return any(map(_is_live, get_args(hint)))
+    of_run = getattr(hint, "__module__", "").startswith(("workbench.body.", "workbench.core."))
+    made = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
+    return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
+
+
+def _field(default: object) -> Any:
+    """Return the dataclass field of a parameter with this default; of a component, which the class makes, None."""
+    if default is inspect.Parameter.empty:
+        return MISSING
+    if isinstance(default, Mapping):
+        return field(default_factory=lambda: deepcopy(dict(default)))
+    if isinstance(default, tuple | list):
+        return field(default_factory=lambda: deepcopy(list(default)))
+    return default if isinstance(default, (*_PLAIN, NoneType)) else None
+
+
+def _schema_type(hint: Any) -> Any:
+    """What OmegaConf calls the type: sequences are lists, mappings are dicts, and parts of any class are anything."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        others = [part for part in inner if part is not NoneType]
+        one = _schema_type(others[0]) if len(others) == 1 else Any
+        if one is Any or get_origin(one) is dict:  # of which OmegaConf does not take null for something to add to
+            return Any
+        return one | None
+    if hint in _PLAIN:
+        return hint
+    if origin in (tuple, list, Sequence):
+        return list[inner[0] if inner[0] in _PLAIN else Any]  # type: ignore[misc]
+    if origin is Literal:
+        return str  # the part itself names the choices it knows
+    if origin in (dict, Mapping):
+        return dict[str, inner[1] if inner[1] in _PLAIN else Any]  # type: ignore[misc]
+    return Any
+
+
+class PartsConfigSource(ConfigSource):
+    """The folders with options that `parts` has when Hydra starts, looked through in this order.
+
+    An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
+
+        when:
+          prior.jitter: {sigma: 0.01}
+
+    in its own file, or in that of an experiment it begins with, holds where the prior is jitter, and only there.
+    Under `when: {paper.literal: …}` it says likewise how its paper departs from that.
+    """
+
+    def __init__(self, provider: str, path: str) -> None:
+        super().__init__(provider, path)
+        self._packages, self._folders = parts.packages(), list(parts.folders().values())
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Let a launcher's worker, which has not seen the command line, choose and build the same components."""
+        self.__dict__.update(state)
+        parts.name_parts(self._packages)
+
+    @staticmethod
+    def scheme() -> str:
+        """Tell what its places begin with."""
+        return "parts"
+
+    def available(self) -> bool:
+        """Tell whether it leads anywhere; names are looked up when they are given."""
+        return True
+
+    def is_group(self, config_path: str) -> bool:
+        """Tell whether a package has this folder."""
+        return any((folder / config_path).is_dir() for folder in self._folders)
+
+    def is_config(self, config_path: str) -> bool:
+        """Tell whether a package has this file, or it is one of those made up here."""
+        return config_path.startswith(f"{WHEN}/") or self._find(config_path) is not None
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        """Names of the groups and options in a folder; those that begin with an underscore are not for choosing."""
+        found = [path for folder in self._folders for path in (folder / config_path).glob("[!_]*")]
+        groups = {path.name for path in found if path.is_dir() and results_filter is not ObjectType.CONFIG}
+        files = {path.stem for path in found if path.suffix == ".yaml" and results_filter is not ObjectType.GROUP}
+        return sorted(groups | files)
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
+        if config_path.startswith(f"{WHEN}/"):
+            experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
+            return self._result(self._chosen_settings(experiment, set(chosen)), {"package": "_global_"})
+        path = self._find(config_path)
+        assert path is not None
+        text = _text(path)
+        self._check_options(config_path, _parsed(text, str(path)))
+        config = _typed_text(text, str(path), config_path.startswith("experiment/"), parts.packages())
+        return self._result(deepcopy(config), ConfigSource._get_header_dict(text))
+
+    def _result(self, config: Any, header: dict[str, str | None]) -> ConfigResult:
+        return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
+
+    def _find(self, config_path: str) -> Path | None:
+        return parts.find(self._folders, self._normalize_file_name(config_path))
+
+    def _check_options(self, config_path: str, config: DictConfig) -> None:
+        """Raise ConfigCompositionException, naming the file, where its defaults list chooses an option that is none."""
+        entries: Any = OmegaConf.to_container(config["defaults"], resolve=False) if "defaults" in config else []
+        for group, option in (item for entry in entries if isinstance(entry, dict) for item in entry.items()):
+            name = f"{group.split()[-1].partition('@')[0].lstrip('/')}/{option}"
+            fixed = isinstance(option, str) and "$" not in option and name.partition("/")[0] in parts.GROUPS
+            if fixed and self._find(name) is None:
+                raise ConfigCompositionException(f"In '{config_path}': Could not find '{name}'")
+
+    def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
+        """Collect what an experiment sets of the parts chosen, each `group.option`; its paper's own words last.
+
+        Raises ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
+        """
+        found = self._settings(experiment, chosen)
+        if LITERAL in chosen:
+            if LITERAL not in self._own(experiment).get(WHEN, {}):
+                raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
+            found.merge_with(self._settings(experiment, chosen, literal=True))
+        return found
+
+    def _settings(self, experiment: str, chosen: set[str], literal: bool = False) -> DictConfig:
+        """What an experiment and those it begins with set of the parts chosen, each `group.option`; its own last.
+
+        literal: what they set under `paper.literal` instead.
+        """
+        found, own = OmegaConf.create({}), self._own(experiment)
+        for base in own.get("defaults", ()):
+            if isinstance(base, str) and base != "_self_":
+                found.merge_with(self._settings(base, chosen, literal))
+        settings = own.get(WHEN) or {}
+        for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
+            group, _, option = str(place).partition(".")
+            if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                raise ConfigCompositionException(f"In 'experiment/{experiment}': {WHEN}: there is no part {place}")
+            if not isinstance(keys, DictConfig):
+                raise ConfigCompositionException(
+                    f"In 'experiment/{experiment}': {WHEN}: {place}: expected keys and values, found {keys}"
+                )
+            if place != LITERAL and place in chosen:
+                found.merge_with({group: keys})
+        return found
+
+    def _own(self, experiment: str) -> DictConfig:
+        """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
+        path = self._find(f"experiment/{experiment}")
+        return OmegaConf.create({}) if path is None else _parsed(_text(path), str(path))
+
+
+class PartsSearchPath(SearchPathPlugin):
+    """Puts the options of all packages and folders where Hydra would look for ours alone."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Called by Hydra whenever it is started, so that packages named since then are found too."""
+        for element in search_path.get_path():
+            if element.path == f"pkg://{parts.OURS}.conf":
+                element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.folders())}"
+
+
+def open_mappings(schema: DictConfig) -> DictConfig:
+    """Let a command line fill the mappings that a class leaves empty, such as a file by camera, without a plus."""
+    for key in schema:
+        node = schema._get_node(key)
+        if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
+            OmegaConf.set_struct(node, False)
+    return schema
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except ValueError as error:
+        raise ConfigCompositionException(f"{path}: expected a text in UTF-8: {error}") from None
+
+
+@lru_cache(maxsize=512)
+def _parsed(text: str, file: str) -> DictConfig:
+    """Parse YAML, once for all configurations that a process composes; the result is to be left as it is.
+
+    Raises ConfigCompositionException, naming the file, for anything but a mapping, and for a list that is none.
+    """
+    try:
+        config = OmegaConf.create(text)
+    except (YAMLError, OmegaConfBaseException) as error:
+        raise ConfigCompositionException(f"{file}: expected YAML: {' '.join(str(error).split())}") from None
+    kinds = {"defaults": (ListConfig, "a list"), WHEN: (DictConfig | NoneType, "a mapping")}
+    if not isinstance(config, DictConfig):
+        raise ConfigCompositionException(f"{file}: expected a mapping of keys to values")
+    for key, (kind, name) in kinds.items():
+        if key in config and not isinstance(config[key], kind):
+            raise ConfigCompositionException(f"{file}: {key}: expected {name}, found {config[key]}")
+    return config
+
+
+@lru_cache(maxsize=512)
+def _typed_text(text: str, file: str, experiment: bool, packages: tuple[str, ...]) -> Any:
+    """Parse and type a file's text, an experiment's without what it sets of particular parts; to be left as it is.
+
+    packages: those whose classes may be named, on which it depends, too.
+    """
+    config = deepcopy(_parsed(text, file))
+    if experiment and WHEN in config:
+        del config[WHEN]
+    return typed(config, file)
+
+
+def typed(config: Any, file: str) -> Any:
+    """Merge every mapping that names a class over the schema of that class, so that its keys are checked.
+
+    Raises ConfigCompositionException, naming the file, for a key that is none or a value of another type.
+    """
+    for key in list(config.keys()) if isinstance(config, DictConfig) else range(len(config)):
+        node = config._get_node(key)
+        if key == "hydra" or not isinstance(node, DictConfig | ListConfig):  # Hydra looks after its own
+            continue
+        if not (node._is_none() or node._is_interpolation()):
+            config._set_item_impl(key, typed(node, file))
+    if not isinstance(config, DictConfig) or "_target_" not in config:
+        return config
+    try:
+        schema = open_mappings(OmegaConf.structured(schema_of(config._target_, "defaults" in config)))
+    except InputError as error:
+        raise ConfigCompositionException(f"{file}: {error}") from error
+    known = [str(key) for key in schema]  # which `in` would not find where they have no default
+    if unknown := [str(key) for key in config if key not in known]:
+        keys = ", ".join(key for key in known if key not in ("_target_", "defaults")) or "none"
+        raise ConfigCompositionException(f"{file}: {config._target_} has no key {unknown[0]!r}; it has {keys}")
+    try:
+        return OmegaConf.merge(schema, config)
+    except OmegaConfBaseException as error:
+        raise ConfigCompositionException(f"{file}: {' '.join(str(error).split())}") from error
+
+
+def _given(value: str | None, then: object, otherwise: object) -> object:
+    """`then` where there is a value, `otherwise` where it is null or the built-in walker."""
+    return otherwise if value in (None, "builtin") else then
+
+
+def _performers(*motions: Any, by_style: bool = False) -> list[str]:
+    """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
+    listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
+    return left_out((str(name) for names in listed for name in names), by_style)
+
+
+def _each(values: Sequence[str]) -> str:
+    """Write a list as a sweep's choices."""
+    return ",".join(f"'{value}'" for value in values)

@@ -1,0 +1,1 @@
+"""An iterated extended Kalman filter over poses, with a backward pass."""

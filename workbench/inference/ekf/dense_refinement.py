@@ -1,0 +1,69 @@
+"""Climb on by all pixels of a frame: cells that learned from a pose that was a little off agree with that pose, however
+far the person drifts from it, while the image as layers says where they really end and what hides what."""
+
+import numpy as np
+
+from workbench.core.likelihood import LayeredLook, Slope
+from workbench.inference.ekf.levenberg_marquardt import Tails
+from workbench.utils.arrays import BoolArray, FloatArray
+
+STEPS = 4
+LENGTHS = (1.0, 0.5, 0.25)
+"""Parts of a step that are tried, the first that leads up is taken."""
+LEAST_SEEN = 3.0
+"""How many times as much as the prior the points must say of a direction for the layers to be asked: of what no image
+sees, such as depth, their pixels tell nothing but noise."""
+NARROWEST, WIDEST = 0.025, 0.15
+"""Between which the layers are looked at to either side of a pose: the largest change of a number, m or rad."""
+ENOUGH = 0.5
+"""Nats below which a step is none."""
+
+
+def settle(
+    look: LayeredLook, prior: Tails, pose: FloatArray, slope: Slope, limits: FloatArray, joints: BoolArray
+) -> tuple[FloatArray, Slope, int]:
+    """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the peak of the first two, within limits
+    (P, 2), by Newton steps; return the pose, the slope of the points there, and how often the layers were asked. slope:
+    of the points at the pose it begins with. joints: (J,), all true.
+
+    The layers have no derivatives: these are differences along the axes that the prior's precision and the points'
+    curvature share, over the deviations of both there, and only along those which the points see (LEAST_SEEN).
+    Curvature that is not downwards counts as none, and off the diagonal none is looked at.
+    """
+    last, count = look.levels - 1, 0
+    for _ in range(STEPS):
+        precision = prior.precision(pose)
+        root = np.linalg.inv(np.linalg.cholesky(precision)).T
+        seen, turned = np.linalg.eigh(root.T @ slope.curvature @ root)
+        axes, asked = root @ turned, seen > LEAST_SEEN  # the prior's deviations along them are 1, the points' √(1/seen)
+        largest = np.abs(axes).max(axis=0)
+        widths = np.clip(1.0 / np.sqrt(1.0 + np.maximum(seen, 0.0)), NARROWEST / largest, WIDEST / largest)
+        gradient, curvature = np.zeros(len(pose)), np.zeros(len(pose))
+        ways = (axes * widths)[:, asked]
+        gradient[asked], curvature[asked] = _differences(look, pose, ways, limits, joints)
+        uphill = axes.T @ (slope.gradient - precision @ (pose - prior.mean)) + gradient / widths
+        step = axes @ (uphill / (1.0 + seen + curvature / widths**2))
+        tried = np.clip(pose + np.array(LENGTHS)[:, None] * step, *limits.T)
+        heights = look.compare(np.concatenate([pose[None], tried]), joints)
+        count += 2 * ways.shape[1] + 2 + len(LENGTHS)
+        here = slope.log_prob + prior.height(pose) + heights[0]
+        for place, height in zip(tried, heights[1:], strict=True):
+            at_place = look.slope(place, last)
+            if at_place.log_prob + prior.height(place) + height > here + ENOUGH:
+                pose, slope = place, at_place
+                break
+        else:
+            break
+    return pose, slope, count
+
+
+def _differences(
+    look: LayeredLook, pose: FloatArray, ways: FloatArray, limits: FloatArray, joints: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Approximate gradient (D,) and downward curvature (D,), not negative, of the layers at a pose (P,) along ways
+    (P, D), in their units."""
+    d = ways.shape[1]
+    places = pose + np.concatenate([np.zeros((1, len(pose))), ways.T, -ways.T])
+    heights = look.compare(np.clip(places, *limits.T), joints)
+    here, above, below = heights[0], heights[1 : d + 1], heights[d + 1 :]
+    return 0.5 * (above - below), np.maximum(2.0 * here - above - below, 0.0)

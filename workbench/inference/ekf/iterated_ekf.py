@@ -1,0 +1,314 @@
+"""The iterated extended Kalman filter (Bell & Cathey 1993) and the smoother of Rauch, Tung & Striebel (1965), for
+likelihoods that are only known by their values."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from workbench.body.limbs import Body
+from workbench.body.skeleton import POSE_NAMES
+from workbench.core.capabilities import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
+from workbench.core.filter_state import Memory, Past, recalled, streams_now
+from workbench.core.frame import Frame
+from workbench.core.gaussian import condition_block
+from workbench.core.likelihood import LayeredLook, Likelihood, Look, Relearning, SlopedLook
+from workbench.core.prior import Prior
+from workbench.core.state_space import StateSpace
+from workbench.core.step import Step
+from workbench.inference.ekf.dense_refinement import settle
+from workbench.inference.ekf.gaussian_state import Belief, gaussian_of, predict, smoothed
+from workbench.inference.ekf.levenberg_marquardt import FARTHER, Climbed, climb, peak_at, tails
+from workbench.inference.ekf.limb_reinitialization import is_better, leap
+from workbench.inference.ekf.mode_search import Peak, find_peak
+from workbench.inference.ekf.pass_fusion import of_both, shares
+from workbench.inference.smc.move import Streams
+from workbench.inference.smc.target import Stopwatch
+from workbench.inference.smc.weights import even_log_weights
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
+from workbench.utils.errors import InputError
+
+BLOCKS = (
+    ("root", "left_hip", "left_knee", "right_hip", "right_knee", "neck"), ("root",), ("left_hip", "left_knee"),
+    ("right_hip", "right_knee"), ("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow"), ("root", "neck"),
+)  # fmt: skip
+"""What parameters that are guessed together begin with, in turn."""
+LEAPT_RAD, LEAPT_RAD_S = 0.2, 3.0
+"""How far angles and their speeds may be off where a limb is found anew."""
+BASE_DOUBT = 0.3
+"""By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
+
+
+Filtered: TypeAlias = tuple[Frame, Belief, dict[str, Any]]
+"""A frame, what is believed of it, and what else its step tells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kalman:
+    """Represent each frame's posterior by a Gaussian about its peak, and tell it as draws.
+
+    The prior leads the Gaussian of the frame before on to N(m, P), by its mean's derivatives and its noise. The frame's
+    peak is then looked for by Newton steps on log N(pose; m, P) + log p(frame | pose) (`peak.find_peak`), from the best
+    of m and `guesses` changes of one limb after the other, and P is narrowed by the likelihood's curvature there.
+    Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp. A likelihood
+    that knows its derivatives is climbed by these instead, from m, with heavier tails (`climb`); one that can also tell
+    apart poses that are far from each other is asked whether an arm or a leg is somewhere else (`leap`), and climbed on
+    by all its pixels (`settle`).
+
+    second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
+    likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then lies between
+    both looks, nearer to the second the more they differ, and of each limb to the one that the pixels speak for
+    (`both.shares`), and is as much less sure as they differ (`both.of_both`). Else every frame is told as soon as it is
+    seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the likelihood that
+    narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much wider the draws
+    are than the Gaussian, which knows nothing of what model and cues have in common from frame to frame; where the
+    likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not know a loss.
+    postures: power of the prior's density of postures, where it knows one, by which what is told of each frame, but not
+    the tracking, is drawn to what people do: of a limb that hides, images say little. n_particles: draws, with even
+    weights. Raises InputError for a prior without Gaussian noise and numbers out of range.
+    """
+
+    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
+
+    prior: Prior
+    likelihood: Likelihood
+    body: Body
+    _: KW_ONLY
+    n_particles: int = 500
+    steps: int = 3
+    guesses: int = 40
+    sudden: float = 0.05
+    flatten: float = 0.05
+    widen: float = 1.0
+    postures: float = 0.0
+    second_pass: bool = True
+
+    finds_start: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check("inference", self, n_particles=at_least(2), steps=at_least(1), guesses=at_least(0), flatten=UNIT)
+        check("inference", self, sudden=INSIDE_UNIT, widen=POSITIVE, postures=UNIT)
+
+    @property
+    def space(self) -> StateSpace:
+        """Return the prior's."""
+        return self.prior.space
+
+    @property
+    def continues(self) -> bool:
+        """Whether it goes on from a `Past`: without a second pass, which needs all frames."""
+        return not self.second_pass
+
+    def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
+        """Yield one step per frame, after the last frame where there is a second pass; the first gives the start
+        distribution around the pose `start` (P,) or, of several (n, P), around the first; or the steps of the frames
+        after a `Past`. Raises InputError without a start, and for a past where there is a second pass."""
+        if start is None:
+            raise InputError("inference: a Kalman filter needs a pose to start from, found none")
+        if not self.second_pass:
+            for frame, belief, extra in self._filtered(self.likelihood, frames, start, rng_streams):
+                step = self._step(frame, [belief], rng_streams["prior"], extra)
+                log_evidence = np.array([step.log_evidence])
+                arrays = {"mean": belief.mean, "covariance": belief.covariance, "log_evidence": log_evidence}
+                yield replace(step, memory=Memory(arrays, step.expected_pose, streams_now(rng_streams)))
+            return
+        if isinstance(start, Past):
+            raise InputError("inference: a Kalman filter goes on from a frame with second_pass=false alone")
+        seen = list(self._filtered(self.likelihood, frames, start, rng_streams))
+        looks = [smoothed([belief for _, belief, _ in seen])]
+        if isinstance(self.likelihood, Relearning):
+            seen = self._again(self.likelihood, seen, looks[0], start, rng_streams)
+            looks.append(smoothed([belief for _, belief, _ in seen]))
+        for (frame, _, extra), *beliefs in zip(seen, *looks, strict=True):
+            yield self._step(frame, beliefs, rng_streams["prior"], extra)
+
+    def _again(
+        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[Belief], start: FloatArray,
+        rng_streams: Streams,
+    ) -> list[Filtered]:  # fmt: skip
+        """Look at all frames again, knowing more, and where the person was believed to be; each tells what both looks
+        took, the first frame the learning."""
+        clock, frames = Stopwatch(), [frame for frame, _, _ in seen]
+        poses = self.prior.pose(np.stack([belief.mean for belief in beliefs]))
+        found = {frame.index: pose for frame, pose in zip(frames, poses, strict=True)}
+        relearned = likelihood.relearned(frames[0], found)
+        clock.lap("likelihood")
+        again = list(self._filtered(relearned, frames, start, rng_streams, found))
+        for (_, _, before), (_, _, now) in zip(seen, again, strict=True):
+            spent = before["timing_s"], now["timing_s"], clock.laps
+            now["timing_s"] = {stage: sum(laps.get(stage, 0.0) for laps in spent) for stage in {**spent[0], **spent[1]}}
+            now["evaluations"] += before["evaluations"]
+            clock.laps.clear()
+        return again
+
+    def _filtered(
+        self, likelihood: Likelihood, frames: Iterable[Frame], start: FloatArray | Past, rng_streams: Streams,
+        found: Mapping[int, FloatArray] = MappingProxyType({}),
+    ) -> Iterator[Filtered]:  # fmt: skip
+        """Filter frame by frame; found: poses (P,) of an earlier look, by the frame's index."""
+        model, previous, log_evidence, frames = gaussian_of(self.prior), None, 0.0, iter(frames)
+        if isinstance(start, Past):
+            likelihood, previous = recalled(likelihood, frames, start.expected)
+            start.memory.restore(rng_streams)
+            size, (log_evidence,) = len(self.space), start.memory.array("log_evidence", 1)
+            mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
+        else:
+            mean, covariance = model.start_moments(np.atleast_2d(start)[0])
+        belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
+        for frame in frames:
+            clock, evaluations = Stopwatch(), 0.0
+            look = likelihood.look(previous, frame)
+            if previous is not None or (isinstance(look, SlopedLook) and look.judges):
+                before = self.prior.pose(belief.mean[None])
+                predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
+                clock.lap("prior")
+                leaps = previous is not None  # nobody leaps from where a start is given
+                belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
+                if frame.index in found and isinstance(look, LayeredLook):
+                    weighed = shares(look, self.body.skeleton, self._leaping, peak.pose, found[frame.index])
+                    belief = replace(belief, shares=weighed)
+                log_evidence, evaluations = log_evidence + peak.log_evidence, float(peak.evaluations)
+            likelihood = look.remember(self.prior.pose(belief.mean[None])[0])
+            clock.lap("likelihood")
+            yield frame, belief, {
+                "log_evidence": log_evidence, "timing_s": clock.laps, "warnings": tuple(look.notes),
+                "diagnostics": look.diagnostics, "evaluations": evaluations,
+            }  # fmt: skip
+            previous = frame
+
+    def _updated(
+        self, belief: Belief, look: Look, before: FloatArray, leaps: bool, rng: np.random.Generator
+    ) -> tuple[Belief, Peak]:
+        """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
+        n = before.shape[1]
+        peak: Peak
+        if isinstance(look, SlopedLook):
+            climbed = self._climbed(look, belief, belief.mean[:n])
+            if isinstance(look, LayeredLook):
+                if leaps:
+                    belief, climbed = self._leapt(look, belief, climbed, before[0], rng)
+                climbed = self._settled(look, belief, climbed)
+            peak, doubt = climbed, BASE_DOUBT + look.misfit(climbed.pose)[self.body.skeleton.dof_joints]
+        else:
+            peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
+        mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
+        return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
+
+    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Climbed:
+        """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
+        n = len(start)
+        return climb(
+            look, belief.mean[:n], belief.covariance[:n, :n], self.body.skeleton.limits, start=start,
+            limbs=self._limbs, sudden=self.sudden, flatten=self.flatten,
+        )  # fmt: skip
+
+    def _leapt(
+        self, look: LayeredLook, belief: Belief, peak: Climbed, before: FloatArray, rng: np.random.Generator
+    ) -> tuple[Belief, Climbed]:
+        """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
+        skeleton = self.body.skeleton
+        for limb in self._leaping:
+            found = leap(look, skeleton, limb, peak.pose, before, rng)
+            if found is None:
+                continue
+            released = belief.released(*self._anew(limb, found))
+            again = self._climbed(look, released, found)
+            if is_better(look, len(skeleton.names), peak.pose, again.pose, limb, before):
+                belief, peak = released, again
+        return belief, peak
+
+    def _settled(self, look: LayeredLook, belief: Belief, peak: Climbed) -> Climbed:
+        """Climb on by all pixels of the frame."""
+        n, skeleton = len(peak.pose), self.body.skeleton
+        prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
+        pose, slope, count = settle(look, prior, peak.pose, peak.slope, skeleton.limits, self._everything)
+        return peak_at(prior, pose, slope, self.flatten, peak.evaluations + count)
+
+    def _anew(self, limb: IntArray, pose: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """What is believed of a limb that leapt to where it is in a pose (P,): the columns of its angles and of their
+        speeds where the prior has these, what is expected of them, and how far they may be off."""
+        names, dofs = list(self.space.names), self.body.skeleton.dof_names
+        speeds = [names.index(name) for k in limb if (name := f"{dofs[k]}_velocity") in names]
+        columns = np.array([*limb, *speeds], dtype=np.int64)
+        expected = np.append(pose[limb], np.zeros(len(speeds)))
+        return columns, expected, np.repeat([LEAPT_RAD, LEAPT_RAD_S], [len(limb), len(speeds)])
+
+    def _searched(
+        self, look: Look, mean: FloatArray, covariance: FloatArray, before: FloatArray, rng: np.random.Generator
+    ) -> Peak:
+        """Find the peak of a likelihood that is only known by its values."""
+
+        def log_likelihood(poses: FloatArray) -> FloatArray:
+            return look.evaluate(np.repeat(before, len(poses), axis=0), poses).log_prob
+
+        guesses = [self._changes(covariance, own, rng) for own in self._blocks]
+        limits = self.body.skeleton.limits
+        return find_peak(
+            log_likelihood, mean, covariance, limits, guesses=guesses, steps=self.steps, flatten=self.flatten
+        )
+
+    @cached_property
+    def _everything(self) -> BoolArray:
+        """All joints (J,)."""
+        return np.ones(len(self.body.skeleton.names), dtype=np.bool_)
+
+    @cached_property
+    def _limbs(self) -> IntArray:
+        """Which limb each of a pose's numbers (P,) moves: 0 for the root, and one for all that hangs on each of its
+        joints."""
+        parents, limb = self.body.skeleton.parents, np.zeros(len(self.body.skeleton.parents), dtype=np.int64)
+        for joint, parent in enumerate(parents):
+            if parent >= 0:
+                limb[joint] = limb[parent] if parents[parent] >= 0 else limb.max() + 1
+        return np.asarray(limb[self.body.skeleton.dof_joints])
+
+    @cached_property
+    def _leaping(self) -> list[IntArray]:
+        """The columns of each arm's and each leg's angles."""
+        joints, limbs = self.body.skeleton.dof_joints, self._limbs
+        columns = [np.flatnonzero(limbs == k) for k in range(1, int(limbs.max()) + 1)]
+        return [own for own in columns if len(np.unique(joints[own])) > 1]
+
+    @cached_property
+    def _blocks(self) -> list[IntArray]:
+        """The columns of poses that are guessed together, of BLOCKS."""
+        names = self.body.skeleton.dof_names
+        found = [[k for k, name in enumerate(names) if name.startswith(words)] for words in BLOCKS]
+        return [np.array(own, dtype=np.int64) for own in found if own]
+
+    def _changes(self, covariance: FloatArray, own: IntArray, rng: np.random.Generator) -> FloatArray:
+        """Draw changes (G, P) of some columns, from the prediction's covariance and, half of them, FARTHER."""
+        root = np.linalg.cholesky(covariance[np.ix_(own, own)] + 1e-12 * np.eye(len(own)))
+        changes = np.zeros((self.guesses, len(covariance)))
+        changes[:, own] = rng.standard_normal((self.guesses, len(own))) @ root.T
+        changes[::2] *= FARTHER
+        return changes
+
+    def _step(
+        self, frame: Frame, beliefs: Sequence[Belief], rng: np.random.Generator, extra: Mapping[str, Any]
+    ) -> Step:
+        """Tell what one look at the clip, or two, made of a frame."""
+        belief = beliefs[-1]
+        widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
+        mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths
+        if len(beliefs) > 1:
+            mean, covariance = of_both(beliefs[0].mean, mean, covariance, belief.shares)
+        if self.postures > 0.0 and self.prior.powers.postures is not None:
+            n = len(belief.doubt)
+            drawn = self.prior.powers.postures.drawn(mean[:n], covariance[:n, :n], self.postures)
+            mean, covariance = condition_block(mean, covariance, *drawn)
+        values, vectors = np.linalg.eigh(covariance)
+        half = rng.standard_normal((self.n_particles // 2, len(values)))  # in pairs, whose mean is the Gaussian's
+        white = np.concatenate([half, -half, np.zeros((self.n_particles % 2, len(values)))])
+        state = mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        nearest = int(np.argmin((white**2).sum(axis=1)))
+        poses, expected = self.prior.pose(state), self.prior.pose(mean[None])[0]
+        return Step(
+            frame=frame, space=self.space, particles=state, poses=poses,
+            log_weights=even_log_weights(self.n_particles), ancestors=np.arange(self.n_particles),
+            expected_pose=expected, map_pose=poses[nearest], ess=float(self.n_particles), **extra,
+        )  # fmt: skip

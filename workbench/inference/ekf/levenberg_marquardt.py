@@ -1,0 +1,123 @@
+"""The peak of a prior with heavy tails times a likelihood that knows its derivatives, and the Gaussian about it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.likelihood import Slope, SlopedLook
+from workbench.inference.ekf.mode_search import Peak
+from workbench.utils.arrays import FloatArray, IntArray
+
+STEPS = 5
+"""At most, at every smoothing."""
+ENOUGH, ENOUGH_YET = 0.05, 0.5
+"""A step that gains less ends the climb at the last smoothing, and at one before it, nats."""
+_LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
+
+
+FARTHER = 3.0
+"""How many times as far a limb goes that moves as nobody foresaw."""
+
+
+@dataclass(frozen=True, eq=False)
+class Climbed(Peak):
+    """A peak that derivatives led to. slope: of the likelihood there, at the last smoothing."""
+
+    slope: Slope
+
+
+@dataclass(frozen=True, eq=False)
+class Tails:
+    """A Gaussian about a mean (P,), but that each limb may move as nobody foresaw: its numbers, given those before
+    them, are (1 − ε) N(0, I) + ε N(0, FARTHER² I) in the Gaussian's own deviations. People begin and stop to move more
+    suddenly than a Gaussian has it, and when an arm does, all of it does, while the legs go on.
+
+    white: (P, P), lower triangular, from a difference to deviations. limbs: (P,), which limb each number moves. sudden:
+    ε.
+    """
+
+    mean: FloatArray
+    white: FloatArray
+    limbs: IntArray
+    sudden: float
+
+    def height(self, pose: FloatArray) -> float:
+        """Its log density, 0 at the mean."""
+        at_mean = np.logaddexp(*self._parts(np.zeros(int(self.limbs.max()) + 1)))
+        return float((np.logaddexp(*self._parts(self._squares(pose))) - at_mean).sum())
+
+    def precision(self, pose: FloatArray) -> FloatArray:
+        """The precision (P, P) of the Gaussian about the mean whose slope at a pose is the same."""
+        usual, far = self._parts(self._squares(pose))
+        foreseen = np.exp(usual - np.logaddexp(usual, far))
+        weights = foreseen + (1.0 - foreseen) / FARTHER**2
+        return np.asarray((self.white.T * weights[self.limbs]) @ self.white)
+
+    def _squares(self, pose: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(self.limbs, (self.white @ (pose - self.mean)) ** 2), dtype=np.float64)
+
+    def _parts(self, squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log densities of every limb as it is foreseen and as it is not, at sums of its squared deviations."""
+        sizes = np.bincount(self.limbs)
+        usual = np.log1p(-self.sudden) - 0.5 * squares
+        return usual, np.log(self.sudden) - sizes * np.log(FARTHER) - 0.5 * squares / FARTHER**2
+
+
+def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: float) -> Tails:
+    """Return the tails about a Gaussian."""
+    root = np.linalg.cholesky(covariance + 1e-10 * np.eye(len(mean)))
+    return Tails(mean, np.linalg.inv(root), limbs, sudden)
+
+
+def climb(
+    look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
+    start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
+) -> Climbed:  # fmt: skip
+    """Climb from a pose `start` (P,), within limits (P, 2), by damped Gauss–Newton steps (Levenberg 1944, Marquardt
+    1963), at one smoothing of the image after the other. mean: (P,), what was predicted.
+
+    limbs: (P,), which limb each number moves; sudden: how likely one moves as nobody foresaw, see `Tails`. flatten:
+    power of the likelihood that narrows the covariance (P, P), as in `find_peak`. Where a limb is far from what was
+    predicted, the covariance is wider by as much as that was unlikely.
+    """
+    prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
+    for level in range(look.levels):
+        pose, slope, taken = _climb_at(look, level, prior, pose, limits)
+        count += taken
+    return peak_at(prior, pose, slope, flatten, count)
+
+
+def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Climbed:
+    """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
+    precision = prior.precision(pose)
+    narrowed = np.linalg.inv(precision + flatten * slope.curvature)
+    _, volume = np.linalg.slogdet(np.eye(len(pose)) + slope.curvature @ np.linalg.inv(precision))
+    height = slope.log_prob + prior.height(pose) - 0.5 * volume
+    return Climbed(pose, 0.5 * (narrowed + narrowed.T), float(height), count, slope)
+
+
+def _climb_at(
+    look: SlopedLook, level: int, prior: Tails, pose: FloatArray, limits: FloatArray
+) -> tuple[FloatArray, Slope, int]:
+    """Climb at one smoothing; return the pose, the slope there, and how often the likelihood was asked."""
+    slope, damping = look.slope(pose, level), 0.0
+    least = ENOUGH if level == look.levels - 1 else ENOUGH_YET
+    height = slope.log_prob + prior.height(pose)
+    for taken in range(1, STEPS + 1):
+        precision = prior.precision(pose)
+        curvature = slope.curvature + precision
+        uphill = slope.gradient - precision @ (pose - prior.mean)
+        step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), uphill)
+        tried = np.clip(pose + step, *limits.T)
+        at_tried = look.slope(tried, level)
+        reached = at_tried.log_prob + prior.height(tried)
+        if reached > height:
+            enough = reached - height < least
+            pose, slope, height, damping = tried, at_tried, reached, damping / 4.0
+            if enough:
+                return pose, slope, taken + 1
+        else:
+            damping = max(4.0 * damping, _LEAST_DAMPING)
+            if damping > _MOST_DAMPING:
+                return pose, slope, taken + 1
+    return pose, slope, STEPS + 1

@@ -1,0 +1,1 @@
+"""Initial poses from annotations and keypoints, and the limb lengths that they measure."""

@@ -1,1 +1,0 @@
-"""The particle filter, its moves, and what wraps it."""

@@ -1,0 +1,1 @@
+"""Sequential Monte Carlo: the particle filter, its moves, smoothing."""

@@ -1,1 +1,0 @@
-"""Where tracking starts: poses from marks and keypoints, and the limbs they measure."""

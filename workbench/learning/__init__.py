@@ -1,1 +1,0 @@
-"""From motion libraries to learned models."""

@@ -1,0 +1,1 @@
+"""Image cues of particles: appearance, background, silhouette, edges."""

@@ -1,0 +1,175 @@
+"""Sums of an image over the union of outlines, which overlap: row by row, a span of pixels for every outline."""
+
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+
+from workbench.body.simd_kinematics import FAST, inlined
+from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
+from workbench.utils.kernel_cache import kernel
+from workbench.utils.parallel import over_threads
+
+CORNERS = np.array([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])  # of a patch (u, v), once around it
+OUTWARDS = np.column_stack([2.0 * CORNERS[:, 0] - 1.0, CORNERS[:, 1]])
+"""Their directions from the middle of the limb, along it and across it."""
+_ROWS = 64  # of an image at least that one thread takes
+
+
+def running_sums(image: Float32Array) -> FloatArray:
+    """Sums (height, width + 1) of every row of the image from its left edge to each edge between pixels."""
+    reached = np.empty((image.shape[0], image.shape[1] + 1))
+    over_threads(lambda first, last: _add_up(image[first:last], reached[first:last]), len(image), _ROWS)
+    return reached
+
+
+@lru_cache(maxsize=4)
+def areas(height: int, width: int) -> FloatArray:
+    """The running sums of an image of ones, by which `outline_sums` are areas, px²; not to be written to."""
+    return np.tile(np.arange(width + 1.0), (height, 1))
+
+
+def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray, rim_px: float = 0.0) -> FloatArray:
+    """Sums (N,) over the union of L outlines of an image, given as `running_sums`: pixels count by the part of their
+    row that is covered. corners: (N, L, 4, 2), px, once around, as CORNERS; all alike for a limb that is not seen.
+    spheres: (L,), whose outline is the circle through its corners. rim_px: by which outlines are wider on all sides."""
+    sums = np.empty(len(corners))
+    _outline_sums(reached, corners, spheres, rim_px, sums)
+    return sums
+
+
+def covered(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Tell which pixels of an image of this shape (height, width) are within the union of L outlines (L, 4, 2), px."""
+    image = np.zeros(shape, dtype=np.uint8)
+    for outline, sphere in zip(corners, spheres, strict=True):
+        if sphere:
+            centre, radius = outline.mean(axis=0), float(np.linalg.norm(outline[2] - outline[0])) / 2.0
+            cv2.circle(image, (round(float(centre[0])), round(float(centre[1]))), round(radius), 1, -1)
+        else:
+            cv2.fillConvexPoly(image, np.rint(outline).astype(np.int32), 1)
+    return image.astype(np.bool_)
+
+
+@kernel()
+def _add_up(image: Any, reached: Any) -> None:
+    for row in range(image.shape[0]):
+        total = 0.0
+        reached[row, 0] = total
+        for column in range(image.shape[1]):
+            total += image[row, column]
+            reached[row, column + 1] = total
+
+
+@kernel(parallel=True, error_model="numpy", fastmath=FAST)
+def _outline_sums(reached: Any, corners: Any, spheres: Any, rim_px: float, sums: Any) -> None:
+    height, width = reached.shape[0], reached.shape[1] - 1
+    n_limbs = corners.shape[1]
+    for i in numba.prange(corners.shape[0]):
+        lefts, rights = np.empty((height, n_limbs)), np.empty((height, n_limbs))
+        counts, outline = np.zeros(height, dtype=np.int64), np.empty((4, 2))
+        top, bottom = height, -1
+        for limb in range(n_limbs):
+            if not _widened(corners[i, limb], rim_px, outline):
+                continue
+            if spheres[limb]:
+                low, high = _disc_spans(corners[i, limb], rim_px, width, counts, lefts, rights)
+            else:
+                low, high = _spans(outline, width, counts, lefts, rights)
+            top, bottom = min(top, low), max(bottom, high)
+        total = 0.0
+        for y in range(top, bottom + 1):
+            total += _union(reached[y], counts[y], lefts[y], rights[y])
+        sums[i] = total
+
+
+@inlined
+def _widened(corners: Any, rim_px: float, outline: Any) -> bool:
+    """Write the outline's corners, moved outwards along the limb and across it; false for a limb that is not seen."""
+    ax = corners[2, 0] + corners[3, 0] - corners[0, 0] - corners[1, 0]
+    ay = corners[2, 1] + corners[3, 1] - corners[0, 1] - corners[1, 1]
+    bx = corners[1, 0] + corners[2, 0] - corners[0, 0] - corners[3, 0]
+    by = corners[1, 1] + corners[2, 1] - corners[0, 1] - corners[3, 1]
+    a, b = np.sqrt(np.float64(ax * ax + ay * ay)), np.sqrt(np.float64(bx * bx + by * by))
+    if not min(a, b) > 0.0:
+        return False
+    for k in range(4):
+        along, across = rim_px * OUTWARDS[k, 0] / a, rim_px * OUTWARDS[k, 1] / b
+        outline[k, 0] = corners[k, 0] + along * ax + across * bx
+        outline[k, 1] = corners[k, 1] + along * ay + across * by
+    return True
+
+
+@inlined
+def _disc_spans(corners: Any, rim_px: float, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+    """Add to every row where it meets a disc, and return the first and the last row that may."""
+    x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
+    y = 0.25 * (corners[0, 1] + corners[1, 1] + corners[2, 1] + corners[3, 1])
+    dx, dy = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    radius = 0.5 * np.sqrt(np.float64(dx * dx + dy * dy)) + rim_px
+    low, high = _rows(y - radius, y + radius, counts.shape[0])
+    for row in range(low, high + 1):
+        square = radius * radius - (row - y) * (row - y)
+        if square > 0.0:
+            half = np.sqrt(square)
+            _add(row, x - half, x + half, width, counts, lefts, rights)
+    return low, high
+
+
+@inlined
+def _spans(outline: Any, width: int, counts: Any, lefts: Any, rights: Any) -> tuple[int, int]:
+    """Find the spans of a quadrangle."""
+    low, high = _rows(outline[:, 1].min(), outline[:, 1].max(), counts.shape[0])
+    for row in range(low, high + 1):
+        left, right = np.inf, -np.inf
+        for k in range(4):
+            x0, y0, x1, y1 = outline[k, 0], outline[k, 1], outline[(k + 1) % 4, 0], outline[(k + 1) % 4, 1]
+            if min(y0, y1) <= row and row < max(y0, y1):
+                x = x0 + (row - y0) / (y1 - y0) * (x1 - x0)
+                left, right = min(left, x), max(right, x)
+        if right > left:
+            _add(row, left, right, width, counts, lefts, rights)
+    return low, high
+
+
+@inlined
+def _rows(above: float, below: float, height: int) -> tuple[int, int]:
+    """The rows of the image between two heights; the last is before the first where there are none."""
+    low, high = max(np.ceil(above), 0.0), min(np.floor(below), height - 1.0)
+    if not low <= high:  # also for NaN
+        return height, -1
+    return int(low), int(high)
+
+
+@inlined
+def _add(row: int, left: float, right: float, width: int, counts: Any, lefts: Any, rights: Any) -> None:
+    """Put a span into its row, from the left to the right by where spans begin."""
+    left, right = max(left + 0.5, 0.0), min(right + 0.5, float(width))  # from the image's left edge
+    if not right > left:
+        return
+    place = counts[row]
+    while place > 0 and lefts[row, place - 1] > left:
+        lefts[row, place], rights[row, place] = lefts[row, place - 1], rights[row, place - 1]
+        place -= 1
+    lefts[row, place], rights[row, place] = left, right
+    counts[row] += 1
+
+
+@inlined
+def _union(reached: Any, count: int, lefts: Any, rights: Any) -> float:
+    """The row's sum over the union of its spans."""
+    total, end = 0.0, 0.0
+    for k in range(count):
+        left, right = max(lefts[k], end), rights[k]
+        if right > left:
+            total += _until(reached, right) - _until(reached, left)
+            end = right
+    return total
+
+
+@inlined
+def _until(reached: Any, x: float) -> Any:
+    """The sum of the row from its left edge to x."""
+    first = min(int(x), reached.shape[0] - 2)
+    return reached[first] + (x - first) * (reached[first + 1] - reached[first])

@@ -1,0 +1,145 @@
+"""The whole person's outline before a still background: every pixel covered differs from it, every other does not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from workbench.body.kinematics import JointFrames, forward
+from workbench.body.limbs import Body
+from workbench.core.capabilities import IMAGES, Traits, offering
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
+from workbench.core.frame import Frame, View
+from workbench.core.frame_cache import Clip
+from workbench.core.side_information import STILL_BACKGROUND
+from workbench.likelihoods.base import Remembering
+from workbench.likelihoods.cues.image_levels import (
+    StillScene,
+    Uncovered,
+    log_ratio,
+    scene_log_ratio,
+    spaced_images,
+    still_scenes,
+    uncovered_scene,
+)
+from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
+from workbench.likelihoods.cues.limb_points import LimbPoints, limb_points
+from workbench.likelihoods.cues.outlines import CORNERS, areas, covered, outline_sums, running_sums
+from workbench.utils.arrays import Float32Array, FloatArray
+from workbench.utils.errors import InputError
+
+BESIDE_PX = 17
+"""The outline of the first frame's pose may be off by half of this: start and body are not known exactly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
+
+    area: float
+    uncovered: Uncovered | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """Likelihood ratio of foreground to background over all pixels that the person covers, for still cameras:
+
+        log p = k/A Σ_x∈S(φ) r(x)
+
+    r: the pixel's log ratio, see `Background`, which samples it limb by limb. S(φ): the union of the limbs' outlines,
+    as the planar patches of paper A have them, spheres as discs. Pixels of the person that a pose leaves out and those
+    of the background that it covers cost alike, so that how large the person is seen, and with it how far away, is
+    told without bias. A pixel that the person covers in part differs from the background too, so that outlines are
+    wider by rim_px on all sides. A: area of the outline of the pose expected one frame earlier, px². Neighbouring
+    pixels err together: the whole person counts as k independent ones.
+
+    Who stays where they are for half of the clip is learned as background. standing: what is behind the person is told
+    by where they are in the first frame instead (`image_levels.uncovered_scene`): beside them it is seen there, and
+    behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
+    r, where that is above zero), and where nobody knows r is zero.
+
+    epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
+    Raises InputError when a constant is out of range or a camera was not in the clip.
+    """
+
+    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
+
+    body: Body
+    clip: Clip
+    k: float = 40.0
+    epsilon: float = 0.05
+    least_sigma: float = 3.0
+    n_frames: int = 60
+    rim_px: float = 0.4
+    standing: bool = False
+
+    def __post_init__(self) -> None:
+        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
+        check("silhouette", self, n_frames=at_least(3), rim_px=at_least(0))
+
+    @cached_property
+    def scenes(self) -> Mapping[str, StillScene]:
+        """The still scene of every camera of the clip, by the camera's name."""
+        return still_scenes(self.clip, self.n_frames, 0.0, self.least_sigma)
+
+    def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
+        """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
+        return self._look({}, previous, frame)
+
+    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> LimbLook:
+        judges, notes = [], []
+        for view in frame.views:
+            known = seen.get(view.camera.name)
+            ratio = self._ratio(known, view)
+            if known is not None:
+                judge = partial(self._log_prob, running_sums(ratio), known.area)
+                judges.append(ViewJudge(view.camera, CORNERS, judge))
+            elif previous is not None:
+                name = view.camera.name
+                notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
+        return LimbLook("silhouette", self.body, judges, partial(self._measure, seen, frame), tuple(notes))
+
+    def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
+        if not self.standing:
+            return log_ratio(view, self.scenes, 0.0, self.epsilon)
+        if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
+            return np.zeros(view.image.shape[:2], dtype=np.float32)
+        ratio = scene_log_ratio(view, known.uncovered.scene, 0.0, self.epsilon)
+        ratio[known.uncovered.person] = np.maximum(-ratio[known.uncovered.person], 0.0)
+        ratio[known.uncovered.unknown] = 0.0
+        return ratio
+
+    def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
+        return self.k / area * self._sums(reached, corners)
+
+    def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
+        """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
+        measured = dict(seen)
+        if np.isfinite(pose).all():
+            frames = forward(self.body.skeleton, pose[None])
+            for view in frame.views:
+                corners = limb_points(self.body, CORNERS, view.camera, frames)
+                (area,) = self._sums(areas(view.image.shape[0], view.image.shape[1]), corners)
+                if area >= 1.0:
+                    known = seen.get(view.camera.name)
+                    uncovered = self._uncovered(view, frames) if known is None else known.uncovered
+                    measured[view.camera.name] = Seen(float(area), uncovered)
+        return Remembering(measured, self._look)
+
+    def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:
+        """Find the scene behind a person who is first seen in this pose."""
+        if not self.standing:
+            return None
+        corners = limb_points(self.body, CORNERS, view.camera, frames).pixels[0]
+        inside = covered(corners, self.body.limbs.spheres, (view.image.shape[0], view.image.shape[1]))
+        near = cv2.dilate(inside.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)).astype(np.bool_)
+        images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
+        if images is None:
+            raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
+        return uncovered_scene(images, inside, near, self.least_sigma)
+
+    def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
+        return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)

@@ -1,0 +1,1 @@
+"""Dense alignment of the rendered person with the image, with derivatives."""

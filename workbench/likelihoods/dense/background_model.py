@@ -1,0 +1,156 @@
+"""What a still camera sees behind the person, learned where the person is not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from workbench.likelihoods.cues.image_levels import AGREE, DIFFERENT, LEFT, MAD_TO_SIGMA
+from workbench.likelihoods.dense.kernels import learn_scene, ratio_to_scene
+from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
+from workbench.utils.parallel import over_threads
+
+START_BESIDE_PX, BESIDE_PX = 17, 9
+"""By half of this the outline of a start and that of a tracked pose may be off."""
+KEPT, OWN = 20, 10
+"""Of how many frames a pixel's mean is; in how many the first image's level must be seen to count as the scene's."""
+UNCOVERED = 5
+"""As how many frames a level counts that later images agree on."""
+LEAST_NOISE = 3.0
+_ROWS = 32  # of an image, that a thread takes at once
+_DIFFERS = DIFFERENT * np.sqrt(2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The scene as far as it is known. level: (height, width), grey levels. n: of how many frames, 0 where nothing is
+    known. noise: of the sensor, grey levels."""
+
+    level: FloatArray
+    n: FloatArray
+    noise: float
+
+    @property
+    def known(self) -> BoolArray:
+        """Where the scene has been seen."""
+        return np.asarray(self.n > 0.0)
+
+    def log_ratio(self, image: Float32Array, epsilon: float) -> Float32Array:
+        """Return the log ratio of a person of any grey level to the scene, as `Background`'s, 0 where it is unknown."""
+        found = np.empty(image.shape, dtype=np.float32)
+        arguments = image, self.level, self.n, max(self.noise, LEAST_NOISE), epsilon, found
+        over_threads(lambda first, last: ratio_to_scene(first, last, *arguments), len(image), _ROWS)
+        return found
+
+    def seen(self, image: Float32Array, covered: BoolArray) -> "Scene":
+        """Learn from an image, but near what is `covered` (height, width), and where it shows something else."""
+        near, level, n = grown(covered, BESIDE_PX), self.level.copy(), self.n.copy()
+        arguments = image, near, float(KEPT), 4.0 * max(self.noise, LEAST_NOISE), level, n
+        over_threads(lambda first, last: learn_scene(first, last, *arguments), len(image), _ROWS)
+        return replace(self, level=level, n=n)
+
+
+def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> Scene:
+    """Find the scene about a person who covers some pixels (height, width) in the first of F images.
+
+    Away from them it is the first image's level, or the median of all where the first one's is hardly seen again:
+    something else passed there. Behind them it is what later images agree on that differ from the first; else nothing
+    is known of it until they leave.
+    """
+    stack = np.stack(images)
+    noise = _noise(stack)
+    apart = _apart(noise)
+    level, n = _lasting(stack, ~grown(covered, START_BESIDE_PX), apart), np.zeros(covered.shape)
+    n[~grown(covered, START_BESIDE_PX)] = 1.0
+    behind = cv2.erode(covered.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    level[behind], n[behind] = _uncovered(stack[:, behind].astype(np.float64), apart)
+    return Scene(level, n, noise)
+
+
+def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) -> Scene:
+    """Find the scene about a person who is known to cover some pixels (height, width) of each of F images.
+
+    About where they are in the first image it is the median of what they leave free, and nothing is known of what they
+    always cover. Away from there it is as `first_scene` has it: who was lost later left an arm or a leg free, which is
+    no scene. It counts as many frames as it is seen in.
+    """
+    stack = np.stack(images)
+    noise = _noise(stack)
+    free = ~np.stack([grown(mask, BESIDE_PX) for mask in covered])
+    near, apart = grown(covered[0], START_BESIDE_PX), _apart(noise)
+    level, n = _lasting(stack, ~near, apart), np.zeros(near.shape)
+    about = near & free.any(axis=0)
+    level[about] = _median(np.where(free[:, about], stack[:, about], np.nan))
+
+    def count(first: int, last: int) -> None:
+        alike = np.abs(stack[:, first:last] - level[first:last]) < apart
+        n[first:last] = np.minimum((alike & free[:, first:last]).sum(axis=0), KEPT)
+
+    over_threads(count, len(n), _ROWS)
+    n[~near] = np.maximum(n[~near], UNCOVERED)
+    n[near & ~about] = 0.0
+    return Scene(level, n, noise)
+
+
+def grown(mask: BoolArray, size_px: int) -> BoolArray:
+    """Widen a mask by half of size_px on all sides."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0)
+
+
+def _noise(stack: Float32Array) -> float:
+    """The sensor's noise, by the first two of F images."""
+    return float(MAD_TO_SIGMA * np.median(np.abs(stack[min(1, len(stack) - 1)] - stack[0])) / np.sqrt(2.0))
+
+
+def _apart(noise: float) -> float:
+    """By how many grey levels two images of one pixel must differ to show two things."""
+    return _DIFFERS * max(noise, 0.5 * LEAST_NOISE)
+
+
+def _median(levels: FloatArray) -> FloatArray:
+    """The median (K,) of grey levels (F, K), each an image's and so exact in single precision, among those that are not
+    NaN, of which every column has one: as NumPy's, faster by sorting short rows."""
+    ordered = np.sort(np.ascontiguousarray(levels.T, dtype=np.float32), axis=1)  # NaN comes last
+    last, every = (~np.isnan(ordered)).sum(axis=1) - 1, np.arange(len(ordered))
+    return 0.5 * (ordered[every, last // 2].astype(np.float64) + ordered[every, (last + 1) // 2])
+
+
+def _lasting(stack: Float32Array, wanted: BoolArray, apart: float) -> FloatArray:
+    """The level (height, width) of those pixels `wanted` (height, width) of F images, 0 of the others: the first
+    image's, or the median if that is seen more often."""
+    found = np.zeros(wanted.shape)
+
+    def look(first: int, last: int) -> None:
+        for rows in (slice(k, k + _ROWS) for k in range(first, last, _ROWS)):
+            found[rows][wanted[rows]] = _lasting_of(stack[:, rows][:, wanted[rows]].astype(np.float64), apart)
+
+    over_threads(look, len(found), _ROWS)
+    return found
+
+
+def _lasting_of(levels: FloatArray, apart: float) -> FloatArray:
+    """The level (K,) of pixels that show (F, K), see `_lasting`."""
+    as_first = np.abs(levels - levels[0]) < apart
+    total, n = (levels * as_first).sum(axis=0), as_first.sum(axis=0)
+    rare = n < OWN  # of the others the median cannot be seen more often, as far as it counts
+    median = _median(levels[:, rare])
+    as_median = np.abs(levels[:, rare] - median) < apart
+    passed = n[rare] < np.minimum(as_median.sum(axis=0), OWN)
+    alike = np.where(passed, as_median, as_first[:, rare])
+    total[rare], n[rare] = (levels[:, rare] * alike).sum(axis=0), alike.sum(axis=0)
+    return np.asarray(total / np.maximum(n, 1.0))
+
+
+def _uncovered(levels: FloatArray, apart: float) -> tuple[FloatArray, FloatArray]:
+    """The level (K,) on which those of (F, K) agree that differ from the first, and as how many frames it counts."""
+    changed = np.abs(levels - levels[0]) > apart
+    n_changed = changed.sum(axis=0)
+    often = np.flatnonzero(n_changed >= max(3.0, LEFT * len(levels)))
+    level, n = np.zeros(levels.shape[1]), np.zeros(levels.shape[1])
+    if len(often):
+        others = np.where(changed[:, often], levels[:, often], np.nan)
+        middle = _median(others)
+        agreed = (np.abs(others - middle) <= apart).sum(axis=0) >= AGREE * n_changed[often]
+        level[often[agreed]], n[often[agreed]] = middle[agreed], UNCOVERED
+    return level, n

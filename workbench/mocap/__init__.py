@@ -1,1 +1,0 @@
-"""Motion files in, one motion library out."""

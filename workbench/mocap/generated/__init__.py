@@ -1,1 +1,0 @@
-"""Invented people: walkers, runners and an arm, for work without recordings."""

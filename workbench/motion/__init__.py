@@ -1,0 +1,1 @@
+"""Motions: files, retargeting, the library and the models learned from it."""

@@ -1,0 +1,144 @@
+"""2-D joints in OpenPose's JSON files, one file a frame, as many detectors write them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from workbench.body.skeleton import JOINT_NAMES
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import LARGEST_PX, check_file, parse_json
+
+Layout = Mapping[str, tuple[int, ...]]
+"""Which of a detector's points make up a joint: it lies in their middle."""
+
+
+_COCO_LIMBS = {
+    f"{side}_{joint}": (5 + 2 * j + s,)
+    for j, joint in enumerate(("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
+    for s, side in enumerate(("left", "right"))
+}
+_BODY_ARMS = {
+    "right_shoulder": (2,), "right_elbow": (3,), "right_wrist": (4,),
+    "left_shoulder": (5,), "left_elbow": (6,), "left_wrist": (7,),
+}  # fmt: skip
+LAYOUTS: Mapping[str, tuple[int, Layout]] = {
+    "BODY_25": (25, _BODY_ARMS | {
+        "pelvis": (8,), "right_hip": (9,), "right_knee": (10,), "right_ankle": (11,),
+        "left_hip": (12,), "left_knee": (13,), "left_ankle": (14,), "head_centre": (17, 18),
+    }),
+    "BODY_25B": (25, _COCO_LIMBS | {"neck": (17,), "head_centre": (17, 18)}),
+    "HALPE_26": (26, _COCO_LIMBS | {"neck": (18,), "head_centre": (17, 18), "pelvis": (19,)}),
+    "COCO_18": (18, _BODY_ARMS | {
+        "right_hip": (8,), "right_knee": (9,), "right_ankle": (10,),
+        "left_hip": (11,), "left_knee": (12,), "left_ankle": (13,), "head_centre": (16, 17),
+    }),
+    "COCO_17": (17, _COCO_LIMBS | {"head_centre": (3, 4)}),
+}  # fmt: skip
+"""Numbers of points, and what they are. Where there is a top of the head, its centre is half-way up from the neck, else
+between the ears. OpenPose's own "neck" is the middle of the shoulders, which is below ours, and is left out."""
+_BONES = tuple(
+    (f"{side}_{a}", f"{side}_{b}")
+    for side in ("left", "right")
+    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+)
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """Whom a detector found. source: the folder. layout: in LAYOUTS. frames: (M,) numbers of the frames, rising.
+
+    joints: (n, J, 3) for each, the n people in the order of the file, [u px, v px, confidence 0..1] in the order of
+    JOINT_NAMES, NaN for a joint that was not found and for all those of an empty person.
+    """
+
+    source: str
+    layout: str
+    frames: IntArray
+    joints: tuple[FloatArray, ...]
+
+
+def read_openpose(folder: str | Path) -> People:
+    """The people in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) not found, []
+    for a person of whom nothing was.
+
+    A file's frame is the last number in its name. What the points are is told by their number, and where two layouts
+    have as many, by which of them makes the limbs shorter. Detectors list people in any order: who is who is told by
+    `datasets.people`. Raises InputError for other files and where nobody is found.
+    """
+    folder = Path(folder)
+    files = _numbered(folder)
+    people = [_people(files[frame]) for frame in tqdm(sorted(files), desc=folder.name, unit="file", disable=None)]
+    if len(sizes := {len(one) for found in people for one in found} - {0}) > 1:
+        raise InputError(f"{folder}: expected as many points a person in every file, found {sorted(sizes)}")
+    shown = [one for found in people for one in found if np.isfinite(one).any()]
+    if not shown:
+        raise InputError(f"{folder}: expected a person in some frame, found nobody in {len(people)}")
+    fits = [name for name, (n, _) in LAYOUTS.items() if n == len(shown[0])]
+    name = min(fits, key=lambda name: _limbs_px(LAYOUTS[name][1], shown))
+    joints = [[_joints(LAYOUTS[name][1], one) for one in found] for found in people]
+    in_frames = tuple(np.array(found).reshape(-1, len(JOINT_NAMES), 3) for found in joints)
+    return People(str(folder), name, np.array(sorted(files)), in_frames)
+
+
+def _numbered(folder: Path) -> dict[int, Path]:
+    files: dict[int, Path] = {}
+    for file in sorted(folder.glob("*.json")) if folder.is_dir() else []:
+        digits = re.findall(r"\d+", file.stem)
+        if not digits or int(digits[-1]) >= 10**9:
+            raise InputError(f"{file}: expected the frame's number in the file's name, found {digits[-1:] or 'none'}")
+        if int(digits[-1]) in files:
+            raise InputError(f"{file}: frame {int(digits[-1])} is already in {files[int(digits[-1])].name}")
+        files[int(digits[-1])] = file
+    if not files:
+        raise InputError(f"{folder}: expected a folder of OpenPose's JSON files, found none")
+    return files
+
+
+def _people(file: Path) -> list[FloatArray]:
+    """Points (K, 3) of the people in one file, NaN where a point was not found; K is 0 for an empty person."""
+    try:
+        check_file(file)
+        found = [_points(one) for one in parse_json(file, file.read_bytes())["people"]]
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise InputError(f"{file}: expected OpenPose's people with pose_keypoints_2d, found {error!r}") from None
+    sizes = {len(points) for points in found} - {0}
+    if len(sizes) > 1 or not sizes <= {n for n, _ in LAYOUTS.values()}:
+        known = ", ".join(f"{n} ({name})" for name, (n, _) in LAYOUTS.items())
+        raise InputError(f"{file}: expected one of {known} points a person, found {sorted(sizes)}")
+    return found
+
+
+def _points(person: Mapping[str, Any]) -> FloatArray:
+    points = np.array(person["pose_keypoints_2d"], dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise ValueError("numbers that are not finite")
+    if len(points) and np.abs(points[:, :2]).max() > LARGEST_PX:
+        raise ValueError(f"a place beyond {LARGEST_PX:g} px")
+    points[points[:, 2] <= 0.0] = np.nan
+    points[:, 2] = np.minimum(points[:, 2], 1.0)
+    return points
+
+
+def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
+    """The mean over the limbs of their median lengths in the image, px; infinite where none is seen."""
+    joints = dict(zip(JOINT_NAMES, np.stack([_joints(layout, one) for one in points], axis=1), strict=True))
+    lengths = [np.linalg.norm((joints[a] - joints[b])[:, :2], axis=1) for a, b in _BONES]
+    medians = [np.median(some[np.isfinite(some)]) for some in lengths if np.isfinite(some).any()]
+    return float(np.mean(medians)) if medians else np.inf
+
+
+def _joints(layout: Layout, points: FloatArray) -> FloatArray:
+    """Joints (J, 3) of points (K, 3): the middle of those that make them up, as sure as the least sure."""
+    joints = np.full((len(JOINT_NAMES), 3), np.nan)
+    for name, numbers in layout.items() if len(points) else ():
+        made_of = points[list(numbers)]
+        joints[JOINT_NAMES.index(name)] = [*made_of[:, :2].mean(axis=0), made_of[:, 2].min()]
+    return joints

@@ -1,0 +1,160 @@
+"""Keep learned models on disk: HDF5 with provenance, written atomically."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeGuard, TypeVar, get_args, get_origin, get_type_hints
+
+import h5py
+import numpy as np
+
+from workbench import __version__
+from workbench.utils.atomic_write import kept_for_later, whole_file
+from workbench.utils.errors import InputError
+from workbench.utils.hdf5 import Hdf5, read_hdf5
+
+FORMAT = "workbench model 3"
+
+
+class Model(Protocol):
+    """A dataclass of arrays, numbers, tuples of numbers or strings, and another such model or None.
+
+    SHAPES: {field: a letter per axis}, of arrays and tuples; equal letters stand for equal sizes.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    SHAPES: ClassVar[Mapping[str, str]]
+
+    def flaw(self) -> str:
+        """Say what was expected and is not so in a model with the right shapes; empty where nothing is wrong."""
+
+
+Stored = TypeVar("Stored", bound=Model)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a learned model comes from.
+
+    sources: {name of the source file: its SHA-256}. parameters: those of the learning. licences: the sources' lines.
+    code: a digest of the code that learned it.
+    """
+
+    sources: Mapping[str, str]
+    parameters: Mapping[str, str | float | int | None]
+    licences: tuple[str, ...]
+    code: str = ""
+
+    @property
+    def key(self) -> str:
+        """A SHA-256 over the inputs, the parameters and the learning's code: equal keys mean equal models."""
+        text = json.dumps([FORMAT, self.code, dict(self.sources), dict(self.parameters)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def as_kept(model: Stored) -> Stored:
+    """A model whose arrays lie in memory as those read from its file do, row by row: sums over others may round
+    otherwise, and the run that learns a model would not be the run that finds it."""
+    laid: dict[str, Any] = {}
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if isinstance(value, np.ndarray):
+            laid[field.name] = np.asarray(value, order="C")
+        elif _is_model(value):
+            laid[field.name] = as_kept(value)
+    return replace(model, **laid)
+
+
+def keep(path: Path, model: Stored, provenance: Provenance) -> Stored:
+    """Write a model to a cache, as far as that can be written to, and return it `as_kept`."""
+    with kept_for_later():
+        save(path, model, provenance)
+    return as_kept(model)
+
+
+def save(path: Path, model: Model, provenance: Provenance) -> None:
+    """Write a model with where it comes from; the file appears whole or not at all.
+
+    Arrays are data sets, all other fields are JSON. Raises InputError when the file cannot be written.
+    """
+    with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
+        file.attrs.update(format=_format(type(model)), workbench=__version__, provenance=json.dumps(asdict(provenance)))
+        _write(file, model)
+
+
+def load(kind: type[Stored], path: Path, own: bool = False) -> Stored:
+    """Read a model; own: see `read_hdf5`.
+
+    Raises InputError when the file is missing, holds another kind, or does not fit together.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
+    file = read_hdf5(path, f"a {kind.__name__}", own)
+    found = file.attributes["/"].get("format")
+    if found != _format(kind):
+        raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
+    try:
+        model = _read(kind, file, "")
+        flaw = _misfit(model) or model.flaw()
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise InputError(f"{path}: expected a {kind.__name__}: {type(error).__name__}: {error}") from None
+    if flaw:
+        raise InputError(f"{path}: expected {flaw}")
+    return model
+
+
+def _write(group: h5py.Group, model: Model) -> None:
+    for field in fields(model):
+        value = getattr(model, field.name)
+        if _is_model(value):
+            _write(group.create_group(field.name), value)
+        else:
+            group[field.name] = value if isinstance(value, np.ndarray) else json.dumps(value)
+
+
+def _read(kind: type[Stored], file: Hdf5, group: str) -> Stored:
+    return kind(**{name: _value(file, f"{group}/{name}", hint) for name, hint in _hints(kind).items()})
+
+
+def _format(kind: type[Model]) -> str:
+    return f"{FORMAT}, {kind.__name__}"
+
+
+def _hints(kind: type[Model]) -> dict[str, Any]:
+    every = get_type_hints(kind)
+    return {field.name: every[field.name] for field in fields(kind)}
+
+
+def _value(file: Hdf5, place: str, hint: Any) -> Any:
+    if place in file.attributes:
+        kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
+        return _read(kinds[0], file, place)
+    if (get_origin(hint) is np.ndarray) != (file.arrays[place].dtype.kind != "U"):
+        raise ValueError(f"{place}: found {file.arrays[place].dtype}")
+    if get_origin(hint) is np.ndarray:
+        return file.arrays[place]
+    value = json.loads(str(file.arrays[place]))
+    return None if value is None else (get_origin(hint) or hint)(value)
+
+
+def _misfit(model: Model) -> str:
+    """The first field whose shape or type is not what the others and the class say; empty where all are."""
+    sizes: dict[str, int] = {}
+    hints = _hints(type(model))
+    for name, axes in model.SHAPES.items():
+        array = np.asarray(getattr(model, name))
+        wanted = get_args(get_args(hints[name])[1])[0] if get_origin(hints[name]) is np.ndarray else array.dtype
+        fits = array.ndim == len(axes) and array.dtype == wanted
+        if not fits or any(sizes.setdefault(axis, n) != n for axis, n in zip(axes, array.shape, strict=True)):
+            shape = ", ".join(str(sizes.get(axis, axis)) for axis in axes)
+            return f"{name} of shape ({shape}), found {array.shape} {array.dtype}"
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            return f"{name} to be finite"
+    parts = (getattr(model, name) for name in hints)
+    return next((flaw for part in parts if _is_model(part) and (flaw := _misfit(part) or part.flaw())), "")
+
+
+def _is_model(value: Any) -> TypeGuard[Model]:
+    return is_dataclass(value)

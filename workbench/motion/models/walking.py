@@ -1,0 +1,177 @@
+"""The walking model of paper A, section 6.2: cycles cut at gait events, brought to one length, and their PCA."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+import scipy
+
+from workbench.body.kinematics import joint_jacobian
+from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
+from workbench.core.discrepancy import Discrepancy
+from workbench.motion.gait_events import LONGEST_S, SHORTEST_S, gait_events
+from workbench.motion.motion import Motion
+from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
+
+CHANNEL_NAMES = ("torso_speed", *POSE_NAMES[N_ROOT:])
+"""One cycle's content (paper A, section 6.2): the torso's speed, m/s, and the 19 relative joint angles, rad."""
+ANGLES = slice(1, len(CHANNEL_NAMES))  # which channels are the joint angles
+ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_roll")
+"""Further content: how the root sways about its even way, m, and turns about its even direction, rad."""
+SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds count in metres per frame at 30 Hz beside radians
+SPEED_LEVER_S = 0.1  # how far a speed counts when channels are scaled by their effect: the way it makes in this time, s
+LEAST_EFFECT_M = 0.005  # an angle that moves no joint (the twist of a straight arm) still counts this much, m per rad
+
+
+@dataclass(frozen=True, eq=False)
+class Cycles:
+    """m cycles of C channels at T phases 0, 1/T, … (one cycle is 1).
+
+    curves: (m, T, C), channels named CHANNEL_NAMES, and ROOT_CHANNELS where the root's were asked for. durations_s:
+    (m,). sources: the motion each one was cut from.
+    """
+
+    curves: FloatArray
+    durations_s: FloatArray
+    sources: tuple[str, ...]
+
+
+def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = False) -> Cycles:
+    """Every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
+
+    Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
+    gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
+    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS, see `root_sway`.
+    """
+    curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
+    for motion in motions:
+        events = gait_events(motion)
+        if len(events) < 2:
+            continue
+        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion_channels(motion))
+        for first, last in pairwise(events):
+            duration = (last - first) / motion.rate_hz
+            if SHORTEST_S <= duration <= LONGEST_S:
+                gap = channels(last) - channels(first)
+                curve = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
+                curves.append(np.hstack([curve, root_sway(motion, first, last, n_phases)]) if root else curve)
+                durations.append(duration)
+                sources.append(motion.name)
+    shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * root)
+    return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
+
+
+def motion_channels(motion: Motion) -> FloatArray:
+    """The channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
+
+    The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
+    """
+    ground = motion.velocities[:, :2]
+    heading = motion.poses[:, POSE_NAMES.index("root_heading")]
+    speed = ground[:, 0] * np.cos(heading) + ground[:, 1] * np.sin(heading)
+    return np.column_stack([speed, motion.poses[:, N_ROOT:]])
+
+
+def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> FloatArray:
+    """How the root moves about its even way in one cycle, ROOT_CHANNELS (T, 5), each with mean zero over the cycle.
+
+    The even way turns and rises evenly, from what the root does in the mean over the cycle; aside is the integral of
+    the velocity across it. What the root does ahead of it is in the torso's speed.
+    """
+    frames = first + (last - first) * np.arange(n_phases + 1) / n_phases
+    root = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.poses[:, :N_ROOT])(frames)
+    ground = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion.velocities[:, :2])(frames)
+    even = np.linspace(-0.5, 0.5, n_phases + 1)[:, None] * (root[-1] - root[0])
+    swayed = root - even
+    swayed -= swayed[:-1].mean(axis=0)
+    heading = root[:, 3] - swayed[:, 3]
+    across = -ground[:, 0] * np.sin(heading) + ground[:, 1] * np.cos(heading)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (across[1:] + across[:-1]))]) * (frames[1] - frames[0])
+    way = way / motion.rate_hz - np.linspace(0.0, 1.0, n_phases + 1) * way[-1] / motion.rate_hz
+    aside = way - way[:-1].mean()
+    return np.column_stack([aside, swayed[:, 2:]])[:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class WalkingModel:
+    """A* = Â + B̃ c (paper A, section 6.2), with d components over T phases of C channels.
+
+    mean: (T, C). components: (d, T, C). scales: (d,), λ, the standard deviations of the coefficients over the
+    training cycles. Channels are CHANNEL_NAMES, and ROOT_CHANNELS if learned, in m/s, rad and m. cycle_rate_hz: mean
+    and standard deviation of the cycles per second. explained: fraction of the (scaled) variance the d components
+    explain. n_cycles: how many cycles it was learned from. discrepancy: what it misses of others, where that is known.
+    """
+
+    mean: FloatArray
+    components: FloatArray
+    scales: FloatArray
+    cycle_rate_hz: tuple[float, float]
+    explained: float
+    n_cycles: int
+    discrepancy: Discrepancy | None = None
+
+    SHAPES: ClassVar[Mapping[str, str]] = {"mean": "TC", "components": "dTC", "scales": "d", "cycle_rate_hz": "2"}
+
+    def flaw(self) -> str:
+        """Say how many channels were expected where there are others."""
+        known = len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS)
+        found = self.mean.shape[1]
+        return "" if found in known else f"{known[0]} or {known[1]} channels, found {found}"
+
+
+def learn_walking(
+    motions: Sequence[Motion], variance: float = 0.95, n_components: int | None = None, scaling: str = "none",
+    n_phases: int = 64, root: bool = False,
+) -> WalkingModel:  # fmt: skip
+    """Learn the model from the walking cycles in the motions.
+
+    n_components: the number d; None takes the fewest that explain more than the fraction `variance` of the variance.
+    scaling: "none" as in the paper (speed in metres per frame at 30 Hz beside radians), or "joints", which weighs
+    every channel by how far it moves the joints, so that twists that move nothing do not claim components. root: learn
+    how the root sways, too, which the paper leaves to noise.
+    Raises InputError when there are fewer than two cycles, or more components are asked for than there are.
+    """
+    if scaling not in ("none", "joints"):
+        raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
+    if not 0.0 < variance < 1.0:
+        raise InputError(f"prior: variance must lie between 0 and 1, found {variance}")
+    cycles = walking_cycles(motions, n_phases, root)
+    if len(cycles.curves) < 2:
+        raise InputError(f"prior: expected at least two walking cycles in {len(motions)} motions, found fewer")
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (cycles.curves.shape[2] - 1))
+    if scaling == "joints":
+        weights = _joint_effects(cycles, motions)
+    return _mpca(cycles, weights, variance, n_components)
+
+
+def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: int | None) -> WalkingModel:
+    m, n_phases, n_channels = cycles.curves.shape
+    mean = cycles.curves.mean(axis=0)
+    centred = ((cycles.curves - mean) * weights).reshape(m, -1)
+    _, singular, rows = np.linalg.svd(centred, full_matrices=False)
+    share = np.cumsum(singular**2) / np.sum(singular**2)
+    most = min(m - 1, len(singular))
+    d = n_components if n_components is not None else min(int(np.searchsorted(share, variance, side="right")) + 1, most)
+    if not 1 <= d <= most:
+        raise InputError(f"prior: {m} cycles allow 1 to {most} components, found {d}")
+    rates = 1.0 / cycles.durations_s
+    return WalkingModel(
+        mean=mean, components=rows[:d].reshape(d, n_phases, n_channels) / weights,
+        scales=singular[:d] / np.sqrt(m - 1), cycle_rate_hz=(float(rates.mean()), float(rates.std(ddof=1))),
+        explained=float(share[d - 1]), n_cycles=m,
+    )  # fmt: skip
+
+
+def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
+    """Root mean square way (C,), m, that one radian or metre of each moves the 14 joints, over the mean cycle."""
+    skeleton = person_skeleton(motions[0].shape)
+    poses = np.zeros((cycles.curves.shape[1], len(skeleton.dof_names)))
+    poses[:, N_ROOT:] = cycles.curves.mean(axis=0)[:, ANGLES]
+    measured = [skeleton.joint(name) for name in ERROR_JOINTS]
+    moved = joint_jacobian(skeleton, poses)[:, measured]
+    effects = np.maximum(np.sqrt((moved**2).sum(axis=2).mean(axis=(0, 1))), LEAST_EFFECT_M)
+    n_root = cycles.curves.shape[2] - len(CHANNEL_NAMES)
+    return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])

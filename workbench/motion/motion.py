@@ -1,0 +1,47 @@
+"""A motion: one clip as poses of the 25-parameter person, with where it came from."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from workbench.body.shape import Shape
+from workbench.utils.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One person's movement, retargeted to the pose of `workbench.body.skeleton` (world z up).
+
+    poses: (F, 25), m and rad, angles continuous in time (no jumps by 2π). rate_hz: frames per second.
+    shape: the person's measurements. joint_error_mm: (14,) mean distance the retargeting leaves at every joint of
+    ERROR_JOINTS (zeros for generated motion). source, sha256, licence: the file it came from, that file's SHA-256,
+    and the line that says what may be done with it.
+    """
+
+    name: str
+    subject: str
+    activity: str
+    rate_hz: float
+    poses: FloatArray
+    shape: Shape
+    joint_error_mm: FloatArray
+    source: str
+    sha256: str
+    licence: str
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Time derivative of the poses, (F, 25), per second, by central differences."""
+        return np.gradient(self.poses, 1.0 / self.rate_hz, axis=0)
+
+    def resampled(self, rate_hz: float) -> "Motion":
+        """Resample the motion to another rate by cubic splines through the poses; the first frame stays in place."""
+        if rate_hz == self.rate_hz or len(self) < 2:
+            return self
+        times = np.arange(len(self)) / self.rate_hz
+        wanted = np.arange(int(np.floor(times[-1] * rate_hz + 1e-9)) + 1) / rate_hz
+        return replace(self, rate_hz=rate_hz, poses=scipy.interpolate.CubicSpline(times, self.poses)(wanted))

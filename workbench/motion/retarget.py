@@ -1,0 +1,301 @@
+"""Retargeting: the 25 angles and the measurements of the person that best follow a clip's joints.
+
+Analytic first: the torso by a rigid fit, the shoulders, hips and neck from the source's own rotations, the elbows and
+knees from the angle between the bones. Then a few Gauss-Newton steps on the joints' places take up what a rigid torso
+and the equal lengths of left and right leave over. They are held to the analytic angles, because the twist of a
+straight limb is seen in no place of a joint: the source's hinge says it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from workbench.body.angles import wrapped
+from workbench.body.kinematics import joint_jacobian, joints
+from workbench.body.shape import Shape, from_height
+from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
+from workbench.motion.clip import Clip
+from workbench.motion.motion import Motion
+from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import MOST_LEFT_MM
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Where the person's joints are on the skeletons of one source; vectors in the axes of a Clip.
+
+    joints: the source's joint for each of ours but the pelvis and the centre of the head. head: (joint, child,
+    fraction): the centre of the head is at that fraction of the child's offset, seen from the joint and turning with
+    it. head_up: the direction of the vertex in that joint's frame. lefts: for the neck, the shoulders and the hips,
+    the direction in the frame of the source's joint (for the neck: of the head's) that points to the person's left in
+    our neutral pose: for a limb the hinge of its elbow or knee, for the neck the line through the ears.
+    """
+
+    source: str
+    joints: Mapping[str, str]
+    head: tuple[str, str, float]
+    head_up: Vector
+    lefts: Mapping[str, Vector]
+
+
+def _both_sides(left: str, right: str, **names: str) -> dict[str, str]:
+    """{"left_hip": "lfemur", "right_hip": "rfemur"} from the sides' marks "l" and "r", and hip="{}femur"."""
+    marks = {"left": left, "right": right}
+    return {f"{side}_{ours}": theirs.format(mark) for side, mark in marks.items() for ours, theirs in names.items()}
+
+
+# At rest the thighs of the CMU skeletons are spread by 20 degrees, and the arms by 90 with their hinges turned by 30.
+# The neck (C7) is where the bone "lowerneck" ends; "thorax" ends 5 cm below the shoulders. The wrist is where the hand
+# bends, at the end of "wrist"; "radius" stops at two thirds of the way. "head" ends at the vertex.
+_COS_20, _SIN_20, _COS_30 = (float(x) for x in (np.cos(np.pi / 9), np.sin(np.pi / 9), np.cos(np.pi / 6)))
+CMU = Landmarks(
+    source="CMU (ASF/AMC)",
+    joints={
+        "neck": "upperneck",
+        **_both_sides(
+            "l", "r", shoulder="{}humerus", elbow="{}radius", wrist="{}hand",
+            hip="{}femur", knee="{}tibia", ankle="{}foot",
+        ),
+    },
+    head=("head", "head_end", 0.5),
+    head_up=(0.0, 0.0, 1.0),
+    lefts={
+        "neck": (0.0, 1.0, 0.0), "left_shoulder": (-0.5, 0.0, _COS_30), "right_shoulder": (0.5, 0.0, -_COS_30),
+        "left_hip": (0.0, _COS_20, _SIN_20), "right_hip": (0.0, _COS_20, -_SIN_20),
+    },
+)  # fmt: skip
+# Bandai's frames have the bone along x and the hinge along y of the file. "Head" is the base of the skull, 6.5 cm
+# above "Neck"; the centre of the head is taken to be 1.5 times as far above "Head".
+BANDAI = Landmarks(
+    source="Bandai (BVH)",
+    joints={
+        "neck": "Neck",
+        **_both_sides(
+            "L", "R", shoulder="UpperArm_{}", elbow="LowerArm_{}", wrist="Hand_{}",
+            hip="UpperLeg_{}", knee="LowerLeg_{}", ankle="Foot_{}",
+        ),
+    },
+    head=("Head", "Head", 1.5),
+    head_up=(0.0, 1.0, 0.0),
+    lefts={
+        "neck": (1.0, 0.0, 0.0),
+        **dict.fromkeys(("left_shoulder", "right_shoulder", "left_hip", "right_hip"), (0.0, 0.0, 1.0)),
+    },
+)  # fmt: skip
+
+TORSO_JOINTS = ("neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
+_MIRRORED = [0, 2, 1, 4, 3]  # the torso's joints with left and right exchanged
+_BELOW = {"shoulder": ("elbow", "wrist"), "hip": ("knee", "ankle")}
+_HOLD_M_PER_RAD = 0.1
+"""An angle that leaves its analytic value by 1 rad weighs as much as a joint that is 0.1 m off. On CMU's walks this
+takes the mean error from 9.9 to 6.9 mm; a tenth of it gains 0.5 mm more, but makes a straight limb's twist unsteady."""
+
+
+def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
+    """The motion of a clip of a known skeleton, or of one whose `landmarks` are given.
+
+    The shape has the clip's lengths, left and right averaged; the radii are those of an average person as tall as the
+    legs and the trunk suggest. Angles are continuous in time and may leave the skeleton's limits. `joint_error_mm`
+    is what the retargeting leaves. subject, activity, source, sha256 and licence are empty: the caller knows them.
+    Raises InputError when the skeleton lacks joints, or is not of a person's size (a wrong unit).
+    """
+    landmarks = landmarks or min((CMU, BANDAI), key=lambda landmarks: len(_missing(clip, landmarks)))
+    targets = joint_targets(clip, landmarks)
+    frames = _ball_frames(clip, landmarks)
+    torso = _fit_torso(targets)
+    shape = _shape(clip, targets, frames["neck"], torso.joints)
+    skeleton = person_skeleton(shape)
+    poses = refine(skeleton, _analytic_poses(skeleton, targets, frames, torso), targets)
+    errors = np.linalg.norm(joints(skeleton, poses) - targets, axis=-1).mean(axis=0)
+    worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
+    if not 1000.0 * errors[worst] <= MOST_LEFT_MM:
+        left = f"{JOINT_NAMES[worst]} {1000.0 * errors[worst]:.3g} mm off, expected at most {MOST_LEFT_MM:g} mm"
+        raise InputError(f"clip {clip.name}: retargeting leaves {left}: not a person's movement?")
+    return Motion(
+        name=clip.name, subject="", activity="", rate_hz=clip.rate_hz, poses=poses, shape=shape,
+        joint_error_mm=1000.0 * errors[[JOINT_NAMES.index(name) for name in ERROR_JOINTS]], source="", sha256="",
+        licence="",
+    )  # fmt: skip
+
+
+def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
+    """Find where the clip has the joints of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
+
+    Raises InputError when the clip lacks a joint.
+    """
+    if missing := ", ".join(_missing(clip, landmarks)):
+        raise InputError(f"clip {clip.name}: expected a known skeleton; for {landmarks.source} it lacks {missing}")
+    places = {ours: clip.positions[:, clip.joint(theirs)] for ours, theirs in landmarks.joints.items()}
+    joint, child, fraction = landmarks.head
+    seen = fraction * clip.offsets[clip.joint(child)]
+    places["head_centre"] = clip.positions[:, clip.joint(joint)] + clip.orientations[:, clip.joint(joint)] @ seen
+    places["pelvis"] = 0.5 * (places["left_hip"] + places["right_hip"])
+    return np.stack([places[name] for name in JOINT_NAMES], axis=1)
+
+
+def _missing(clip: Clip, landmarks: Landmarks) -> list[str]:
+    return sorted({*landmarks.joints.values(), *landmarks.head[:2]} - set(clip.joints))
+
+
+def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
+    """World rotations (F, 3, 3) of the neck, the shoulders and the hips as the source's own rotations have them."""
+    frames = {}
+    for name, left in landmarks.lefts.items():
+        if name == "neck":
+            joint, up = landmarks.head[0], np.asarray(landmarks.head_up)
+        else:
+            side, part = name.split("_")
+            joint, child = landmarks.joints[name], landmarks.joints[f"{side}_{_BELOW[part][0]}"]
+            up = -clip.offsets[clip.joint(child)]
+        frames[name] = clip.orientations[:, clip.joint(joint)] @ _frame(up, np.asarray(left))
+    return frames
+
+
+def _frame(up: FloatArray, left: FloatArray) -> FloatArray:
+    """The rotation (..., 3, 3) with z along `up` and y as near to `left` as that allows."""
+    z = _unit(up)
+    y = _unit(left - np.sum(left * z, axis=-1, keepdims=True) * z)
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Vectors (..., 3) of length one. Raises InputError where one is shorter than 0.1 mm."""
+    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    if sizes.min() < 1e-4:
+        raise InputError("expected a skeleton whose bones, hips and shoulders have a length in every frame")
+    return vectors / sizes
+
+
+@dataclass(frozen=True, eq=False)
+class _Torso:
+    """The rigid torso: world rotations (F, 3, 3), places of the pelvis (F, 3), and TORSO_JOINTS in its frame (5, 3)."""
+
+    rotations: FloatArray
+    pelvis: FloatArray
+    joints: FloatArray
+
+
+def _fit_torso(targets: FloatArray) -> _Torso:
+    """The rigid, mirror-symmetric torso nearest to its five joints, by generalised Procrustes analysis (Gower 1975).
+
+    The first frame of reference has z from the pelvis to the neck and y along the hips and the shoulders.
+    """
+    points = targets[:, [JOINT_NAMES.index(name) for name in TORSO_JOINTS]]
+    pelvis = targets[:, JOINT_NAMES.index("pelvis")]
+    across = points[:, 1] - points[:, 2] + points[:, 3] - points[:, 4]
+    rotations = _frame(points[:, 0] - pelvis, across)
+    for _ in range(10):  # settles to micrometres in four or five rounds
+        model = np.einsum("fba,fjb->ja", rotations, points - pelvis[:, None]) / len(points)
+        model = 0.5 * (model + model[_MIRRORED] * [1.0, -1.0, 1.0])
+        model = model - 0.5 * (model[3] + model[4])
+        rotations, pelvis = _rigid_fit(points, model)
+    return _Torso(rotations, pelvis, model)
+
+
+def _rigid_fit(points: FloatArray, model: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least-squares R (F, 3, 3) and t (F, 3) with points ≈ R model + t (Kabsch 1976); (F, M, 3) and (M, 3)."""
+    middle, model_middle = points.mean(axis=1), model.mean(axis=0)
+    u, _, vt = np.linalg.svd(np.einsum("fja,jb->fab", points - middle[:, None], model - model_middle))
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]  # the nearest rotation, not a reflection
+    rotations: FloatArray = u @ vt
+    return rotations, middle - rotations @ model_middle
+
+
+def _shape(clip: Clip, targets: FloatArray, neck_frames: FloatArray, torso_joints: FloatArray) -> Shape:
+    def length(upper: str, lower: str) -> float:
+        """Mean distance of two joints, over both sides and all frames."""
+        ends = [[JOINT_NAMES.index(f"{side}_{end}") for side in ("left", "right")] for end in (upper, lower)]
+        return float(np.linalg.norm(targets[:, ends[0]] - targets[:, ends[1]], axis=-1).mean())
+
+    neck, shoulder, hip = torso_joints[0], torso_joints[1], torso_joints[3]
+    head = targets[:, JOINT_NAMES.index("head_centre")] - targets[:, JOINT_NAMES.index("neck")]
+    head = np.einsum("fba,fb->fa", neck_frames, head).mean(axis=0)
+    thigh, calf, average = length("hip", "knee"), length("knee", "ankle"), from_height(1.0)
+    average_stack = average.thigh + average.calf + average.neck[2] + average.head[2]
+    height = (thigh + calf + neck[2] + head[2]) / average_stack
+    if not 0.5 <= height <= 2.5:
+        found = f"one of {height:.3g} m: a wrong unit?"
+        raise InputError(f"clip {clip.name}: expected a person of 0.5 to 2.5 m, found {found}")
+    return from_height(
+        height, neck=(float(neck[0]), 0.0, float(neck[2])), shoulder=tuple(map(float, shoulder)),
+        hip=(0.0, float(hip[1]), 0.0), head=(float(head[0]), 0.0, float(head[2])),
+        upper_arm=length("shoulder", "elbow"), forearm=length("elbow", "wrist"), thigh=thigh, calf=calf,
+    )  # fmt: skip
+
+
+def _analytic_poses(
+    skeleton: Skeleton, targets: FloatArray, frames: Mapping[str, FloatArray], torso: _Torso
+) -> FloatArray:
+    poses = np.zeros((len(targets), len(skeleton.dof_names)))
+    poses[:, :3] = torso.pelvis
+    _put_turns(skeleton, poses, "pelvis", torso.rotations)
+    for name, rotations in frames.items():
+        _put_turns(skeleton, poses, name, torso.rotations.swapaxes(1, 2) @ rotations)
+        if name == "neck":
+            continue
+        side, part = name.split("_")
+        middle, lower = (JOINT_NAMES.index(f"{side}_{joint}") for joint in _BELOW[part])
+        bone = np.einsum("fba,fb->fa", rotations, targets[:, lower] - targets[:, middle])
+        flexion = skeleton.dof(f"{JOINT_NAMES[middle]}_flexion")
+        # turning (0, 0, -1) about y by q gives (-sin q, 0, -cos q)
+        poses[:, flexion] = skeleton.dof_axes[flexion, 1] * np.arctan2(-bone[:, 0], -bone[:, 2])
+    return poses
+
+
+def _put_turns(skeleton: Skeleton, poses: FloatArray, joint: str, rotations: FloatArray) -> None:
+    """Write the angles of a joint of three turns, which multiply to the rotations (F, 3, 3), into the poses."""
+    moves = np.flatnonzero(skeleton.dof_joints == skeleton.joint(joint))
+    columns: IntArray = moves[-3:]  # the root's first three are translations
+    axes = skeleton.dof_axes[columns]
+    order: Any = "".join("XYZ"[int(np.argmax(np.abs(axis)))] for axis in axes)  # scipy's stubs want a literal
+    # a turn by q about -x is one by -q about x
+    angles = scipy.spatial.transform.Rotation.from_matrix(rotations).as_euler(order) * axes.sum(axis=1)
+    poses[:, columns] = continuous_turns(angles, skeleton.limits[columns])
+
+
+def continuous_turns(angles: FloatArray, limits: FloatArray) -> FloatArray:
+    """Rewrite rotations (F, 3) without jumps in time, rad; limits: (3, 2), the usual range of each angle.
+
+    Three turns (a, b, c) about different axes and (a + π, π − b, c + π) are one rotation: from frame to frame the
+    nearer is taken. Of the two courses this allows the one that leaves the limits less is kept, or if neither does
+    the one with the smaller angles, and whole turns are taken off so that the means lie nearest the limits' middle.
+    """
+    flipped = np.stack([angles[:, 0] + np.pi, np.pi - angles[:, 1], angles[:, 2] + np.pi], axis=1)
+    stay = np.sum(wrapped(angles[1:] - angles[:-1]) ** 2, axis=1)
+    change = np.sum(wrapped(flipped[1:] - angles[:-1]) ** 2, axis=1)
+    on_flipped = np.concatenate([[False], np.cumsum(change < stay) % 2 == 1])
+    courses = []
+    for flip in (on_flipped, ~on_flipped):
+        course = np.unwrap(np.where(flip[:, None], flipped, angles), axis=0)
+        course -= 2.0 * np.pi * np.round((course.mean(axis=0) - limits.mean(axis=1)) / (2.0 * np.pi))
+        beyond = np.maximum(0.0, np.maximum(limits[:, 0] - course, course - limits[:, 1])).sum()
+        courses.append((beyond, np.abs(course).sum(), course))
+    return min(courses, key=lambda entry: entry[:2])[2]
+
+
+def refine(skeleton: Skeleton, poses: FloatArray, targets: FloatArray) -> FloatArray:
+    """Poses (F, P) that minimise Σ |joint − target|² + (0.1 m/rad)² Σ (angle − its analytic value)², by Gauss-Newton.
+
+    The sum is over ERROR_JOINTS. Frames are independent; they go in blocks to bound the Jacobian's memory.
+    """
+    wanted = [JOINT_NAMES.index(name) for name in ERROR_JOINTS]
+    hold = np.full(poses.shape[1], _HOLD_M_PER_RAD**2)
+    hold[:3] = 0.0  # the pelvis goes where it fits
+    blocks = []
+    for start in range(0, len(poses), 1000):
+        analytic, block_targets = poses[start : start + 1000], targets[start : start + 1000]
+        refined = analytic
+        for _ in range(3):  # the start is within a few degrees: the third step is below 0.01 degrees
+            jacobian = joint_jacobian(skeleton, refined)[:, wanted].reshape(len(refined), -1, poses.shape[1])
+            residual = (block_targets - joints(skeleton, refined))[:, wanted].reshape(len(refined), -1)
+            gradient = np.einsum("frp,fr->fp", jacobian, residual) - hold * (refined - analytic)
+            normal = jacobian.swapaxes(1, 2) @ jacobian + np.diag(hold)
+            refined = refined + np.linalg.solve(normal, gradient[..., None])[..., 0]
+        blocks.append(refined)
+    return np.concatenate(blocks)

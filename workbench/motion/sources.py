@@ -1,0 +1,255 @@
+"""Where motions come from: names, files and folders, what their indices tell, and what may be done with them."""
+
+import csv
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from workbench.body.limbs import Body, person
+from workbench.core.capabilities import declaring, offering
+from workbench.core.side_information import LIMB_LENGTHS, RADII
+from workbench.motion.clip import Clip
+from workbench.motion.formats.asf_amc import read_amc
+from workbench.motion.formats.bvh import read_bvh
+from workbench.motion.formats.names import BANDAI, SUFFIXES, clip_name
+from workbench.motion.formats.text import fail, read_lines
+from workbench.motion.library import read_library
+from workbench.motion.motion import Motion
+from workbench.motion.retarget import retarget
+from workbench.motion.synthetic.arm import bending_arm
+from workbench.motion.synthetic.gait import subjects, walker
+from workbench.motion.synthetic.running import runner, runners
+from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_rate
+
+CMU_LICENCE = (
+    "CMU Graphics Lab Motion Capture Database, mocap.cs.cmu.edu; created with funding from NSF EIA-0196217; "
+    "free for all uses"
+)
+BANDAI_LICENCE = "Bandai Namco Research Motiondataset, CC BY-NC 4.0"
+UNKNOWN = "unknown"
+_BUILTIN_SECONDS = 60.0
+_BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`, as their names do
+
+
+class CmuClip(NamedTuple):
+    """One row of the index of a copy of the CMU database."""
+
+    clip: str
+    subject: str
+    activity: str
+    rate_hz: float
+
+
+def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "straight", seed: int = 0) -> Motion:
+    """The motion called `name`, at `rate_hz`.
+
+    "builtin": a generated walker of 60 s on a "straight" or "circle" path, another person for every seed;
+    "builtin_run": a generated runner; "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such
+    as "dataset-1_guide_normal_001", looked up below the folder `data`; the path of an .amc or .bvh file;
+    "FILE.h5:clip", a clip of a motion library. Raises InputError when there is no such motion.
+    """
+    if name == "builtin":
+        (subject,) = subjects(1, np.random.default_rng([_BUILTIN_SEED, seed]))
+        return walker(replace(subject, name=f"walker_of_seed_{seed}"), _BUILTIN_SECONDS, rate_hz, path)
+    if name == "builtin_run":
+        (athlete,) = runners(1, np.random.default_rng([_BUILTIN_SEED, seed]))
+        return runner(replace(athlete, name=f"runner_of_seed_{seed}"), _BUILTIN_SECONDS, rate_hz)
+    if name == "builtin_arm":
+        return bending_arm(_BUILTIN_SECONDS, rate_hz)
+    library = name.rpartition(":")[0]
+    if library.endswith((".h5", ".hdf5")):
+        motions = {motion.name: motion for motion in read_library(library)}
+        if (clip := clip_name(name)) not in motions:
+            raise InputError(f"{library}: no motion called {clip!r}, expected one of {', '.join(sorted(motions))}")
+        return motions[clip].resampled(rate_hz)
+    return load_motion(motion_file(name, data)).resampled(rate_hz)
+
+
+def motion_file(name: str, data: str | None) -> Path:
+    """The .amc or .bvh file of the motion called `name`, by its path or below the folder `data`, see `find_motion`.
+
+    Raises InputError when there is no such file.
+    """
+    if name.lower().endswith(SUFFIXES):
+        return Path(name).expanduser()
+    if data is None:
+        raise InputError(
+            "dataset: motion must be builtin, builtin_run, builtin_arm, FILE.amc, FILE.bvh, LIBRARY.h5:clip or a "
+            "recorded clip such as 35_02, which needs the folder with recordings (paths.data or $WORKBENCH_DATA); "
+            f"found {name!r}"
+        )
+    try:
+        return find_clip(data, name)
+    except InputError as error:
+        raise InputError(f"dataset: motion {name!r}: {error}") from None
+
+
+def find_sources(paths: Iterable[str | Path]) -> list[Path]:
+    """The motion files (.amc, .bvh) among `paths` and, sorted, in the folders among them and below; each once.
+
+    Raises InputError for a path that does not exist, a file of another kind, and a folder without motion files.
+    """
+    found: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        if path.is_dir():
+            files = sorted(file for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
+        else:
+            files = [path] if path.is_file() and path.suffix.lower() in SUFFIXES else []
+        if not files:
+            what = "a folder without any" if path.is_dir() else "another kind" if path.is_file() else "nothing"
+            raise InputError(f"{path}: expected motion files ({', '.join(SUFFIXES)}), found {what}")
+        for file in files:
+            found.setdefault(file.resolve(), file)
+    return list(found.values())
+
+
+def read_clip(path: str | Path, unit: str = "cm") -> Clip:
+    """The skeleton and movement of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), as it is.
+
+    The rate of an .amc comes from the CMU index (index.csv beside the file or in the folder above), where there is one.
+    Raises InputError for what the readers refuse, and for a file of another kind.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".amc":
+        row = _index_row(path)
+        return read_amc(path, rate_hz=row.rate_hz) if row else read_amc(path)
+    if path.suffix.lower() == ".bvh":
+        return read_bvh(path, unit)
+    raise InputError(f"{path}: expected a motion file ({', '.join(SUFFIXES)})")
+
+
+def load_motion(path: str | Path, unit: str = "cm") -> Motion:
+    """The motion of a clip, see `read_clip`, retargeted.
+
+    Subject and activity come from the CMU index (index.csv beside the file or in the folder above) where there
+    is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
+    licence. A Bandai subject is the data set ("bandai-1"), its activity the kind of motion; the style is in the name.
+    `source` is the file's name with its folder's, never the whole path.
+    Raises InputError for what the readers and `retarget` refuse, and for a file of another kind.
+    """
+    path = Path(path)
+    clip = read_clip(path, unit)
+    bandai = re.fullmatch(r"(dataset-\d+)_([^_]+)_([^_]+)_\d+", path.stem)
+    subject = activity = licence = UNKNOWN
+    if path.suffix.lower() == ".amc":
+        if row := _index_row(path):
+            subject, activity, licence = row.subject, row.activity, CMU_LICENCE
+        elif re.fullmatch(r"\d+_\d+", path.stem):
+            subject, licence = path.stem.partition("_")[0], CMU_LICENCE
+    elif bandai:
+        subject, activity, licence = BANDAI.get(bandai[1], bandai[1]), bandai[2], BANDAI_LICENCE
+    try:
+        motion = retarget(clip)
+    except InputError as error:  # which knows the clip, but not its file
+        raise InputError(f"{path}: {error}") from None
+    source = "/".join(path.resolve().parts[-2:])
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return replace(motion, subject=subject, activity=activity, licence=licence, source=source, sha256=sha256)
+
+
+@declaring(offering(given=(LIMB_LENGTHS, RADII)))
+def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
+    """Read the person whose skeleton a motion file carries, see `load_motion`, all lengths times `scale`."""
+    return person(load_motion(Path(file), unit=unit).shape.scaled(scale))
+
+
+def import_sources(
+    paths: Iterable[str | Path], rate_hz: float | None = None, unit: str = "cm"
+) -> tuple[list[Motion], list[str]]:
+    """The motions of all files and folders in `paths`, and one sentence for every one that could not be had.
+
+    rate_hz: the rate to resample to; None keeps each file's own. unit: that of the BVH files. A bad file costs
+    nothing but itself. Shows a progress bar. Raises InputError for a rate that is not positive.
+    """
+    if rate_hz is not None and not 0.1 <= rate_hz <= 1e5:
+        raise InputError(f"the rate must be between 0.1 and 100000 Hz, found {rate_hz}")
+    motions, reports, files = [], [], []
+    for path in paths:
+        try:
+            files += find_sources([path])
+        except InputError as error:
+            reports.append(str(error))
+    for file in tqdm(find_sources(files), desc="import", unit="clip", disable=None):
+        try:
+            motion = load_motion(file, unit)
+        except InputError as error:
+            reports.append(str(error))
+            continue
+        motion = motion if rate_hz is None else motion.resampled(rate_hz)
+        if len(motion) < 2:
+            reports.append(f"{file}: expected a motion of two frames or more at {rate_hz or motion.rate_hz:g} Hz")
+        else:
+            motions.append(motion)
+    return motions, reports
+
+
+def find_clip(data: str | Path, name: str) -> Path:
+    """The file of a CMU clip such as "35_02" or a Bandai clip such as "dataset-1_byebye_normal_001" below `data`.
+
+    Raises InputError when the name has neither form or there is no such file.
+    """
+    name = clip_name(name)
+    if cmu := re.fullmatch(r"(\d+)_\d+", name):
+        file = Path(data).expanduser() / "cmu" / cmu[1] / f"{name}.amc"
+    elif bandai := re.fullmatch(r"(dataset-\d+)_.+", name):
+        file = Path(data).expanduser() / "bandai" / bandai[1] / f"{name}.bvh"
+    else:
+        raise InputError(f"expected a CMU clip such as 35_02 or a Bandai clip, found {name!r}")
+    if not file.is_file():
+        raise InputError(f"{file}: no such motion file")
+    return file
+
+
+def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
+    """The AMC files of some subjects of the CMU database, e.g. ("02", "35"), None: of all, in the order of its index.
+
+    data: the folder that holds cmu/ with index.csv and a folder per subject. activity: the index's, exactly.
+    Raises InputError when the index, a file or all of a subject's clips of that activity are missing.
+    """
+    folder = Path(data) / "cmu"
+    rows = [row for row in _read_index(folder / "index.csv").values() if row.activity == activity]
+    subjects = sorted({row.subject for row in rows}) if subjects is None else subjects
+    if unknown := [subject for subject in subjects if subject not in {row.subject for row in rows}]:
+        raise InputError(f"{folder / 'index.csv'}: expected clips of subject {unknown[0]!r} called {activity!r}")
+    clips = [folder / row.subject / f"{row.clip}.amc" for row in rows if row.subject in subjects]
+    if missing := [clip for clip in clips if not clip.is_file()]:
+        raise InputError(f"{missing[0]}: no such file, though the index lists it")
+    return clips
+
+
+def _index_row(path: Path) -> CmuClip | None:
+    """Read what the CMU index beside the file or in the folder above says about it."""
+    for folder in path.resolve().parents[:2]:
+        if (folder / "index.csv").is_file():
+            return _read_index(folder / "index.csv").get(path.stem)
+    return None
+
+
+def _read_index(path: Path) -> dict[str, CmuClip]:
+    reader = csv.DictReader(read_lines(path))
+    try:
+        return _index_rows(path, reader)
+    except csv.Error as error:
+        fail(path, reader.line_num + 1, f"expected a table: {error}")
+
+
+def _index_rows(path: Path, reader: "csv.DictReader[str]") -> dict[str, CmuClip]:
+    rows = {}
+    columns = reader.fieldnames or ()
+    if not set(CmuClip._fields) <= set(columns):
+        fail(path, 1, f"expected the columns {', '.join(CmuClip._fields)} among others, found {', '.join(columns)!r}")
+    for row in reader:
+        try:
+            rate_hz = float(row["rate_hz"])
+        except (TypeError, ValueError):
+            fail(path, reader.line_num, f"expected a row with a rate in Hz, found {row['rate_hz']!r}")
+        check_rate(f"{path}, line {reader.line_num}", rate_hz)
+        rows[row["clip"]] = CmuClip(row["clip"], row["subject"], row["activity"], rate_hz)
+    return rows

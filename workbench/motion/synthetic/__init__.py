@@ -1,0 +1,1 @@
+"""Synthetic gait and arm motion."""

@@ -1,0 +1,86 @@
+"""Decode recordings made elsewhere in the sandbox first: some damage crashes Rerun's decoder."""
+
+import json
+import platform
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from workbench.recording.read.chunks import EVERYTHING, read_chunks
+from workbench.recording.read.reader import Run, Unreadable, find_recordings, read, read_each
+from workbench.utils.arrays import AnyArray
+from workbench.utils.errors import InputError
+from workbench.utils.run_files import SUMMARY
+from workbench.utils.sandbox import parse_limited
+
+_BATCH = 20  # recordings that one child process decodes
+
+
+def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
+    """Read recordings as `open_runs` does, those whose decoding crashes as unreadable."""
+    paths = find_recordings(*places)
+    crashing = fatal(paths)
+    runs, problems = read_each(path for path in paths if path not in crashing)
+    problems += [Unreadable(path, damage(path)) for path in crashing]
+    return runs, sorted(problems, key=lambda problem: problem.path)
+
+
+def read_sound_run(path: Path) -> Run:
+    """Read a recording; raises InputError also for one whose decoding crashes."""
+    if path.is_file():
+        refuse_fatal([path])
+    return read(path)
+
+
+def refuse_fatal(paths: Sequence[Path]) -> None:
+    """Raise InputError where decoding one of the recordings crashes."""
+    if crashing := fatal(paths):
+        raise InputError(damage(min(crashing)))
+
+
+def damage(path: Path) -> str:
+    """Return the message for a recording whose decoding crashes."""
+    return f"{path}: expected a whole recording, found damage that crashes its decoder"
+
+
+def fatal(paths: Sequence[Path]) -> set[Path]:
+    """Return the recordings whose decoding crashes, takes too much time or memory, or raises an unknown error.
+
+    Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several.
+    """
+    untrusted = [path for path in paths if path.is_file() and not is_own(path)]
+    batches = (untrusted[k : k + _BATCH] for k in range(0, len(untrusted), _BATCH))
+    return {path for batch in batches for path in _crashing(batch)}
+
+
+def _crashing(paths: Sequence[Path]) -> list[Path]:
+    """Find the recordings that a child does not survive, by halves."""
+    try:
+        parse_limited(decode, *paths, what="a whole recording")
+        return []
+    except InputError:
+        half = len(paths) // 2
+        return [*_crashing(paths[:half]), *_crashing(paths[half:])] if half else list(paths)
+
+
+def is_own(path: Path) -> bool:
+    """Return whether a run of this machine left the recording, by its summary.json."""
+    try:
+        summary = json.loads(path.with_name(SUMMARY).read_text(encoding="utf-8"))
+        return bool(summary["host"] == platform.node())
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return False
+
+
+def decode(*paths: Path) -> dict[str, AnyArray]:
+    """Decode all that is in recordings. Those that raise InputError are no danger: reading them raises it again."""
+    for path in paths:
+        with suppress(InputError):
+            run = read(path)
+            if not run.is_study:
+                _ = run.poses
+            _ = run.settings, run.joints, run.true_joints, run.scalars, run.marginals, run.figures, run.note
+        with suppress(InputError):
+            for chunk in read_chunks(path, EVERYTHING):
+                chunk.to_record_batch()
+    return {}

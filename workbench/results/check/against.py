@@ -1,0 +1,106 @@
+"""Recordings run by the code of another commit and by this one, on this machine."""
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy  # noqa: F401 (loads the BLAS that is asked for its code path)
+from threadpoolctl import threadpool_info
+
+from workbench.recording.read.reader import Run, read
+from workbench.results.check.agreement import Agreement
+from workbench.results.check.compare import Demand, compare
+from workbench.results.check.rerun import Request
+from workbench.results.report.checks import Check
+from workbench.utils.errors import InputError
+from workbench.utils.processes import CAPTURED, module, run
+from workbench.utils.run_files import RECORDING
+
+ROOT = Path(__file__).parents[3]
+"""The clone that this code is in, where it is in one."""
+
+
+def check_against(runs: Sequence[Run], request: Request, revision: str, root: Path = ROOT) -> list[Check]:
+    """Compare what the code of a commit and this code make of the recorded configurations.
+
+    Parameters
+    ----------
+    runs
+        Their configurations are run; what they recorded does not count.
+    request
+        Overrides, and the folder that the new runs go to.
+    revision
+        Anything that git takes for a commit, such as HEAD~1 or v0.2.
+    root
+        The clone.
+
+    Returns
+    -------
+    list of Check
+        One for each recording. Numbers must be equal to rounding, or identical if the request says so.
+
+    Raises
+    ------
+    InputError
+        For an unknown commit, outside a clone, and where a recording does not run.
+    """
+    commit = git(root, "rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").strip()
+    name = git(root, "log", "-1", "--format=%h %s", commit).strip()
+    demand = Demand(Agreement.IDENTICAL if request.exact else Agreement.ROUNDING, {})
+    with worktree(commit, root) as code:
+        print(f"{len(runs)} recordings by {name}, then by this code", file=sys.stderr, flush=True)
+        was = run_by(runs, request, "was", code)
+    now = run_by(runs, request, "now", root)
+    pairs = zip(runs, was, now, strict=True)
+    return [Check(f"{run.path} against {commit[:8]}", compare(a, b, demand), was=a, now=b) for run, a, b in pairs]
+
+
+@contextmanager
+def worktree(commit: str, root: Path) -> Iterator[Path]:
+    """Check a commit out in a folder of its own, which is removed when the block ends."""
+    with TemporaryDirectory(prefix="workbench-code-") as place:
+        folder = Path(place) / "code"
+        git(root, "worktree", "add", "--quiet", "--detach", str(folder), commit)
+        try:
+            (folder / "workbench" / "conf").symlink_to("../conf")  # a package of that name, as if installed
+            yield folder
+        finally:
+            git(root, "worktree", "remove", "--force", str(folder))
+
+
+def run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list[Run]:
+    """Run the configurations of recordings by the code in a folder, in a process of its own.
+
+    Returns the new runs, below `request.folder / name`. Raises InputError where one leaves none.
+    """
+    folder = request.folder / name
+    recordings = [str(run.path.resolve()) for run in runs]
+    command = module("workbench.cli.check", *recordings, "--run", "--keep", str(folder), *request.overrides)
+    environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _code_path()
+    done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are passed on
+    made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]
+    if missing := [k for k, path in enumerate(made) if not path.is_file()]:
+        words = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
+        raise InputError(f"{runs[missing[0]].path}: does not run by the code in {code}: {' '.join(words)}")
+    return [read(path) for path in made]
+
+
+def _code_path() -> dict[str, str]:
+    """Return the variable that has both commits' OpenBLAS take this process's code path, whatever they would choose."""
+    found = [each["architecture"] for each in threadpool_info() if "architecture" in each]
+    return {"OPENBLAS_CORETYPE": found[0]} if found else {}
+
+
+def git(root: Path, *arguments: str) -> str:
+    """Return what git prints; raises InputError where it refuses."""
+    try:
+        done = run(["git", "-C", str(root), *arguments], stdout=CAPTURED, stderr=CAPTURED)
+    except OSError as error:
+        raise InputError(f"git: {error.strerror}") from None
+    if done.returncode != 0:
+        words = " ".join(done.stderr.decode(errors="replace").split()) or f"no such commit: {arguments[-1]}"
+        raise InputError(f"{root}: git {arguments[0]}: {words}")
+    return done.stdout.decode(errors="replace")

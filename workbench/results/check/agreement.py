@@ -1,0 +1,83 @@
+"""How far a number of one run agrees with that of another."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from workbench.utils.arrays import AnyArray, FloatArray
+
+RELATIVE, ABSOLUTE = 1e-9, 1e-12
+"""What rounding may change: relative to the largest value of a quantity, and in the quantity's own unit near zero."""
+
+
+class Agreement(IntEnum):
+    """Classes of agreement, the closest first."""
+
+    IDENTICAL = 0
+    ROUNDING = 1
+    TOLERANCE = 2
+    CHANGED = 3
+
+    def __str__(self) -> str:
+        return ("identical", "equal to rounding", "within tolerance", "changed")[self]
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a number may move: by `absolute`, in its unit, or `relative` times what it was."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+    def allows(self, was: FloatArray | float, now: FloatArray | float) -> bool:
+        """Return whether every number is finite and moved no further."""
+        was, now = np.asarray(was, dtype=np.float64), np.asarray(now, dtype=np.float64)
+        if was.shape != now.shape or not (np.isfinite(was).all() and np.isfinite(now).all()):
+            return False
+        return bool((np.abs(now - was) <= np.maximum(self.absolute, self.relative * np.abs(was))).all())
+
+    def __str__(self) -> str:
+        parts = [f"{self.absolute:g}"] if self.absolute > 0.0 else []
+        parts += [f"{100.0 * self.relative:g} %"] if self.relative > 0.0 else []
+        return "± " + (" or ".join(parts) or "0")
+
+
+def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> Agreement:
+    """Classify how two values agree.
+
+    Parameters
+    ----------
+    was, now
+        Numbers, texts, or arrays of them of any shape. NaN agrees with NaN.
+    tolerance
+        What is within tolerance; None: nothing beyond rounding.
+
+    Returns
+    -------
+    Agreement
+        Of the number that agrees least. Rounding is RELATIVE times the largest finite magnitude in the array, plus
+        ABSOLUTE; of float32 at least one unit in the last place of each number.
+    """
+    first, second = np.asarray(was), np.asarray(now)
+    if first.shape != second.shape or first.dtype.kind != second.dtype.kind:
+        return Agreement.CHANGED
+    if first.dtype.kind != "f":
+        return Agreement.IDENTICAL if np.array_equal(first, second) else Agreement.CHANGED
+    if not np.array_equal(np.isnan(first), np.isnan(second)):
+        return Agreement.CHANGED
+    there = ~np.isnan(first)
+    old, new = first[there], second[there]
+    if np.array_equal(old, new):
+        return Agreement.IDENTICAL
+    with np.errstate(invalid="ignore"):  # of infinities, which agree where they are equal
+        away = np.where(old == new, 0.0, np.abs(new - old))
+    if (away <= _rounding(old)).all():
+        return Agreement.ROUNDING
+    return Agreement.TOLERANCE if tolerance is not None and tolerance.allows(old, new) else Agreement.CHANGED
+
+
+def _rounding(values: AnyArray) -> AnyArray:
+    finite = np.abs(values[np.isfinite(values)])
+    bound = np.full(values.shape, RELATIVE * float(finite.max(initial=0.0)) + ABSOLUTE)
+    return np.maximum(bound, np.spacing(np.abs(values))) if values.dtype == np.float32 else bound

@@ -1,0 +1,149 @@
+"""What checks of recordings came to: tables for a terminal, a file for a build server, an exit code."""
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+
+from workbench.recording.read.reader import Run
+from workbench.results.check.agreement import Agreement
+from workbench.results.check.compare import Demand, Finding
+from workbench.results.report.tables import Table, printable, text
+from workbench.utils.atomic_write import whole_file
+from workbench.utils.environment import differing
+
+_COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
+_NUMBERS = frozenset(("was", "is"))
+MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
+"""Numbers of which a check says by how much they may change unseen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """One recording's outcome.
+
+    refused: why it was not checked, where it was not. was, now: what was compared, where there are two recordings.
+    demand: what was asked of their numbers, where they were compared one by one.
+    """
+
+    name: str
+    findings: Sequence[Finding] = field(default_factory=tuple)
+    refused: str | None = None
+    was: Run | None = None
+    now: Run | None = None
+    demand: Demand | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether it was checked and nothing in it failed."""
+        return self.refused is None and all(finding.passed for finding in self.findings)
+
+    @property
+    def unmoved(self) -> bool:
+        """Whether it passed and every number is what it was, but for rounding."""
+        return self.passed and not any(map(has_moved, self.findings))
+
+
+def has_moved(finding: Finding) -> bool:
+    """Whether a number is not what it was, by more than rounding, or is new, or failed."""
+    return not finding.passed or finding.agreement is None or finding.agreement > Agreement.ROUNDING
+
+
+def exit_code(checks: Iterable[Check]) -> int:
+    """2 when a recording was refused, else 1 when anything failed, else 0."""
+    checks = list(checks)
+    if any(check.refused is not None for check in checks):
+        return 2
+    return 0 if all(check.passed for check in checks) else 1
+
+
+def table(checks: Sequence[Check], verbose: bool = False) -> str:
+    """A row for every number that failed, and one for every recording that passed; verbose: for every number."""
+    return text(Table(_COLUMNS, tuple(row for check in checks for row in _rows(check, verbose)), _NUMBERS))
+
+
+def moved(checks: Sequence[Check]) -> str:
+    """A row for every number that is not what it was."""
+    rows = tuple((check.name, *_cells(finding)) for check in checks for finding in check.findings if has_moved(finding))
+    return text(Table(_COLUMNS, rows, _NUMBERS)) if rows else "nothing moved"
+
+
+def notes(checks: Sequence[Check]) -> list[str]:
+    """Say, of recordings made in other environments, where these differ, and what the comparison cannot see."""
+    groups: dict[str, list[Check]] = {}
+    for check in checks:
+        elsewhere = check.demand is not None and check.demand.agreement is Agreement.TOLERANCE
+        if elsewhere and check.was is not None and check.now is not None:
+            groups.setdefault(_difference(check.was, check.now), []).append(check)
+    lines = []
+    for difference, group in groups.items():
+        lines.append(f"{len(group)} of {len(checks)} were recorded in another environment: {difference}.")
+        lines.append(f"There numbers may move by their tolerances; changes that remain unseen: {_unseen(group)}.")
+    return [*lines, "--against REV compares two commits on this machine to rounding."] if lines else []
+
+
+def _difference(was: Run, now: Run) -> str:
+    if not was.environment:
+        return "not recorded with them"
+    found = differing(was.environment, now.environment)
+    return "; ".join(f"{name} {old} → {new}" for name, (old, new) in found.items())
+
+
+def _unseen(group: Sequence[Check]) -> str:
+    """Say up to what share of itself each of MAIN may change in these recordings without being seen."""
+    words = []
+    for name in MAIN:
+        shares = []
+        for check in group:
+            tolerance = check.demand.of(name) if check.demand is not None else None
+            was = check.was.result.get(name) if check.was is not None else None
+            if tolerance is not None and was:
+                shares.append(max(tolerance.absolute / abs(was), tolerance.relative))
+        if shares:
+            words.append(
+                f"{name} by up to {100 * median(shares):.2g} % in half of them, {100 * max(shares):.2g} % in all"
+            )
+    return "; ".join(words) or "those within the tolerance of each number"
+
+
+def write_junit(path: Path, checks: Sequence[Check]) -> None:
+    """A test suite with one test case for every number. Raises InputError when the file cannot be written."""
+    cases = [(check, finding) for check in checks for finding in check.findings]
+    failures = sum(not finding.passed for _, finding in cases)
+    refused = [check for check in checks if check.refused is not None]
+    counts = {"tests": str(len(cases) + len(refused)), "failures": str(failures), "errors": str(len(refused))}
+    suite = ET.Element("testsuite", {"name": "workbench-check", **counts})
+    for check, finding in cases:
+        names = {"classname": printable(check.name), "name": printable(finding.quantity)}
+        case = ET.SubElement(suite, "testcase", names)
+        if not finding.passed:
+            was, now, allowed, outcome = map(printable, _cells(finding)[1:])
+            ET.SubElement(case, "failure", {"message": f"was {was}, is {now}, allowed {allowed}: {outcome}"})
+    for check in refused:
+        case = ET.SubElement(suite, "testcase", {"classname": printable(check.name), "name": "recording"})
+        ET.SubElement(case, "error", {"message": printable(check.refused or "")})
+    with whole_file(path) as part:
+        ET.ElementTree(suite).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def _rows(check: Check, verbose: bool) -> list[tuple[str, ...]]:
+    if check.refused is not None:
+        return [(check.name, "", "", "", "", f"REFUSED {check.refused}")]
+    if check.passed and not verbose:
+        allowed = {finding.allowed for finding in check.findings} - {"identical"} or {"identical"}
+        counts = Counter(str(each.agreement) for each in check.findings if each.agreement is not None)
+        said = ", ".join(f"{counts[name]} {name}" for name in map(str, Agreement) if counts[name])
+        words = allowed.pop() if len(allowed) == 1 else "by metric"
+        return [(check.name, f"all {len(check.findings)}", "", "", words, f"ok {said}".rstrip())]
+    return [(check.name, *_cells(finding)) for finding in check.findings if verbose or not finding.passed]
+
+
+def _cells(finding: Finding) -> tuple[str, ...]:
+    was, now = ("" if value is None else f"{value:.6g}" for value in (finding.was, finding.now))
+    if was == now and finding.was != finding.now:
+        was, now = f"{finding.was:.17g}", f"{finding.now:.17g}"
+    outcome = "ok" if finding.passed else "FAILED"
+    words = [outcome, "" if finding.agreement is None else f"({finding.agreement})", finding.detail]
+    return finding.quantity, was, now, finding.allowed, " ".join(filter(None, words))

@@ -1,0 +1,1 @@
+"""Arrays, errors, random streams, files and processes."""

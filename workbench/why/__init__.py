@@ -1,1 +1,0 @@
-"""Why a person was lost: what would have held them."""
