@@ -9,7 +9,7 @@ from typing import Any
 __version__ = "0.1.0"  # here alone: pyproject.toml reads it
 
 _MODULES = {
-    "Clip": "core.frame_cache",
+    "FrameCache": "core.frame_cache",
     "Cyclic": "priors.cyclic",
     "ImageMotion": "likelihoods.image_motion",
     "ParticleFilter": "inference.smc.particle_filter",

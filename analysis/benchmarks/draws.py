@@ -19,7 +19,7 @@ from analysis.benchmarks.implicit import N_CHILDREN, N_PARENTS, NEIGHBOURS, RATE
 from analysis.benchmarks.timing import fastest_s
 from workbench.motion.models.training import database_motions
 from workbench.motion.models.windows import learn_windows
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree, search
 from workbench.priors.implicit_tree import draw, sign_tree

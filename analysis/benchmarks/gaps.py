@@ -31,7 +31,7 @@ from workbench.motion.models.gaps import (
 )
 from workbench.motion.models.imputation import reconstructed
 from workbench.motion.models.period import find_period
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, import_sources
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

@@ -38,7 +38,7 @@ from workbench.core.prior import Prior
 from workbench.motion.models.cyclic_model import learn_cyclic
 from workbench.motion.models.training import database_motions
 from workbench.motion.models.windows import Windows, learn_windows
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
 from workbench.priors.implicit_fidelity import fidelity, total_variation

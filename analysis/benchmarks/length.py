@@ -25,7 +25,7 @@ from analysis.benchmarks.figure import Figure
 from analysis.benchmarks.memory import FEW, peak_gb
 from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.evaluation.evidence import Evidence
 from workbench.experiment.assembly import assemble
 from workbench.experiment.config.schema import prepare_hydra
@@ -80,7 +80,7 @@ def run_ms(n_frames: int, folder: Path) -> float:
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"):
         warnings.simplefilter("ignore")
         parts = assemble(config, lambda stage: nullcontext())
-        parts = replace(parts, clip=Clip(ToAndFro(parts.clip.dataset, n_frames)))
+        parts = replace(parts, clip=FrameCache(ToAndFro(parts.clip.dataset, n_frames)))
         summary, evidence = Summary("length", 0, folder / "run.rrd"), Evidence(parts.body)
         with recorder_of(config, parts, summary) as recorder:
             began = perf_counter()

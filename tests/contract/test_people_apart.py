@@ -11,7 +11,7 @@ from workbench.body.shape import from_height
 from workbench.experiment.config.instantiate import resolved
 from workbench.motion.formats.names import BANDAI, clip_name
 from workbench.motion.models import training
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import find_motion
 
 TRACKED = sorted(set(TRACKING) - {"synthesize_run"})

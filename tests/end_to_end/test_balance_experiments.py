@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.motion.formats.export import trc_text
+from workbench.motion.formats.motion_export import trc_text
 
 SMALL = ("dataset.scale=0.1", "dataset.n_frames=12", "inference.n_particles=20", "likelihood.sigma_px=1.0")
 

@@ -7,7 +7,7 @@ import pytest
 from bandai_files import write_bandai_like
 
 from workbench.motion.synthetic.gait import subjects, walker
-from workbench.motion.synthetic.running import runner, runners
+from workbench.motion.synthetic.run_gait import runner, runners
 from workbench.recording.read.reader import read
 
 SMALL = ("dataset.n_frames=8", "dataset.n_points=150", "prior.n_components=3", "inference.n_particles=30")

@@ -6,9 +6,9 @@ import pytest
 from workbench.body.skeleton import N_ROOT
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.full_skeleton import full_poses, full_skeleton
-from workbench.motion.gait_events import SHORTEST_RUN_S, gait_events
 from workbench.motion.models.activities import accuracy_left_out, learn_activities, mean_rates_hz
 from workbench.motion.models.activity_cycles import activity_cycles, cut, joined
+from workbench.motion.pose_sequence import SHORTEST_RUN_S, gait_events
 from workbench.motion.retarget import retarget
 from workbench.motion.sources import find_clip, load_motion
 

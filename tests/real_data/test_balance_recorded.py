@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.datasets.multi_view import MultiView
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.foot_contact import ANKLES, standing_feet, standing_height
@@ -49,7 +49,7 @@ def test_the_truth_lies_where_every_camera_saw_the_joints(dataset):
 
 @pytest.mark.slow
 def test_the_man_is_found_and_measured_by_himself(dataset):
-    body = of_keypoints(Clip(dataset))
+    body = of_keypoints(FrameCache(dataset))
     fitting = LeastSquares(body, KeypointLikelihood(body, sigma_px=1.0), problem=SmoothFit())
     fit, _, _ = fitting.fit_frames(list(dataset.frames()), None, np.random.default_rng(0))
     truth = np.array([frame.truth.joints for frame in dataset.frames()])
@@ -60,7 +60,7 @@ def test_the_man_is_found_and_measured_by_himself(dataset):
 @pytest.mark.slow
 def test_one_camera_finds_the_floor_of_the_man_by_his_feet(data):
     dataset = seen_by(data, NAMES[3:])
-    body = of_keypoints(Clip(dataset))
+    body = of_keypoints(FrameCache(dataset))
     fitting = LeastSquares(body, KeypointLikelihood(body, sigma_px=1.0, loss="huber"), problem=SmoothFit())
     frames = list(dataset.frames())
     fit, seen, _ = fitting.fit_frames(frames, None, np.random.default_rng(0))

@@ -6,7 +6,7 @@ import pytest
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 from workbench.motion.formats.bvh import read_bvh
-from workbench.motion.formats.export import Track, export
+from workbench.motion.formats.motion_export import Track, export
 from workbench.motion.sources import load_motion
 
 

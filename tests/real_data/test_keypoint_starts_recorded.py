@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import joints
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.datasets.multi_view import MultiView
 from workbench.datasets.video import Video
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
@@ -27,7 +27,7 @@ def test_the_man_is_found_in_the_first_frame(data, which):
         keypoints={name: str(folder / "openpose" / f"{file}_json") for name, file in files.items()},
         truth=str(folder / "joints_triangulated.trc"), scale=0.1, n_frames=37,
     )  # fmt: skip
-    clip = Clip(dataset)
+    clip = FrameCache(dataset)
     shown, skeleton = list(clip), of_keypoints(clip).skeleton
     apart = joints(skeleton, start_from_keypoints(skeleton, shown)[:1])[0, 1:] - shown[0].truth.joints[1:]
     if len(which) == len(CAMERAS):
@@ -45,7 +45,7 @@ def test_the_woman_is_found_by_the_marks_of_her_first_frame(data):
     video = Video(
         str(folder / "demo.mp4"), str(folder / "Calib_demo.toml"), first_frame=64, n_frames=1, keypoints=marks
     )
-    skeleton = of_keypoints(Clip(video)).skeleton
+    skeleton = of_keypoints(FrameCache(video)).skeleton
     (frame,) = video.frames()
     (view,) = frame.views
     found = view.camera.project(joints(skeleton, start_from_keypoints(skeleton, [frame])[:1])[0])

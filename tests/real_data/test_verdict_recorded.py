@@ -14,7 +14,7 @@ import pytest
 from workbench.body.camera import load_cameras
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.datasets.association.keypoint_kalman import exchanged
 from workbench.datasets.association.target_selection import follow
 from workbench.datasets.files.joint_annotations import read_people
@@ -63,7 +63,7 @@ def _only(people, kept):
 
 
 def said(dataset, height_m=1.69, **told):
-    clip = Clip(dataset)
+    clip = FrameCache(dataset)
     body = of_keypoints(clip, height_m=height_m)
     fit = LeastSquares(body, KeypointLikelihood(body, sigma_px=5.0, loss="huber"), problem=SmoothFit(), n_particles=20)
     evidence, streams = Evidence(body, SCALE), {name: np.random.default_rng(0) for name in ("start", "prior")}

@@ -29,11 +29,11 @@ BAD_AMC = {
     "empty": (AMC, "", 1, "expected frames, found none"),
     "a bone before the first frame": ("5\nroot", "root", 4, "the number of a frame, found 'root"),
     "an unknown keyword": (":DEGREES", ":GRADIANS", 3, ":DEGREES, :RADIANS or :FULLY-SPECIFIED"),
-    "a missing bone": ("thigh 1 2\n6", "6", 6, "the rest of frame 5, which lacks thigh"),
+    "a missing bone": ("thigh 1 2\n6", "6", 4, "the rest of frame 5, which lacks thigh"),
     "a truncated last frame": (
         "\n6\nroot 0 0 0 0 0 0\nthigh 1 2",
         "\n6\nroot 0 0 0 0 0 0",
-        8,
+        7,
         "frame 6, which lacks thigh",
     ),
     "truncated in a line": ("0\nthigh 1 2\n6", "0\nthigh 1\n6", 6, "2 values for thigh in frame 5, found 1"),

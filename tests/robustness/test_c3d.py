@@ -5,7 +5,7 @@ from damage import changes, flips, refusal, withstands
 from hypothesis import strategies as st
 from sound_files import c3d, written
 
-from workbench.motion.formats.marker_files import read_markers
+from workbench.motion.formats.markers import read_markers
 
 pytest.importorskip("ezc3d")
 words = st.lists(

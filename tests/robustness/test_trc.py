@@ -4,7 +4,7 @@ import pytest
 from damage import refusal, withstands
 from sound_files import TRC, written
 
-from workbench.motion.formats.marker_files import read_markers
+from workbench.motion.formats.markers import read_markers
 from workbench.utils.input_limits import MOST_JOINTS, MOST_NUMBERS
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import person_skeleton
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 
 _FILE_FROM_WORLD = [1, 2, 0]  # files are y-up with the person facing z
 _AHEAD, _LEFT, _UP = np.eye(3)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.motion.clip import Clip, joint_positions, world_rotations
+from workbench.motion.clip import MotionClip, joint_positions, world_rotations
 
 # Bandai's joints with invented lengths, m; every bone lies along its parent's y, backwards on the right.
 BANDAI_LIKE = {
@@ -34,7 +34,7 @@ def clip(joints, rotations, places=None, name="made"):
     if places is None:
         places = np.broadcast_to(offsets, (len(rotations), *offsets.shape))
     positions = joint_positions(parents, world_rotations(parents, rotations), places)
-    return Clip(name, 30.0, 1, names, parents, offsets, rotations, positions[:, 0].copy(), positions)
+    return MotionClip(name, 30.0, 1, names, parents, offsets, rotations, positions[:, 0].copy(), positions)
 
 
 def wandering(joints, seed, n=60, size=0.02, still=()):

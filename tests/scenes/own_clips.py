@@ -4,7 +4,7 @@ import numpy as np
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.motion.clip import Clip
+from workbench.motion.clip import MotionClip
 from workbench.motion.retarget import Landmarks
 
 OWN = Landmarks(
@@ -22,5 +22,5 @@ def own_clip(skeleton, poses):
     parents = np.maximum(skeleton.parents, 0)
     rotations = frames.rotations[:, parents].swapaxes(-1, -2) @ frames.rotations
     rotations[:, 0] = frames.rotations[:, 0]
-    return Clip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
+    return MotionClip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
                 frames.positions[:, 0], frames.positions)  # fmt: skip

@@ -6,14 +6,14 @@ import likelihood_scenes as scenes
 import numpy as np
 
 from workbench.core.dataset import Known
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 
 EPSILON, SIGMA = 0.05, 3.0
 
 
 def of_frames(frames):
     """A clip of these frames."""
-    return Clip(SimpleNamespace(known=Known("clip", len(frames)), frames=lambda: iter(frames)))
+    return FrameCache(SimpleNamespace(known=Known("clip", len(frames)), frames=lambda: iter(frames)))
 
 
 def clip(*images, camera=scenes.FRONT):

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.body.kinematics import joints
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
-from workbench.motion.formats.export import Track, check_output, export
+from workbench.motion.formats.motion_export import Track, check_output, export
 from workbench.recording.read.chunks import timed_poses, timed_true_joints
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.motion.library import write_library
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import import_sources
 from workbench.utils.errors import InputError
 

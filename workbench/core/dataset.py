@@ -56,4 +56,4 @@ class Dataset(Protocol):
         """Tell what is known beforehand."""
 
     def frames(self) -> Iterator[Frame]:
-        """Return the frames in order. A run opens them once (see `clip.Clip`), as decoding is dear."""
+        """Return the frames in order. A run opens them once (see `FrameCache`), as decoding is dear."""

@@ -13,7 +13,7 @@ MOST_BYTES = 2_000_000_000
 """Of images that are kept; a longer clip is decoded again from there on by whoever goes beyond."""
 
 
-class Clip:
+class FrameCache:
     """The frames of a dataset, which may be gone through any number of times, also at once.
 
     What has been decoded is kept until its images take `most_bytes`. Who goes beyond first goes on where the decoding

@@ -17,8 +17,7 @@ from workbench.core.keys import keeps_keys
 from workbench.datasets.association.target_selection import follow
 from workbench.datasets.files.joint_annotations import Marks, followed_marks, read_people
 from workbench.datasets.video import Video
-from workbench.motion.formats.marker_files import read_markers
-from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres
+from workbench.motion.formats.markers import NO_MARKERS, MarkersOf, joint_centres, read_markers
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

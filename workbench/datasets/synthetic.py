@@ -29,7 +29,7 @@ from workbench.datasets.rendering.occluder import passing_board
 from workbench.datasets.rendering.scene_camera import automatic_camera, standing_height
 from workbench.datasets.rendering.sequence import Scene, motion_names, rough_pose, start_error
 from workbench.datasets.rendering.subject import Subject, subject_of
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import PATHS
 from workbench.utils.arrays import BoolArray, ByteArray, FloatArray

@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from workbench.body.camera import Camera
 from workbench.body.limbs import Body
 from workbench.core.dataset import Known
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.step import Inference
@@ -40,7 +40,7 @@ def assemble(config: DictConfig, stage: Stage, names: Mapping[str, str] | None =
     if sentence := what_lacks(config, names or {}) or incompatibility(config, names or {}):
         raise InputError(sentence)
     with stage("dataset"):
-        clip = Clip(build(config.dataset))
+        clip = FrameCache(build(config.dataset))
     known = clip.known
     body: Body = build(config.body, known=known, clip=clip)
     with stage("prior_learning"):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.limbs import Body
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
 from workbench.evaluation.errors import AccelerationError, step_errors
@@ -23,7 +23,7 @@ class Parts:
     """The live objects of one run. prior: None where the inference does without. start: (P,) the first pose, (n, P)
     several that are as likely, or None where the inference finds it."""
 
-    clip: Clip
+    clip: FrameCache
     body: Body
     prior: Prior | None
     inference: Inference

@@ -15,7 +15,7 @@ FILE_FROM_WORLD = [1, 2, 0]  # the inverse
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class MotionClip:
     """F frames of a skeleton of K joints, in the workbench's world: right-handed, z up, metres.
 
     name: the file's, without its extension. first_frame: the number of the first frame in the file. joints: K names,
@@ -51,11 +51,11 @@ class Clip:
 def clip_of_file(
     name: str, rate_hz: float, first_frame: int, joints: tuple[str, ...], parents: IntArray, offsets: FloatArray,
     rotations: FloatArray, places: FloatArray,
-) -> Clip:  # fmt: skip
-    """The clip of what a y-up file says: turns it into the world's axes and places the joints.
+) -> MotionClip:  # fmt: skip
+    """Return the clip of a y-up file's content, turned into the world's axes, with the joints placed.
 
-    offsets (K, 3), m, and rotations (F, K, 3, 3) as in `Clip`, but in the file's axes. places: (F, K, 3), m, where
-    every joint is in its parent's frame at every frame; the root's is its position.
+    offsets (K, 3), m, and rotations (F, K, 3, 3) as in `MotionClip`, but in the file's axes. places: (F, K, 3), m,
+    where every joint is in its parent's frame at every frame; the root's is its position.
     """
     rotations = rotations[..., WORLD_FROM_FILE, :][..., WORLD_FROM_FILE]
     places = places[..., WORLD_FROM_FILE]
@@ -63,11 +63,13 @@ def clip_of_file(
     offsets = offsets[:, WORLD_FROM_FILE]
     check_rate(f"clip {name}", rate_hz)
     check_places(f"clip {name}", positions)
-    return Clip(name, rate_hz, first_frame, joints, parents, offsets, rotations, positions[:, 0].copy(), positions)
+    return MotionClip(
+        name, rate_hz, first_frame, joints, parents, offsets, rotations, positions[:, 0].copy(), positions
+    )
 
 
 def world_rotations(parents: IntArray, rotations: FloatArray) -> FloatArray:
-    """World rotations (F, K, 3, 3) of joints from the rotations (F, K, 3, 3) to their parents."""
+    """Return world rotations (F, K, 3, 3) of joints from the rotations (F, K, 3, 3) to their parents."""
     world = rotations.copy()
     for k, parent in enumerate(parents):
         if parent >= 0:
@@ -76,7 +78,7 @@ def world_rotations(parents: IntArray, rotations: FloatArray) -> FloatArray:
 
 
 def joint_positions(parents: IntArray, world: FloatArray, places: FloatArray) -> FloatArray:
-    """Joint positions (F, K, 3), from world rotations (F, K, 3, 3) and places (F, K, 3) in the parents' frames."""
+    """Return joint positions (F, K, 3) of world rotations (F, K, 3, 3) and places (F, K, 3) in the parents' frames."""
     positions = places.copy()
     for k, parent in enumerate(parents):
         if parent >= 0:

@@ -13,7 +13,7 @@ import scipy
 from workbench.body.limbs import Body, Ends, Radii, skeleton_limbs
 from workbench.body.shape import Shape
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
-from workbench.motion.clip import Clip
+from workbench.motion.clip import MotionClip
 from workbench.motion.retarget import continuous_turns
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
@@ -49,7 +49,7 @@ _BANDAI_ENDS: Ends = {
 }  # fmt: skip
 
 
-def full_skeleton(clip: Clip) -> Skeleton:
+def full_skeleton(clip: MotionClip) -> Skeleton:
     """The skeleton of a clip: six degrees of freedom of the root, three turns for every other joint that moves.
 
     The root is the first joint that carries the body: a root whose only child travels in its frame is left out, and so
@@ -79,7 +79,7 @@ def full_skeleton(clip: Clip) -> Skeleton:
     )  # fmt: skip
 
 
-def full_poses(clip: Clip) -> FloatArray:
+def full_poses(clip: MotionClip) -> FloatArray:
     """The poses (F, P) of `full_skeleton(clip)` in the clip's frames, m and rad, without jumps in time.
 
     Forward kinematics gives the clip's positions to the digits of the file's offsets (Bandai: 2e-7 m).
@@ -98,7 +98,7 @@ def full_poses(clip: Clip) -> FloatArray:
     return poses
 
 
-def full_body(clip: Clip, shape: Shape) -> Body:
+def full_body(clip: MotionClip, shape: Shape) -> Body:
     """Put limbs on the full skeleton of a clip; shape: the measurements of the same person. Raises as `full_skeleton`.
 
     Bandai's joints have an adult's measures, all others those of `skeleton_limbs`.
@@ -109,7 +109,7 @@ def full_body(clip: Clip, shape: Shape) -> Body:
     return Body(skeleton, shape, skeleton_limbs(skeleton, radii=radii, ends=ends))
 
 
-def _kept(clip: Clip) -> IntArray:
+def _kept(clip: MotionClip) -> IntArray:
     """The clip's joints that the skeleton has, parents first."""
     joints = np.arange(len(clip.joints))
     travelled = np.abs(_places(clip) - clip.offsets).max(axis=(0, 2))
@@ -130,7 +130,7 @@ def _kept(clip: Clip) -> IntArray:
     return np.flatnonzero(below & ~(is_end & still & short))
 
 
-def _places(clip: Clip) -> FloatArray:
+def _places(clip: MotionClip) -> FloatArray:
     """Place every joint in its parent's frame, (F, K, 3) m; the root's is its offset."""
     places = np.broadcast_to(clip.offsets, clip.positions.shape).copy()
     for k, parent in enumerate(clip.parents):
@@ -140,12 +140,12 @@ def _places(clip: Clip) -> FloatArray:
     return places
 
 
-def _new_parents(clip: Clip, kept: IntArray) -> IntArray:
+def _new_parents(clip: MotionClip, kept: IntArray) -> IntArray:
     """Parents (J,) among the kept joints, -1 for the first."""
     return np.array([-1, *np.searchsorted(kept, clip.parents[kept[1:]])])
 
 
-def _neutral(clip: Clip, kept: IntArray) -> FloatArray:
+def _neutral(clip: MotionClip, kept: IntArray) -> FloatArray:
     """Rotations (J, 3, 3) from the file's frames to the body's axes in the neutral pose."""
     neutral = np.broadcast_to(np.eye(3), (len(kept), 3, 3)).copy()
     if set(_BANDAI) <= set(clip.joints):
@@ -158,7 +158,7 @@ def _neutral(clip: Clip, kept: IntArray) -> FloatArray:
     return neutral
 
 
-def _turns(clip: Clip, kept: IntArray) -> FloatArray:
+def _turns(clip: MotionClip, kept: IntArray) -> FloatArray:
     """Rotations (F, J, 3, 3) to the parents' frames, the root's to the world; all are 1 in the neutral pose."""
     world = clip.orientations[:, kept] @ _neutral(clip, kept).swapaxes(1, 2)
     turns: FloatArray = world[:, _new_parents(clip, kept)].swapaxes(2, 3) @ world

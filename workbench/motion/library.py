@@ -15,7 +15,7 @@ import numpy as np
 from workbench import __version__
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import ERROR_JOINTS, POSE_NAMES
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError

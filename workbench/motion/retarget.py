@@ -17,8 +17,8 @@ from workbench.body.angles import wrapped
 from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, Skeleton, person_skeleton
-from workbench.motion.clip import Clip
-from workbench.motion.motion import Motion
+from workbench.motion.clip import MotionClip
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import MOST_LEFT_MM
@@ -28,7 +28,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Where the person's joints are on the skeletons of one source; vectors in the axes of a Clip.
+    """Where the person's joints are on the skeletons of one source; vectors in the axes of a MotionClip.
 
     joints: the source's joint for each of ours but the pelvis and the centre of the head. head: (joint, child,
     fraction): the centre of the head is at that fraction of the child's offset, seen from the joint and turning with
@@ -97,7 +97,7 @@ _HOLD_M_PER_RAD = 0.1
 takes the mean error from 9.9 to 6.9 mm; a tenth of it gains 0.5 mm more, but makes a straight limb's twist unsteady."""
 
 
-def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
+def retarget(clip: MotionClip, landmarks: Landmarks | None = None) -> Motion:
     """The motion of a clip of a known skeleton, or of one whose `landmarks` are given.
 
     The shape has the clip's lengths, left and right averaged; the radii are those of an average person as tall as the
@@ -124,7 +124,7 @@ def retarget(clip: Clip, landmarks: Landmarks | None = None) -> Motion:
     )  # fmt: skip
 
 
-def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
+def joint_targets(clip: MotionClip, landmarks: Landmarks) -> FloatArray:
     """Find where the clip has the joints of JOINT_NAMES, (F, J, 3) m; the pelvis is the midpoint of the hips.
 
     Raises InputError when the clip lacks a joint.
@@ -139,11 +139,11 @@ def joint_targets(clip: Clip, landmarks: Landmarks) -> FloatArray:
     return np.stack([places[name] for name in JOINT_NAMES], axis=1)
 
 
-def _missing(clip: Clip, landmarks: Landmarks) -> list[str]:
+def _missing(clip: MotionClip, landmarks: Landmarks) -> list[str]:
     return sorted({*landmarks.joints.values(), *landmarks.head[:2]} - set(clip.joints))
 
 
-def _ball_frames(clip: Clip, landmarks: Landmarks) -> dict[str, FloatArray]:
+def _ball_frames(clip: MotionClip, landmarks: Landmarks) -> dict[str, FloatArray]:
     """World rotations (F, 3, 3) of the neck, the shoulders and the hips as the source's own rotations have them."""
     frames = {}
     for name, left in landmarks.lefts.items():
@@ -207,7 +207,7 @@ def _rigid_fit(points: FloatArray, model: FloatArray) -> tuple[FloatArray, Float
     return rotations, middle - rotations @ model_middle
 
 
-def _shape(clip: Clip, targets: FloatArray, neck_frames: FloatArray, torso_joints: FloatArray) -> Shape:
+def _shape(clip: MotionClip, targets: FloatArray, neck_frames: FloatArray, torso_joints: FloatArray) -> Shape:
     def length(upper: str, lower: str) -> float:
         """Mean distance of two joints, over both sides and all frames."""
         ends = [[JOINT_NAMES.index(f"{side}_{end}") for side in ("left", "right")] for end in (upper, lower)]

@@ -1,4 +1,4 @@
-"""Where motions come from: names, files and folders, what their indices tell, and what may be done with them."""
+"""Where motions come from: names, files and folders, their indices, and their licences."""
 
 import csv
 import hashlib
@@ -14,17 +14,17 @@ from tqdm import tqdm
 from workbench.body.limbs import Body, person
 from workbench.core.capabilities import declaring, offering
 from workbench.core.side_information import LIMB_LENGTHS, RADII
-from workbench.motion.clip import Clip
+from workbench.motion.clip import MotionClip
 from workbench.motion.formats.asf_amc import read_amc
 from workbench.motion.formats.bvh import read_bvh
 from workbench.motion.formats.names import BANDAI, SUFFIXES, clip_name
 from workbench.motion.formats.text import fail, read_lines
 from workbench.motion.library import read_library
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.retarget import retarget
 from workbench.motion.synthetic.arm import bending_arm
 from workbench.motion.synthetic.gait import subjects, walker
-from workbench.motion.synthetic.running import runner, runners
+from workbench.motion.synthetic.run_gait import runner, runners
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_rate
 
@@ -38,7 +38,7 @@ _BUILTIN_SECONDS = 60.0
 _BUILTIN_SEED = 1999  # keeps the walkers of "builtin" apart from those of `gait.builtin_motions`, as their names do
 
 
-class CmuClip(NamedTuple):
+class _IndexRow(NamedTuple):
     """One row of the index of a copy of the CMU database."""
 
     clip: str
@@ -48,7 +48,7 @@ class CmuClip(NamedTuple):
 
 
 def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "straight", seed: int = 0) -> Motion:
-    """The motion called `name`, at `rate_hz`.
+    """Return the motion called `name`, at `rate_hz`.
 
     "builtin": a generated walker of 60 s on a "straight" or "circle" path, another person for every seed;
     "builtin_run": a generated runner; "builtin_arm": a generated arm; a CMU clip such as "35_02" or a Bandai clip such
@@ -73,7 +73,7 @@ def find_motion(name: str, *, data: str | None, rate_hz: float, path: str = "str
 
 
 def motion_file(name: str, data: str | None) -> Path:
-    """The .amc or .bvh file of the motion called `name`, by its path or below the folder `data`, see `find_motion`.
+    """Return the .amc or .bvh file of the motion called `name`, see `find_motion`, by its path or below `data`.
 
     Raises InputError when there is no such file.
     """
@@ -92,7 +92,7 @@ def motion_file(name: str, data: str | None) -> Path:
 
 
 def find_sources(paths: Iterable[str | Path]) -> list[Path]:
-    """The motion files (.amc, .bvh) among `paths` and, sorted, in the folders among them and below; each once.
+    """List the motion files (.amc, .bvh) among `paths` and, sorted, in the folders among them and below; each once.
 
     Raises InputError for a path that does not exist, a file of another kind, and a folder without motion files.
     """
@@ -110,8 +110,8 @@ def find_sources(paths: Iterable[str | Path]) -> list[Path]:
     return list(found.values())
 
 
-def read_clip(path: str | Path, unit: str = "cm") -> Clip:
-    """The skeleton and movement of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), as it is.
+def read_clip(path: str | Path, unit: str = "cm") -> MotionClip:
+    """Read the skeleton and movement of one .amc file (its .asf beside it) or .bvh file (lengths in `unit`), as it is.
 
     The rate of an .amc comes from the CMU index (index.csv beside the file or in the folder above), where there is one.
     Raises InputError for what the readers refuse, and for a file of another kind.
@@ -126,7 +126,7 @@ def read_clip(path: str | Path, unit: str = "cm") -> Clip:
 
 
 def load_motion(path: str | Path, unit: str = "cm") -> Motion:
-    """The motion of a clip, see `read_clip`, retargeted.
+    """Read the motion of a clip, see `read_clip`, retargeted.
 
     Subject and activity come from the CMU index (index.csv beside the file or in the folder above) where there
     is one, from the file's name for the CMU (subject only) and Bandai data, and are "unknown" otherwise, as is the
@@ -163,13 +163,13 @@ def body_of_file(*, file: str, unit: str = "cm", scale: float = 1.0) -> Body:
 def import_sources(
     paths: Iterable[str | Path], rate_hz: float | None = None, unit: str = "cm"
 ) -> tuple[list[Motion], list[str]]:
-    """The motions of all files and folders in `paths`, and one sentence for every one that could not be had.
+    """Read the motions of all files and folders in `paths`, and one sentence for every one that cannot be read.
 
     rate_hz: the rate to resample to; None keeps each file's own. unit: that of the BVH files. A bad file costs
     nothing but itself. Shows a progress bar. Raises InputError for a rate that is not positive.
     """
-    if rate_hz is not None and not 0.1 <= rate_hz <= 1e5:
-        raise InputError(f"the rate must be between 0.1 and 100000 Hz, found {rate_hz}")
+    if rate_hz is not None:
+        check_rate("import", rate_hz)
     motions, reports, files = [], [], []
     for path in paths:
         try:
@@ -191,7 +191,7 @@ def import_sources(
 
 
 def find_clip(data: str | Path, name: str) -> Path:
-    """The file of a CMU clip such as "35_02" or a Bandai clip such as "dataset-1_byebye_normal_001" below `data`.
+    """Return the file below `data` of a CMU clip such as "35_02" or a Bandai clip "dataset-1_byebye_normal_001".
 
     Raises InputError when the name has neither form or there is no such file.
     """
@@ -208,7 +208,7 @@ def find_clip(data: str | Path, name: str) -> Path:
 
 
 def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = "walk") -> list[Path]:
-    """The AMC files of some subjects of the CMU database, e.g. ("02", "35"), None: of all, in the order of its index.
+    """List the AMC files of some subjects of CMU, e.g. ("02", "35"), or of all (None), in the order of its index.
 
     data: the folder that holds cmu/ with index.csv and a folder per subject. activity: the index's, exactly.
     Raises InputError when the index, a file or all of a subject's clips of that activity are missing.
@@ -224,32 +224,24 @@ def cmu_clips(data: str | Path, subjects: Sequence[str] | None, activity: str = 
     return clips
 
 
-def _index_row(path: Path) -> CmuClip | None:
-    """Read what the CMU index beside the file or in the folder above says about it."""
+def _index_row(path: Path) -> _IndexRow | None:
+    """Return the file's row in the CMU index, in the file's folder or the one above; None where there is none."""
     for folder in path.resolve().parents[:2]:
         if (folder / "index.csv").is_file():
             return _read_index(folder / "index.csv").get(path.stem)
     return None
 
 
-def _read_index(path: Path) -> dict[str, CmuClip]:
+def _read_index(path: Path) -> dict[str, _IndexRow]:
     reader = csv.DictReader(read_lines(path))
+    columns = _IndexRow._fields
+    index = {}
     try:
-        return _index_rows(path, reader)
-    except csv.Error as error:
-        fail(path, reader.line_num + 1, f"expected a table: {error}")
-
-
-def _index_rows(path: Path, reader: "csv.DictReader[str]") -> dict[str, CmuClip]:
-    rows = {}
-    columns = reader.fieldnames or ()
-    if not set(CmuClip._fields) <= set(columns):
-        fail(path, 1, f"expected the columns {', '.join(CmuClip._fields)} among others, found {', '.join(columns)!r}")
-    for row in reader:
-        try:
-            rate_hz = float(row["rate_hz"])
-        except (TypeError, ValueError):
-            fail(path, reader.line_num, f"expected a row with a rate in Hz, found {row['rate_hz']!r}")
-        check_rate(f"{path}, line {reader.line_num}", rate_hz)
-        rows[row["clip"]] = CmuClip(row["clip"], row["subject"], row["activity"], rate_hz)
-    return rows
+        if not set(columns) <= set(reader.fieldnames or ()):
+            fail(path, 1, f"expected the columns {', '.join(columns)} among others, found {reader.fieldnames}")
+        for row in reader:
+            rate_hz = check_rate(f"{path}, line {reader.line_num}", float(row["rate_hz"]))
+            index[row["clip"]] = _IndexRow(row["clip"], row["subject"], row["activity"], rate_hz)
+    except (csv.Error, TypeError, ValueError) as error:
+        fail(path, reader.line_num, f"expected a table of clips with a rate in Hz: {error}")
+    return index

@@ -9,7 +9,7 @@ from workbench.body.skeleton import N_ROOT
 from workbench.core.study import Curves, StudyResult
 from workbench.motion.models.gaps import METHODS, gap_study, gappy_sequences, remove_markers
 from workbench.motion.models.imputation import impute, impute_linear, impute_paper, impute_periodic
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.studies.learning import WalkStudy, angle, cyclic, degrees, title
 from workbench.utils.arrays import BoolArray
 from workbench.utils.errors import InputError

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.motion.models.gaps import motion_period
 from workbench.motion.models.training import training_motions
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

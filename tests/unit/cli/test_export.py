@@ -12,7 +12,7 @@ from recording_steps import BODY, SPACE, steps
 from workbench.body.kinematics import joints
 from workbench.cli.export import estimated_track, main, true_track
 from workbench.motion.formats.bvh import read_bvh
-from workbench.motion.formats.export import export
+from workbench.motion.formats.motion_export import export
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError

@@ -9,7 +9,7 @@ from workbench.body.camera import plain_camera
 from workbench.core import frame_cache as clip_module
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.utils.errors import InputError
 
 CAMERA = plain_camera(4, 3, 5.0, (0.0, -4.0, 1.0), (0.0, 0.0, 1.0))
@@ -37,7 +37,7 @@ def indices(frames):
 
 def test_every_frame_is_decoded_once_when_it_is_asked_for():
     film = Film(5)
-    clip = Clip(film)
+    clip = FrameCache(film)
     assert (len(clip), clip.known, film.decoded) == (5, film.known, [])
     first = next(iter(clip))
     assert film.decoded == [0]
@@ -48,7 +48,7 @@ def test_every_frame_is_decoded_once_when_it_is_asked_for():
 
 def test_several_may_go_through_at_once():
     film = Film(6)
-    slow, fast = iter(clip := Clip(film)), iter(clip)
+    slow, fast = iter(clip := FrameCache(film)), iter(clip)
     taken = [next(slow).index, next(fast).index, next(fast).index, next(slow).index, next(slow).index]
     assert taken == [0, 0, 1, 1, 2]
     assert (indices(slow), indices(fast)) == ([3, 4, 5], [2, 3, 4, 5])
@@ -59,7 +59,7 @@ def test_beyond_the_limit_frames_are_decoded_again_and_that_is_said_once(monkeyp
     said = []
     monkeypatch.setattr(clip_module.log, "info", lambda sentence, *given: said.append(sentence % given))
     film = Film(6)
-    clip = Clip(film, most_bytes=2 * BYTES + 1)  # of three images the third is the one that goes over it
+    clip = FrameCache(film, most_bytes=2 * BYTES + 1)  # of three images the third is the one that goes over it
     assert indices(clip) == list(range(6))
     assert film.decoded == list(range(6))  # the first to go beyond opens nothing again
     assert not said
@@ -71,7 +71,7 @@ def test_beyond_the_limit_frames_are_decoded_again_and_that_is_said_once(monkeyp
 
 
 def test_beyond_the_limit_several_may_go_through_at_once():
-    one, other = iter(clip := Clip(Film(6), most_bytes=1)), iter(clip)
+    one, other = iter(clip := FrameCache(Film(6), most_bytes=1)), iter(clip)
     pairs = [(next(one).index, next(other).index) for _ in range(6)]
     assert pairs == [(k, k) for k in range(6)]
     assert next(one, None) is next(other, None) is None
@@ -80,13 +80,13 @@ def test_beyond_the_limit_several_may_go_through_at_once():
 @pytest.mark.parametrize("most_bytes", [0, 100])
 def test_a_dataset_of_no_frames_has_none(most_bytes):
     film = Film(0)
-    clip = Clip(film, most_bytes)
+    clip = FrameCache(film, most_bytes)
     assert (len(clip), list(clip), list(clip)) == (0, [], [])
 
 
 @pytest.mark.parametrize("most_bytes", [1, BYTES + 1, 1000])
 def test_everyone_meets_a_frame_that_cannot_be_decoded(most_bytes):
-    clip = Clip(Film(6, broken=3), most_bytes)
+    clip = FrameCache(Film(6, broken=3), most_bytes)
     for _ in range(3):
         with pytest.raises(InputError, match="frame 3 cannot be decoded"):
             list(clip)
@@ -101,4 +101,4 @@ def test_what_a_dataset_refuses_to_know_is_refused_at_once():
             raise InputError("unknown: no such file")
 
     with pytest.raises(InputError, match="no such file"):
-        Clip(Unknown())
+        FrameCache(Unknown())

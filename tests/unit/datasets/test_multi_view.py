@@ -7,7 +7,7 @@ from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.multi_view import MultiView
-from workbench.motion.formats.export import trc_text
+from workbench.motion.formats.motion_export import trc_text
 from workbench.utils.errors import InputError
 
 CAMERAS = """

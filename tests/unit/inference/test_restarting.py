@@ -8,7 +8,7 @@ import pytest
 from linear_gaussian import streams
 
 from workbench.body.limbs import person
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
 from workbench.evaluation.errors import step_errors
 from workbench.inference.smc.particle_filter import ParticleFilter
@@ -47,7 +47,7 @@ def run(scene, make, frames):
     """Errors, px, of every frame, the width of a forearm, and the steps that started anew."""
     dataset, prior, _ = scene
     body = person(dataset.known.shape)
-    cues = {"background": Background(body, Clip(dataset)), "appearance": Appearance(body)}
+    cues = {"background": Background(body, FrameCache(dataset)), "appearance": Appearance(body)}
     likelihood = Product(cues, dict.fromkeys(cues, 0.5))
     steps = list(make(prior, likelihood, body).run(frames, dataset.known.start_pose, streams(0)))
     errors = [step_errors(step, body) for step in steps]

@@ -12,7 +12,7 @@ from view_scenes import CAMERAS, errors_mm, frames, swinging
 from workbench.body.kinematics import joints
 from workbench.core.dataset import Known
 from workbench.core.frame import MarkedFrames
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import Powers
 from workbench.inference.initialization.from_annotations import (
     placed_costs,
@@ -23,7 +23,7 @@ from workbench.inference.initialization.from_annotations import (
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
 from workbench.inference.initialization.poses import start_poses
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.motion.synthetic.running import builtin_runs
+from workbench.motion.synthetic.run_gait import builtin_runs
 from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
@@ -36,7 +36,7 @@ def prior(**powers):
 def clip(shown=(), **known):
     """A clip of frames of which that is known."""
     known = {"cameras": (CAMERA,), **known}
-    return Clip(SimpleNamespace(known=Known("clip", len(shown), **known), frames=lambda: iter(shown)))
+    return FrameCache(SimpleNamespace(known=Known("clip", len(shown), **known), frames=lambda: iter(shown)))
 
 
 def marked(times_s, poses, **noise):
@@ -192,7 +192,7 @@ def test_detected_joints_give_poses_to_every_prior_and_no_frame_more_is_decoded(
             yield frame
 
     known = Known("clip", len(shown), cameras=CAMERAS, has_keypoints=True)
-    poses, said = start_poses(prior(**powers), BODY, Clip(SimpleNamespace(known=known, frames=played)))
+    poses, said = start_poses(prior(**powers), BODY, FrameCache(SimpleNamespace(known=known, frames=played)))
     assert np.array_equal(poses, start_from_keypoints(SKELETON, shown))
     assert said == f"start fitted to keypoints: {len(poses)} poses that they allow"
     assert errors_mm(SKELETON, poses[:1], truth[:1]) < 14.0  # 2 px there

@@ -12,7 +12,7 @@ from workbench.body.kinematics import forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
 from workbench.datasets.synthetic import Synthetic
@@ -279,7 +279,7 @@ def walker():
 @pytest.fixture(scope="module")
 def tracked(walker):
     """The likelihood after two frames seen in their true poses, and all frames."""
-    clip = Clip(walker)
+    clip = FrameCache(walker)
     frames = list(clip)
     likelihood = Alignment(walker.body, clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
@@ -326,7 +326,7 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
 
 def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
     frames = tracked[1]
-    likelihood = Alignment(walker.body, Clip(walker))
+    likelihood = Alignment(walker.body, FrameCache(walker))
     assert isinstance(likelihood, Relearning)
     again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
     assert again.look(None, frames[0]).judges
@@ -344,7 +344,7 @@ def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
 )
 def test_constants_out_of_range_are_refused(walker, wrong, sentence):
     with pytest.raises(InputError, match=sentence):
-        Alignment(walker.body, Clip(walker), **wrong)
+        Alignment(walker.body, FrameCache(walker), **wrong)
 
 
 def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):

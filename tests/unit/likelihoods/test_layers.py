@@ -10,7 +10,7 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import descendants, forward
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import LayeredLook
 from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.dense.dense_alignment import Alignment
@@ -114,7 +114,7 @@ def test_log_ratios_are_the_same_on_any_number_of_threads(monkeypatch):
 def seen():
     """A rendered walker and the look of whoever knows them at their second frame, with the true pose there."""
     walker = Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
-    clip = Clip(walker)
+    clip = FrameCache(walker)
     likelihood, frames = Alignment(walker.body, clip), list(clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
         likelihood = likelihood.look(before, frame).remember(frame.truth.pose)

@@ -8,7 +8,7 @@ import pytest
 from still_clips import by_hand, clip, of_frames, with_block
 
 from tests.oracles import outlines as oracle
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.cues.image_levels import still_scene, uncovered_scene
 from workbench.likelihoods.cues.outlines import OUTWARDS, outline_sums, running_sums
@@ -162,7 +162,7 @@ def test_a_standing_person_is_seen_where_the_plain_term_has_them_for_background(
     beside[1, :3] += 0.1 * person.view_camera.rotation[0]
     told = {}
     for standing in (False, True):
-        term = Silhouette(person.body, Clip(person), standing=standing)
+        term = Silhouette(person.body, FrameCache(person), standing=standing)
         look = term.look(None, frames[0]).remember(pose).look(frames[0], frames[5])
         told[standing] = look.evaluate(beside, beside).log_prob
     assert told[True][0] > told[True][1] + 5.0

@@ -10,7 +10,7 @@ import trc
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.motion.formats.export import Track, csv_text, frame_rate, trc_text
+from workbench.motion.formats.motion_export import Track, csv_text, frame_rate, trc_text
 from workbench.utils.errors import InputError
 
 SKELETON = person_skeleton(from_height(1.7))

@@ -8,7 +8,7 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.motion.library import read_library, write_library
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.errors import InputError
 
 

@@ -9,9 +9,8 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.motion.formats.export import trc_text
-from workbench.motion.formats.marker_files import read_markers
-from workbench.motion.formats.markers import in_world, joint_centres, joints_of
+from workbench.motion.formats.markers import in_world, joint_centres, joints_of, read_markers
+from workbench.motion.formats.motion_export import trc_text
 from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
@@ -119,7 +118,7 @@ TEXT = trc_text("a.trc", JOINT_NAMES, places(), 50.0, "m")
         ("", "line 1: expected a TRC file"),
         (TEXT.replace("PathFileType", "Path"), "line 1: expected a TRC file"),
         (TEXT.replace("\n50\t", "\nfifty\t"), "line 3: expected numbers for DataRate"),
-        (TEXT.replace("\n50\t", "\n0\t"), "line 3: expected a DataRate above zero"),
+        (TEXT.replace("\n50\t", "\n0\t"), "line 3: DataRate: expected a rate of"),
         (TEXT.replace("neck", "pelvis"), "line 4: expected the names of markers, all different"),
         ("\n".join(TEXT.split("\n")[:6]) + "\n\n", "expected a frame"),
         (TEXT.replace("0.9300000", "0.93.0", 1), "line 7: expected numbers for coordinates"),

@@ -3,7 +3,7 @@ import pytest
 from workbench.motion.formats.names import left_out, performer
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.motion.synthetic.running import builtin_runs
+from workbench.motion.synthetic.run_gait import builtin_runs
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.motion.clip import Clip
+from workbench.motion.clip import MotionClip
 from workbench.motion.retarget import CMU, continuous_turns, refine, retarget
 from workbench.utils.errors import InputError
 
@@ -65,7 +65,7 @@ def cmu_at_rest():
         positions[k] = (positions[parent] if parent >= 0 else 0.0) + offsets[k]
     rotations = np.broadcast_to(np.eye(3), (2, len(names), 3, 3)).copy()
     both = np.stack([positions, positions])
-    return Clip("rest", 120.0, 1, names, parents, offsets, rotations, both[:, 0], both)
+    return MotionClip("rest", 120.0, 1, names, parents, offsets, rotations, both[:, 0], both)
 
 
 def test_cmu_rest_pose_in_closed_form():

@@ -8,7 +8,7 @@ from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.motion.models.activities import accuracy_left_out, learn_activities
 from workbench.motion.models.activity_cycles import activity_cycles
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT, builtin_motions
-from workbench.motion.synthetic.running import (
+from workbench.motion.synthetic.run_gait import (
     FOOT_ROLL,
     GRAVITY,
     STANCE,
@@ -82,7 +82,7 @@ def test_the_same_seed_gives_the_same_bits():
     assert all(np.array_equal(a.poses, b.poses) and a.shape == b.shape for a, b in zip(first, again, strict=True))
     assert first[0].sha256 == again[0].sha256 != builtin_runs(2, seed=6)[0].sha256
     assert {motion.activity for motion in first} == {"run"}
-    assert first[0].source == "generated: workbench.motion.synthetic.running"
+    assert first[0].source == "generated: workbench.motion.synthetic.run_gait"
 
 
 def test_runs_have_running_cycles_and_are_told_from_walks():

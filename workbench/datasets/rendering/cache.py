@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.datasets.rendering.perturbations import SHOWN
 from workbench.datasets.rendering.sequence import Scene
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import AnyArray, ByteArray
 from workbench.utils.atomic_write import kept_for_later, whole_file
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.motion.gait_events import SHORTEST_RUN_S, gait_events
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import SHORTEST_RUN_S, Motion, gait_events
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

@@ -8,7 +8,7 @@ from workbench.body.camera import Camera, plain_camera
 from workbench.body.skeleton import POSE_NAMES
 from workbench.datasets.rendering.miscalibration import calibrated
 from workbench.datasets.rendering.sequence import Scene, Take
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 
 _MARGIN = 0.05  # part of the image's width and height that the automatic camera keeps free on every side

@@ -18,7 +18,7 @@ from workbench.datasets.rendering.miscalibration import calibration_error
 from workbench.datasets.rendering.perturbations import GIVEN, sizes
 from workbench.datasets.rendering.subject import Subject, subject_of
 from workbench.motion.full_skeleton import full_body, full_poses
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import UNKNOWN, find_motion, motion_file, read_clip
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

@@ -13,7 +13,7 @@ from workbench.body.limbs import Body, person
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import Skeleton, person_skeleton
 from workbench.core.capabilities import KEYPOINTS, Traits, declaring, offering
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Keypoints, Observed, frame_keypoints, person_px
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import projection_jacobian
@@ -62,7 +62,7 @@ def _traits(keys: Mapping[str, Any]) -> Traits:
 
 
 @declaring(_traits)
-def of_keypoints(clip: Clip, *, height_m: float | None = None, n_frames: int = 8) -> Body:
+def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: int = 8) -> Body:
     """Measure a person by the keypoints of a clip's first `n_frames` that are a 14th of a second apart.
 
     height_m: the person's, which one camera cannot tell from the distance; None: an adult's, 1.70 m, give or take 10

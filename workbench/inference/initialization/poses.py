@@ -11,7 +11,7 @@ from workbench.body.limbs import Body
 from workbench.body.skeleton import Skeleton
 from workbench.body.surface import Surface, person_surface
 from workbench.core.frame import Frame, MarkedFrames
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.observations import Observables, Observed
 from workbench.core.prior import Powers, Prior
 from workbench.core.residual import Loss, ResidualFunction, surface_residual
@@ -59,7 +59,7 @@ def start_from_points(prior: Prior | None, body: Body, frames: Iterable[Frame]) 
     return fit.poses[0]
 
 
-def start_poses(prior: Prior | None, body: Body, clip: Clip) -> tuple[FloatArray, str]:
+def start_poses(prior: Prior | None, body: Body, clip: FrameCache) -> tuple[FloatArray, str]:
     """Find the pose (P,) in the first frame, or several (n, P) of which each may be it, and say in a sentence how.
 
     The prior's own first pose comes first, then the dataset's, for which there is nothing to say; then marked joints,

@@ -11,7 +11,7 @@ from workbench.body.limbs import Body
 from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.cues.image_levels import StillScene, log_ratio, still_scenes
 from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
@@ -50,7 +50,7 @@ class Background:
     traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
 
     body: Body
-    clip: Clip
+    clip: FrameCache
     k: float = 0.5
     epsilon: float = 0.05
     least_sigma: float = 3.0

@@ -10,7 +10,7 @@ import scipy
 from tqdm import tqdm
 
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.utils.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.parallel import over_threads
@@ -72,14 +72,14 @@ class StillScene:
         return np.asarray(np.log(256.0 / (np.sqrt(2.0 * np.pi) * self.sigma)))
 
 
-def still_scenes(clip: Clip, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
+def still_scenes(clip: FrameCache, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
     """Find the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
     `n_frames` frames of the clip, evenly spread."""
     seen = spaced_images(clip, n_frames, blur_px)
     return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
 
 
-def spaced_images(clip: Clip, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
+def spaced_images(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
     """Collect every camera's smoothed levels in `n_frames` frames of the clip, evenly spread, the first among them."""
     seen: dict[str, list[Float32Array]] = {}
     for frame in spaced_frames(clip, n_frames):
@@ -88,7 +88,7 @@ def spaced_images(clip: Clip, n_frames: int, blur_px: float) -> dict[str, list[F
     return seen
 
 
-def spaced_frames(clip: Clip, n_frames: int) -> Iterator[Frame]:
+def spaced_frames(clip: FrameCache, n_frames: int) -> Iterator[Frame]:
     """Go through `n_frames` frames of the clip, evenly spread, the first among them."""
     n = clip.known.n_frames
     used = set(np.unique(np.linspace(0, n - 1, n_frames).round().astype(int)).tolist())

@@ -13,7 +13,7 @@ from workbench.body.limbs import Body
 from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering
 from workbench.likelihoods.cues.image_levels import (
@@ -68,7 +68,7 @@ class Silhouette:
     traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
 
     body: Body
-    clip: Clip
+    clip: FrameCache
     k: float = 40.0
     epsilon: float = 0.05
     least_sigma: float = 3.0

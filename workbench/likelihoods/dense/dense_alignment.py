@@ -14,7 +14,7 @@ from workbench.body.limbs import Body
 from workbench.core.capabilities import IMAGES, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, Range, at_least, check
 from workbench.core.frame import Frame, View
-from workbench.core.frame_cache import Clip
+from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Evaluation, Likelihood, Slope
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows
@@ -72,7 +72,7 @@ class Alignment:
     traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
 
     body: Body
-    clip: Clip
+    clip: FrameCache
     blurs_px: tuple[float, ...] = (6.0, 3.0, 1.2)
     sigma: float = 10.0
     outline: float = 0.25

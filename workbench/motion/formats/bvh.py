@@ -3,7 +3,8 @@
 BVH has no specification; what is written is what Biovision's files look like and what the reader here and Blender read.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
@@ -11,18 +12,18 @@ import numpy as np
 import scipy
 
 from workbench.body.skeleton import Skeleton
-from workbench.motion.clip import FILE_FROM_WORLD, Clip, clip_of_file
-from workbench.motion.formats.text import fail, numbers, read_lines
+from workbench.motion.clip import FILE_FROM_WORLD, MotionClip, clip_of_file
+from workbench.motion.formats.text import Statement, fail, numbers, read_lines
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_FRAMES, MOST_JOINTS
+from workbench.utils.input_limits import MOST_FRAMES, MOST_JOINTS, check_number
 
 _METRES = {"cm": 0.01, "m": 1.0}
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _POSITIONS = ("Xposition", "Yposition", "Zposition")
+_ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 _DIGITS = 6  # a millionth of a degree moves a hand by 10 nm
 _N_POSITIONS = 3
-_ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")
 
 
 @dataclass
@@ -34,17 +35,8 @@ class _Joint:
     channels: tuple[str, ...] = ()
 
 
-@dataclass
-class _Hierarchy:
-    """The joints read so far, the open braces' joints, and the joint that waits for its brace."""
-
-    joints: list[_Joint] = field(default_factory=list)
-    open: list[int] = field(default_factory=list)
-    waiting: bool = False
-
-
-def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
-    """The clip of a BVH file whose lengths are in `unit`, "cm" or "m"; frames count from 1.
+def read_bvh(path: str | Path, unit: str = "cm") -> MotionClip:
+    """Read the clip of a BVH file whose lengths are in `unit`, "cm" or "m"; frames count from 1.
 
     A joint has 3 rotation channels, or 6 with positions, in any order; its rotation is intrinsic, in the order of its
     channels. Positions replace the joint's offset (of the root too: most files have its offset zero). End sites
@@ -77,64 +69,64 @@ def read_bvh(path: str | Path, unit: str = "cm") -> Clip:
 
 
 def _read_hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
-    """The joints, and the index of the line after MOTION."""
+    """Return the joints, and the index of the line after MOTION."""
     if lines[0].split() != ["HIERARCHY"]:
         fail(path, 1, f"expected HIERARCHY, found {lines[0].strip()[:60]!r}")
-    tree = _Hierarchy()
-    for index in range(1, len(lines)):
-        words = lines[index].split()
-        if words == ["MOTION"]:
-            if not tree.joints:
-                fail(path, index + 1, "expected a ROOT before MOTION")
-            if tree.open or tree.waiting:
-                unclosed = tree.joints[-1].name
-                fail(path, index + 1, f"expected the closing brace of {unclosed} or its parents before MOTION")
-            return tree.joints, index + 1
-        if len(words) > 1 and words[-1] == "{":  # the brace may share its joint's line
-            _read_statement(path, index + 1, words[:-1], tree)
-            words = ["{"]
-        if words:
-            _read_statement(path, index + 1, words, tree)
+    joints: list[_Joint] = []
+    branch: list[int] = []  # joints whose braces are open
+    is_new = False  # the last joint has no brace yet
+    for line, words in _statements(lines):
+        joint, found = joints[branch[-1]] if branch else None, repr(" ".join(words)[:60])
+        if is_new != (words == ["{"]):
+            fail(path, line, f"expected {'{' if is_new else 'a statement'}, found {found}")
+        match words:
+            case ["MOTION"]:
+                if branch or not joints:
+                    fail(path, line, "expected a ROOT, and the closing brace of every joint, before MOTION")
+                return joints, line
+            case ["{"]:
+                branch.append(len(joints) - 1)
+                is_new = False
+            case ["ROOT" | "JOINT" | "End" as kind, *name] if joint is None or not joint.is_end:
+                if (kind == "ROOT") == bool(joints) or (joint is None) != (kind == "ROOT"):
+                    fail(path, line, f"expected one ROOT, and joints between its braces, found {found}")
+                joints.append(_new_joint(path, line, joints, kind, " ".join(name), branch[-1] if branch else -1))
+                is_new = True
+            case ["OFFSET", *offset] if joint:
+                joint.offset = numbers(path, line, offset, 3, f"the offset of {joint.name}")
+            case ["CHANNELS", *channels] if joint and not joint.is_end:
+                joint.channels = _channels(path, line, channels, joint.name)
+            case ["}"] if joint:
+                if joint.offset is None or not (joint.channels or joint.is_end):
+                    fail(path, line, f"expected the OFFSET and CHANNELS of {joint.name} before its end")
+                branch.pop()
+            case _:
+                fail(path, line, f"expected a statement of the hierarchy here, found {found}")
     fail(path, len(lines), "expected MOTION, found the end of the file")
 
 
-def _read_statement(path: Path, line: int, words: list[str], tree: _Hierarchy) -> None:
-    if tree.waiting != (words == ["{"]):
-        fail(path, line, f"expected {'{' if tree.waiting else 'a statement'}, found {' '.join(words)[:60]!r}")
-    joint = tree.joints[tree.open[-1]] if tree.open else None
-    match words:
-        case ["{"]:
-            tree.open.append(len(tree.joints) - 1)
-            tree.waiting = False
-        case ["ROOT", *name] if not tree.joints:
-            _add_joint(path, line, " ".join(name), tree)
-        case ["JOINT", *name] if joint and not joint.is_end:
-            _add_joint(path, line, " ".join(name), tree)
-        case ["End", "Site" | "site"] if joint and not joint.is_end:
-            _add_joint(path, line, f"{joint.name}_end", tree, is_end=True)
-        case ["OFFSET", *offset] if joint:
-            joint.offset = numbers(path, line, offset, 3, f"the offset of {joint.name}")
-        case ["CHANNELS", *channels] if joint and not joint.is_end:
-            joint.channels = _channels(path, line, channels, joint.name)
-        case ["}"] if joint:
-            if joint.offset is None or not (joint.channels or joint.is_end):
-                fail(path, line, f"expected the OFFSET and CHANNELS of {joint.name} before its end")
-            tree.open.pop()
-        case _:
-            fail(path, line, f"expected a statement of the hierarchy here, found {' '.join(words)[:60]!r}")
+def _statements(lines: list[str]) -> Iterator[Statement]:
+    """Yield number and words of the lines after the first, and a brace at a joint's line by itself."""
+    for line, text in enumerate(lines[1:], 2):
+        words = text.split()
+        if len(words) > 1 and words[-1] == "{":
+            yield line, words[:-1]
+            words = ["{"]
+        if words:
+            yield line, words
 
 
-def _add_joint(path: Path, line: int, name: str, tree: _Hierarchy, is_end: bool = False) -> None:
-    if not name or any(joint.name == name for joint in tree.joints):
+def _new_joint(path: Path, line: int, joints: list[_Joint], kind: str, name: str, parent: int) -> _Joint:
+    if kind == "End":
+        name = f"{joints[parent].name}_end" if name.lower() == "site" else ""
+    if not name or any(joint.name == name for joint in joints):
         fail(path, line, f"expected a new joint's name, found {name!r}")
-    if len(tree.joints) == MOST_JOINTS:
-        fail(path, line, f"expected at most {MOST_JOINTS} joints, found more")
-    tree.joints.append(_Joint(name, tree.open[-1] if tree.open else -1, is_end))
-    tree.waiting = True
+    check_number(path, "joints", len(joints) + 1, MOST_JOINTS)
+    return _Joint(name, parent, kind == "End")
 
 
 def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str, ...]:
-    """The names of a joint's channels; words: their number, then the names."""
+    """Return the names of a joint's channels; words: their number, then the names."""
     names = tuple(words[1:])
     if words[:1] != [str(len(names))] or sorted(names) not in (sorted(_ROTATIONS), sorted(_POSITIONS + _ROTATIONS)):
         found = " ".join(words)[:80]
@@ -143,7 +135,7 @@ def _channels(path: Path, line: int, words: list[str], joint: str) -> tuple[str,
 
 
 def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> tuple[float, FloatArray]:
-    """The rate, Hz, and the channel values, (F, n_channels), from the lines after MOTION."""
+    """Return the rate, Hz, and the channel values (F, n_channels) of the lines after MOTION."""
     n_frames = int(_header(path, lines, start, "Frames:", "a whole number of frames"))
     rate_hz = _rate(path, start + 2, _header(path, lines, start + 1, "Frame Time:", "seconds a frame"))
     rows = lines[start + 2 :]
@@ -151,16 +143,13 @@ def _read_motion(path: Path, lines: list[str], start: int, n_channels: int) -> t
         rows.pop()
     if len(rows) != n_frames:
         fail(path, start + 2 + len(rows), f"expected {n_frames} lines of frames after the header, found {len(rows)}")
-    if n_frames > MOST_FRAMES:
-        fail(path, start + 1, f"expected at most {MOST_FRAMES} frames, found {n_frames}")
-    values = np.empty((n_frames, n_channels))
-    for frame, row in enumerate(rows):
-        values[frame] = numbers(path, start + 3 + frame, row.split(), n_channels, f"frame {frame + 1}")
-    return rate_hz, values
+    check_number(path, "frames", n_frames, MOST_FRAMES)
+    values = [numbers(path, start + 3 + k, row.split(), n_channels, f"frame {k + 1}") for k, row in enumerate(rows)]
+    return rate_hz, np.array(values)
 
 
 def _header(path: Path, lines: list[str], index: int, key: str, what: str) -> Decimal:
-    """The number after `key`, positive and below 1e9, with its printed digits; a whole one where `key` is Frames."""
+    """Return the number after `key`, above 0 and below 1e9, with its printed digits; whole where `key` is Frames."""
     text = " ".join(lines[index].split()) if index < len(lines) else "the end of the file"
     try:
         value = Decimal(text.removeprefix(key).strip())
@@ -173,7 +162,7 @@ def _header(path: Path, lines: list[str], index: int, key: str, what: str) -> De
 
 
 def _rate(path: Path, line: int, frame_time: Decimal) -> float:
-    """Frames per second: 0.0333333 is how 30 Hz is printed."""
+    """Return frames per second: 0.0333333 is how 30 Hz is printed."""
     rate = 1.0 / float(frame_time)
     if not 0.1 <= rate <= 1e5:
         fail(path, line, f"expected a frame time between 0.00001 and 10 s, found {frame_time}")
@@ -183,7 +172,7 @@ def _rate(path: Path, line: int, frame_time: Decimal) -> float:
 
 
 def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = "cm") -> str:
-    """The BVH file of poses (F, P), m and rad, at `rate_hz` frames per second; lengths in `unit`, "cm" or "m".
+    """Return the BVH file of poses (F, P), m and rad, at `rate_hz` frames per second; lengths in `unit`, "cm" or "m".
 
     A joint's channels are its own angles in degrees, in the skeleton's order, with the sign of their axis: BVH too
     multiplies a joint's turns outermost first. Nothing is converted, so angles stay continuous and no pose is
@@ -204,7 +193,7 @@ def bvh_text(skeleton: Skeleton, poses: FloatArray, rate_hz: float, unit: str = 
 
 
 def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[list[str], list[int]]:
-    """The lines of a joint and what hangs on it, and the pose's column for each of their channels (-1: none)."""
+    """Return the lines of a joint and those below it, and the pose's column of each of their channels (-1: none)."""
     tab = "\t" * depth
     children = np.flatnonzero(skeleton.parents == joint).tolist()
     kind = f"{'JOINT' if depth else 'ROOT'} {skeleton.names[joint]}" if children else "End Site"
@@ -222,8 +211,8 @@ def _branch(skeleton: Skeleton, joint: int, scale: float, depth: int) -> tuple[l
 
 
 def _joint_channels(skeleton: Skeleton, joint: int) -> tuple[list[str], list[int]]:
-    """Names of a joint's channels, and the pose's column for each (-1: none)."""
-    positions = dict.fromkeys(("Xposition", "Yposition", "Zposition"), -1) if joint == 0 else {}
+    """Return the names of a joint's channels, and the pose's column of each (-1: none)."""
+    positions = dict.fromkeys(_POSITIONS, -1) if joint == 0 else {}
     turns: dict[str, int] = {}
     for column in np.flatnonzero(skeleton.dof_joints == joint).tolist():
         axis = np.abs(skeleton.dof_axes[column])

@@ -1,25 +1,38 @@
-"""Markers measured in 3-D, from a TRC or C3D file, and the joints they stand for."""
+"""Markers measured in 3-D, from TRC files or, by ezc3d (the extra `c3d`), C3D files, and the joints they are at."""
 
 import logging
 import re
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.motion.clip import WORLD_FROM_FILE
-from workbench.utils.arrays import FloatArray
+from workbench.motion.formats.text import fail, numbers, read_lines
+from workbench.utils.arrays import AnyArray, FloatArray
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import check_places, check_rate
+from workbench.utils.input_limits import (
+    MOST_FRAMES,
+    MOST_JOINTS,
+    MOST_NUMBERS,
+    check_file,
+    check_number,
+    check_places,
+    check_rate,
+)
+from workbench.utils.sandbox import parse_limited
 
 log = logging.getLogger(__name__)
 
 MarkersOf = Mapping[str, Sequence[str]]
 NO_MARKERS: MarkersOf = MappingProxyType({})
-UNITS = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001})
-PERSON_M = 1.7  # a person's extent, by which the unit is told: the nearest of metres, centimetres and millimetres
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_PERSON_M = 1.7  # a person's extent, of which the unit follows: the nearest of metres, centimetres and millimetres
+_FIRST_ROW = 5  # of a TRC file, after three lines of header and two of column labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +45,8 @@ class Markers:
     positions: FloatArray
 
     def at(self, times_s: FloatArray) -> FloatArray:
-        """Positions (T, M, 3) at times (T,), s, since the first frame, linear between frames; NaN before and after,
-        and beside a gap."""
+        """Return positions (T, M, 3) at times (T,), s, since the first frame, linear between frames; NaN outside, and
+        where a frame next to the time lacks the marker."""
         rows = np.round(times_s * self.rate_hz, 6)
         low = np.floor(rows).astype(int)
         inside = (low >= 0) & (rows <= len(self.positions) - 1)
@@ -44,30 +57,110 @@ class Markers:
         return np.where(inside[:, None, None], between, np.nan)
 
 
-def in_world(source: str, names: Sequence[str], rate_hz: float, positions: FloatArray, unit: str) -> Markers:
-    """Markers at positions (F, M, 3) in a file's axes and unit, in metres with z up.
+def read_markers(path: str | Path) -> Markers:
+    """Read the markers of a .trc or .c3d file, with gaps; unit and axes: see `in_world`.
 
-    The unit is told by the person's size, as headers are often wrong, and which axis is up by where the upper body is;
-    both are said. unit: what the header says, to say so where it is another. Raises InputError where neither y nor z is
-    up, and for markers that are never seen.
+    Raises InputError for what cannot be read, with the line in a TRC file.
+    """
+    path, readers = Path(path).expanduser(), {".trc": _read_trc, ".c3d": _read_c3d}
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: expected a file of markers that ends in {' or '.join(readers)}")
+    return readers[path.suffix.lower()](path)
+
+
+def _read_trc(path: Path) -> Markers:
+    lines = read_lines(path)
+    if len(lines) <= _FIRST_ROW or not lines[0].startswith("PathFileType"):
+        fail(path, 1, "expected a TRC file, which begins with PathFileType")
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    (rate_hz,) = numbers(path, 3, [header.get("DataRate", "").strip()], 1, "DataRate")
+    check_rate(f"{path}, line 3: DataRate", rate_hz)
+    names = [cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip()]
+    if not names or len(set(names)) < len(names):
+        fail(path, 4, f"expected the names of markers, all different, found {', '.join(names)!r}")
+    table = [(line, text) for line, text in enumerate(lines[_FIRST_ROW:], start=_FIRST_ROW + 1) if text.strip()]
+    check_number(path, "markers", len(names), MOST_JOINTS)
+    check_number(path, "frames", len(table), MOST_FRAMES)
+    check_number(path, "coordinates", 3 * len(table) * len(names), MOST_NUMBERS)
+    if not table:
+        fail(path, len(lines), "expected a frame, found none")
+    positions = np.array([_row(path, line, text, 3 * len(names)) for line, text in table])
+    return in_world(str(path), names, rate_hz, positions.reshape(-1, len(names), 3), header.get("Units", "").strip())
+
+
+def _row(path: Path, line: int, text: str, size: int) -> list[float]:
+    """Return the coordinates (size,) of a frame, NaN for a blank or nan; blanks at the end may be missing."""
+    cells = [cell.strip().lower() for cell in text.rstrip().split("\t")[2:]]
+    if len(cells) > size:
+        fail(path, line, f"expected {size} coordinates, found {len(cells)}")
+    known = [cell for cell in cells if cell not in ("", "nan")]
+    values = iter(numbers(path, line, known, len(known), "coordinates"))
+    cells += [""] * (size - len(cells))
+    return [np.nan if cell in ("", "nan") else next(values) for cell in cells]
+
+
+def _read_c3d(path: Path) -> Markers:
+    try:
+        import ezc3d  # noqa: F401 (for this message)
+    except ImportError:
+        raise InputError(f"{path}: reading C3D needs ezc3d: pip install -e '.[c3d]'") from None
+    check_file(path)
+    with path.open("rb") as file:
+        header = file.read(20)
+    if len(header) < 20 or header[1] != 0x50:
+        raise InputError(f"{path}: expected a C3D file, found no header of one")
+    points, analog, first, last = struct.unpack("<HHHH", header[2:10])
+    promised = max(0, last - first + 1) * (4 * points + analog)
+    check_number(path, "numbers", promised, min(MOST_NUMBERS, path.stat().st_size // 2))
+    content = parse_limited(c3d_points, path, what="a C3D file")
+    names, rate_hz, positions = content["names"].tolist(), float(content["rate_hz"]), content["positions"]
+    if not names or not rate_hz > 0.0 or positions.shape[1:] != (len(names), 3):
+        raise InputError(f"{path}: expected labelled points at a rate, found {len(names)} labels at {rate_hz:g} Hz")
+    return in_world(str(path), names, rate_hz, positions, str(content["unit"]))
+
+
+def c3d_points(path: Path) -> dict[str, AnyArray]:
+    """Return names (M,), rate_hz, positions (F, M, 3), NaN where missing, and unit of a C3D file's points, by ezc3d,
+    which loops or crashes on some damaged files."""
+    import ezc3d
+
+    content = ezc3d.c3d(str(path))
+    point = content["parameters"]["POINT"]
+    (rate_hz,) = point["RATE"]["value"]
+    positions = np.asarray(content["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
+    missing = (content["data"]["meta_points"]["residuals"][0].T < 0.0)[..., None]
+    return {
+        "names": np.array([str(name).strip() for name in point["LABELS"]["value"]], dtype=np.str_),
+        "rate_hz": np.array(rate_hz, dtype=np.float64),
+        "unit": np.array(str(next(iter(point["UNITS"]["value"]), "")).strip()),
+        "positions": np.where(missing, np.nan, positions),
+    }
+
+
+def in_world(source: str, names: Sequence[str], rate_hz: float, positions: FloatArray, unit: str) -> Markers:
+    """Return markers at positions (F, M, 3), in a file's axes and unit, in metres with z up.
+
+    The unit follows from the person's size, as headers are often wrong, and which axis is up from where the upper body
+    is; both are logged, and a warning where the header has another unit. Raises InputError where neither y nor z is up,
+    and for markers that are never seen.
     """
     if not np.isfinite(positions).any():
         raise InputError(f"{source}: expected markers, found none in {len(positions)} frames")
     shown = positions[np.isfinite(positions[..., 0]).any(axis=1)]
     extent = np.median(np.linalg.norm(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1), axis=1))
-    found = min(UNITS, key=lambda name: abs(np.log(extent * UNITS[name] / PERSON_M)))
+    found = min(_UNITS, key=lambda name: abs(np.log(extent * _UNITS[name] / _PERSON_M)))
     up = _up(source, names, positions)
     log.info("%s: %d markers, %d frames, read as %s with %s up", source, len(names), len(positions), found, "xyz"[up])
     if unit.lower() not in (found, ""):
         log.warning("%s: says its unit is %r, but a person would be %.3g %s tall", source, unit, extent, unit)
     world = positions if up == 2 else positions[..., WORLD_FROM_FILE]
     check_rate(source, rate_hz)
-    check_places(source, world * UNITS[found])
-    return Markers(source, tuple(names), rate_hz, world * UNITS[found])
+    check_places(source, world * _UNITS[found])
+    return Markers(source, tuple(names), rate_hz, world * _UNITS[found])
 
 
 def joints_of(markers: Markers, given: MarkersOf = NO_MARKERS) -> list[tuple[str, tuple[str, ...]]]:
-    """The joints that the markers stand for, each with the names of those in whose middle it lies.
+    """Return the joints that the markers stand for, each with the names of those in whose middle it lies.
 
     given: markers by joint, where names do not say so or the joint's centre is between others. Raises InputError for
     unknown joints and markers, and where no joint is known.
@@ -90,7 +183,7 @@ def joints_of(markers: Markers, given: MarkersOf = NO_MARKERS) -> list[tuple[str
 
 
 def joint_centres(markers: Markers, positions: FloatArray, given: MarkersOf = NO_MARKERS) -> FloatArray:
-    """Virtual markers (F, J, 3), m, at the joints' centres, of markers at positions (F, M, 3); NaN where unknown.
+    """Return the joints' centres (F, J, 3), m, of markers at positions (F, M, 3); NaN where unknown.
 
     given, and what is raised: see `joints_of`.
     """
@@ -117,7 +210,7 @@ def _plain(name: str) -> str:
 
 
 def _up(source: str, names: Sequence[str], positions: FloatArray) -> int:
-    """The axis along which shoulders, neck and head are above knees and ankles."""
+    """Return the axis along which shoulders, neck and head are above knees and ankles."""
     plain = [_plain(name) for name in names]
     high = [any(word in name for word in ("shoulder", "neck", "head", "sho", "c7")) for name in plain]
     low = [any(word in name for word in ("knee", "ankle", "heel", "toe", "ank", "kne")) for name in plain]

@@ -6,21 +6,17 @@ from pathlib import Path
 
 SUFFIXES = (".amc", ".bvh")
 GENERATED = "builtin"
-"""What the names of generated motions begin with: nobody's, and another person than any that is learned from."""
+"""Beginning of the names of generated motions, which are of no person that is learned from."""
 _MARKERS = (".trc", ".c3d")
 
 BANDAI = {"dataset-1": "bandai-1", "dataset-2": "bandai-2"}
-"""Who performed Bandai Namco's data sets, by the data set. Its documentation says that "each dataset is based on the
-motion of three professional actors", whose proportions were made equal; of no clip does it say which of them it shows,
-and the skeletons do not tell. So the three of a data set count as one person: whoever leaves out one leaves out all.
-Whether the three of both data sets are the same people is not documented either."""
+"""Performers of Bandai Namco's data sets. By the documentation "each dataset is based on the motion of three
+professional actors", whose proportions were made equal; neither it nor the skeletons name a clip's actor. So the three
+of a data set count as one person."""
 
 
 def clip_name(name: str) -> str:
-    """The clip's name that a file's name, a LIBRARY.h5:clip or a CMU clip's number stands for.
-
-    A command line may take 35_02 for the number 3502.
-    """
+    """Return the clip's name that a file's name, a LIBRARY.h5:clip or a CMU clip's number (3502: 35_02) stands for."""
     library, colon, clip = name.rpartition(":")
     if colon and library.endswith((".h5", ".hdf5")):
         return clip
@@ -31,8 +27,7 @@ def clip_name(name: str) -> str:
 
 
 def performer(name: str) -> str | None:
-    """Tell who performed the clip of that name: "35" for CMU's 35_02, a data set of Bandai's, see BANDAI; None where
-    the name does not say."""
+    """Return the performer of the clip of that name: "35" for CMU's 35_02, for Bandai's see BANDAI; None if unknown."""
     clip = clip_name(name)
     if cmu := re.fullmatch(r"(\d+)_\d+", clip):
         return cmu[1]
@@ -40,17 +35,16 @@ def performer(name: str) -> str | None:
 
 
 def style(name: str) -> str | None:
-    """Tell in which style Bandai's clip of that name is performed: "bandai-old" for dataset-1_bow_old_001 and whatever
-    else is so in either data set, whoever performs it; None for other clips."""
+    """Return the style of Bandai's clip of that name, "bandai-old" for dataset-1_bow_old_001; None for other clips."""
     bandai = re.fullmatch(r"(dataset-\d+)_[^_]+_([^_]+)_\d+", clip_name(name))
     return f"bandai-{bandai[2]}" if bandai else None
 
 
 def left_out(names: Iterable[str], by_style: bool = False) -> list[str]:
-    """Tell whom not to learn from in order to track what has these names: their performers, each once.
+    """List the performers of clips of these names, each once: a model that is to track them must not know these.
 
     by_style: of Bandai's clips their style, in all activities and both data sets, and not all of a data set. A clip
-    whose name does not tell its performer stands for itself. Generated motions and markers are left aside.
+    whose name has no performer stands for itself. Generated motions and markers have none.
     """
     clips = [name for name in names if not name.startswith(GENERATED) and not name.lower().endswith(_MARKERS)]
     who = [((style(name) if by_style else None) or performer(name) or clip_name(name)) for name in clips]

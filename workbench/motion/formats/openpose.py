@@ -15,8 +15,7 @@ from workbench.utils.errors import InputError
 from workbench.utils.input_limits import LARGEST_PX, check_file, parse_json
 
 Layout = Mapping[str, tuple[int, ...]]
-"""Which of a detector's points make up a joint: it lies in their middle."""
-
+"""The detector's points in whose middle a joint lies."""
 
 _COCO_LIMBS = {
     f"{side}_{joint}": (5 + 2 * j + s,)
@@ -51,7 +50,7 @@ _BONES = tuple(
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Whom a detector found. source: the folder. layout: in LAYOUTS. frames: (M,) numbers of the frames, rising.
+    """Detected people. source: the folder. layout: in LAYOUTS. frames: (M,) numbers of the frames, rising.
 
     joints: (n, J, 3) for each, the n people in the order of the file, [u px, v px, confidence 0..1] in the order of
     JOINT_NAMES, NaN for a joint that was not found and for all those of an empty person.
@@ -64,12 +63,12 @@ class People:
 
 
 def read_openpose(folder: str | Path) -> People:
-    """The people in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) not found, []
-    for a person of whom nothing was.
+    """Read the people in a folder of JSON files, `people[].pose_keypoints_2d` = [u, v, confidence]…, (0, 0, 0) for a
+    point and [] for a person without detection.
 
-    A file's frame is the last number in its name. What the points are is told by their number, and where two layouts
-    have as many, by which of them makes the limbs shorter. Detectors list people in any order: who is who is told by
-    `datasets.people`. Raises InputError for other files and where nobody is found.
+    A file's frame is the last number in its name. The layout follows from the number of points and, where two layouts
+    have as many, is the one that makes the limbs shorter. Detectors list people in any order, see
+    `datasets.association`. Raises InputError for other files and where no person is detected.
     """
     folder = Path(folder)
     files = _numbered(folder)
@@ -101,7 +100,7 @@ def _numbered(folder: Path) -> dict[int, Path]:
 
 
 def _people(file: Path) -> list[FloatArray]:
-    """Points (K, 3) of the people in one file, NaN where a point was not found; K is 0 for an empty person."""
+    """Return points (K, 3) of the people in one file, NaN without detection; K is 0 for an empty person."""
     try:
         check_file(file)
         found = [_points(one) for one in parse_json(file, file.read_bytes())["people"]]
@@ -128,7 +127,7 @@ def _points(person: Mapping[str, Any]) -> FloatArray:
 
 
 def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
-    """The mean over the limbs of their median lengths in the image, px; infinite where none is seen."""
+    """Return the mean over the limbs of their median lengths in the image, px; infinite where none is seen."""
     joints = dict(zip(JOINT_NAMES, np.stack([_joints(layout, one) for one in points], axis=1), strict=True))
     lengths = [np.linalg.norm((joints[a] - joints[b])[:, :2], axis=1) for a, b in _BONES]
     medians = [np.median(some[np.isfinite(some)]) for some in lengths if np.isfinite(some).any()]
@@ -136,7 +135,7 @@ def _limbs_px(layout: Layout, points: Sequence[FloatArray]) -> float:
 
 
 def _joints(layout: Layout, points: FloatArray) -> FloatArray:
-    """Joints (J, 3) of points (K, 3): the middle of those that make them up, as sure as the least sure."""
+    """Return joints (J, 3) in the middle of their points of (K, 3), with the smallest of their confidences."""
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
     for name, numbers in layout.items() if len(points) else ():
         made_of = points[list(numbers)]

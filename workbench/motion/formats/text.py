@@ -7,9 +7,12 @@ from typing import NoReturn
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import check_file
 
+Statement = tuple[int, list[str]]
+"""The number of a line, from 1, and its words."""
+
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file, with any line ending. Raises InputError when it is missing, unreadable or binary."""
+    """Return the lines of a text file, with any line ending; raises InputError when it is missing or no text."""
     check_file(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -20,8 +23,8 @@ def read_lines(path: Path) -> list[str]:
     return text.removesuffix("\n").split("\n")
 
 
-def statements(lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Give the number, from 1, and the words of every line that is neither blank nor a comment (#)."""
+def statements(lines: Sequence[str]) -> Iterator[Statement]:
+    """Yield the number and the words of every line that is neither blank nor a comment (#)."""
     for line, text in enumerate(lines, 1):
         if (words := text.split()) and not words[0].startswith("#"):
             yield line, words
@@ -33,7 +36,7 @@ def fail(path: Path, line: int, sentence: str) -> NoReturn:
 
 
 def numbers(path: Path, line: int, words: Sequence[str], count: int, what: str) -> list[float]:
-    """Exactly `count` numbers. Raises InputError that says what they were expected for."""
+    """Return exactly `count` numbers; raises InputError, naming what they were expected for."""
     if len(words) != count:
         fail(path, line, f"expected {count} value{'s' * (count != 1)} for {what}, found {len(words)}")
     try:

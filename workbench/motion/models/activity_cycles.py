@@ -11,8 +11,7 @@ from tqdm import tqdm
 
 from workbench.body.kinematics import forward
 from workbench.body.skeleton import N_ROOT, PARTS, Skeleton, person_skeleton
-from workbench.motion.gait_events import LONGEST_S, SHORTEST_RUN_S, gait_events
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_RUN_S, Motion, gait_events
 from workbench.motion.retarget import continuous_turns
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError

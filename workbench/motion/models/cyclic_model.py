@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.body.skeleton import POSE_NAMES
-from workbench.motion.gait_events import LONGEST_S, SHORTEST_S
 from workbench.motion.models.cycle_alignment import Alignment, align
 from workbench.motion.models.functional_pca import Slices, cut, fpca_shrunk
 from workbench.motion.models.period import find_period
 from workbench.motion.models.walking import CHANNEL_NAMES, SPEED_WEIGHT, WalkingModel, motion_channels
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion
 from workbench.utils.errors import InputError
 
 LEAST_OBSERVED = 0.5

@@ -8,11 +8,10 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.gait_events import LONGEST_S, SHORTEST_S, gait_events
 from workbench.motion.models.cycle_alignment import Alignment, align
 from workbench.motion.models.imputation import impute, impute_linear, impute_paper, impute_periodic
 from workbench.motion.models.period import find_period, snr, snr_per_series
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion, gait_events
 from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 

@@ -14,7 +14,7 @@ from workbench.body.mirror import mirror_image
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.pose_prior import Postures
 from workbench.motion.models.postures import learn_postures
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

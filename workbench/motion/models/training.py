@@ -24,10 +24,10 @@ from workbench.motion.models.model_discrepancy import learn_discrepancy
 from workbench.motion.models.store import Provenance, Stored, keep, load
 from workbench.motion.models.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
 from workbench.motion.models.windows import Windows, learn_windows
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.motion.synthetic.running import builtin_runs
+from workbench.motion.synthetic.run_gait import builtin_runs
 from workbench.utils.atomic_write import kept_for_later
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream

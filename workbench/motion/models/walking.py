@@ -11,8 +11,7 @@ import scipy
 from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
 from workbench.core.discrepancy import Discrepancy
-from workbench.motion.gait_events import LONGEST_S, SHORTEST_S, gait_events
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion, gait_events
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, parameters
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.errors import InputError
 from workbench.utils.kernel_cache import kernel

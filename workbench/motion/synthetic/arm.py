@@ -7,7 +7,7 @@ import numpy as np
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 
 STRAIGHT_S, BEND_S, CYCLE_S = 0.7, 0.6, 1.2
 HEIGHT_M, ANKLE_M = 1.75, 0.07

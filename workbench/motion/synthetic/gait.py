@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from workbench.body.kinematics import joints
 from workbench.body.shape import Shape, from_height
 from workbench.body.skeleton import ERROR_JOINTS, JOINT_NAMES, POSE_NAMES, person_skeleton
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -76,7 +76,7 @@ GAIT_CURVES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class GaitSubject:
     """One invented walker or runner.
 
     stride_hz: strides (two steps) per second. phase: place in the cycle at time zero, 0 to 1, 0 being the left heel's
@@ -96,12 +96,12 @@ class Subject:
         return np.ascontiguousarray((waves @ self.curves.T).real)
 
 
-def average_subject() -> Subject:
+def average_subject() -> GaitSubject:
     """The published curves themselves on a person of 1.75 m at Winter's natural cadence, 106 steps a minute."""
-    return Subject("average", from_height(1.75), stride_hz=106 / 120, phase=0.0, curves=both_sides(GAIT_CURVES))
+    return GaitSubject("average", from_height(1.75), stride_hz=106 / 120, phase=0.0, curves=both_sides(GAIT_CURVES))
 
 
-def subjects(n: int, rng: np.random.Generator) -> list[Subject]:
+def subjects(n: int, rng: np.random.Generator) -> list[GaitSubject]:
     """`n` people who differ in size and proportions, cadence, stride, arm swing, posture and small habits.
 
     Spreads are uniform, so that nobody leaves the limits of the joints. Quicker walkers also stride out more.
@@ -110,7 +110,7 @@ def subjects(n: int, rng: np.random.Generator) -> list[Subject]:
     return [variation(replace(average, name=f"walker_{i:02d}"), GAIT_CURVES, rng) for i in range(n)]
 
 
-def variation(average: Subject, published: Mapping[str, GaitCurve], rng: np.random.Generator) -> Subject:
+def variation(average: GaitSubject, published: Mapping[str, GaitCurve], rng: np.random.Generator) -> GaitSubject:
     """Somebody of the same name whose size, stride and curves differ from the average's as `published` allows."""
     shape = from_height(rng.uniform(1.58, 1.90))
     lengths = ("thigh", "calf", "upper_arm", "forearm")
@@ -127,11 +127,11 @@ def variation(average: Subject, published: Mapping[str, GaitCurve], rng: np.rand
     habits = rng.uniform(-1.0, 1.0, (2, len(_TURNS), 4)) * np.radians(0.5)
     curves[:, 1:5] += habits[0] + 1j * habits[1]
     stride_hz = average.stride_hz * (1.0 + 0.06 * briskness + rng.uniform(-0.05, 0.05))
-    return Subject(average.name, shape, stride_hz, rng.uniform(), curves)
+    return GaitSubject(average.name, shape, stride_hz, rng.uniform(), curves)
 
 
 def walker(
-    subject: Subject, duration_s: float, rate_hz: float, path: str = "straight", radius_m: float = 2.0
+    subject: GaitSubject, duration_s: float, rate_hz: float, path: str = "straight", radius_m: float = 2.0
 ) -> Motion:
     """A walk of `subject` over the ground z = 0, from above the origin towards +x.
 
@@ -162,7 +162,7 @@ def builtin_motions(n_subjects: int = 12, seed: int = 2000) -> tuple[Motion, ...
     return tuple(walker(person, duration_s=6.0, rate_hz=60.0) for person in people)
 
 
-def generated(subject: Subject, path: str, activity: str, rate_hz: float, poses: FloatArray, source: str) -> Motion:
+def generated(subject: GaitSubject, path: str, activity: str, rate_hz: float, poses: FloatArray, source: str) -> Motion:
     """The motion of a subject in poses (F, 25) that the module `source` made."""
     return Motion(
         name=f"{subject.name}_{path}", subject=subject.name, activity=activity, rate_hz=rate_hz, poses=poses,
@@ -172,7 +172,7 @@ def generated(subject: Subject, path: str, activity: str, rate_hz: float, poses:
     )  # fmt: skip
 
 
-def _root_path(subject: Subject, phases: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _root_path(subject: GaitSubject, phases: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The root's places (F, 2), heights (F,) and the path's headings (F,) at phases (F,) in cycles, which rise evenly.
 
     In the frame that turns with the path, with heading rate ω per cycle, an ankle at p rests on the ground when the
@@ -203,7 +203,7 @@ def _root_path(subject: Subject, phases: FloatArray, curvature: float) -> tuple[
     return places[::fine], height, headings[::fine]
 
 
-def _feet(subject: Subject) -> tuple[FloatArray, FloatArray]:
+def _feet(subject: GaitSubject) -> tuple[FloatArray, FloatArray]:
     """The ankles' places ahead and to the left of the root, (M, 2 feet, 2) m, and the root's height (M,) over _CYCLE.
 
     The height uses the smooth minimum −τ log Σ exp(−z/τ) of the two ankles, τ = 5 mm: the bump where the feet change
@@ -239,7 +239,7 @@ def _low_pass(values: FloatArray, harmonics: int) -> FloatArray:
 
 
 def both_sides(published: Mapping[str, GaitCurve]) -> ComplexArray:
-    """The curves (22, N_HARMONICS + 1) of a `Subject`, the right side's half a cycle after the left's."""
+    """The curves (22, N_HARMONICS + 1) of a `GaitSubject`, the right side's half a cycle after the left's."""
     half_cycle = np.where(np.arange(N_HARMONICS + 1) % 2 == 1, -1.0, 1.0)  # factors of the harmonics
     shifts = {True: half_cycle, False: np.ones(N_HARMONICS + 1)}
     return np.stack([_coefficients(published[_base_name(n)]) * shifts[n.startswith("right_")] for n in _TURNS])

@@ -11,7 +11,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES, Skeleton, person_skeleton
 from workbench.motion.models.activity_cycles import activity_cycles, cut, joined, normalised
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.motion.synthetic.running import average_runner, runner
+from workbench.motion.synthetic.run_gait import average_runner, runner
 from workbench.utils.errors import InputError
 
 PERSON = person_skeleton(from_height(1.75))

@@ -17,7 +17,7 @@ from workbench.motion.models.gaps import (
     remove_markers,
 )
 from workbench.motion.models.walking import learn_walking
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.priors.cyclic import Cyclic
 from workbench.utils.errors import InputError
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES
 from workbench.motion.models.linear_motion import N_POSE, POSTURE, learn_linear_motion, moved, velocities
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion
 from workbench.utils.errors import InputError
 
 

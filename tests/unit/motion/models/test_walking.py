@@ -5,10 +5,9 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.gait_events import gait_events
 from workbench.motion.models.store import Provenance, load, save
 from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, WalkingModel, learn_walking, walking_cycles
-from workbench.motion.motion import Motion
+from workbench.motion.pose_sequence import Motion, gait_events
 from workbench.utils.errors import InputError
 
 RATE = 60.0

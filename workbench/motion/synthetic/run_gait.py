@@ -21,8 +21,8 @@ import scipy
 from workbench.body.kinematics import joints
 from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
-from workbench.motion.motion import Motion
-from workbench.motion.synthetic.gait import ANKLE_HEIGHT, GaitCurve, Subject, both_sides, generated, variation
+from workbench.motion.pose_sequence import Motion
+from workbench.motion.synthetic.gait import ANKLE_HEIGHT, GaitCurve, GaitSubject, both_sides, generated, variation
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -56,18 +56,18 @@ RUNNING_CURVES = {
 }  # fmt: skip
 
 
-def average_runner() -> Subject:
+def average_runner() -> GaitSubject:
     """The published curves themselves on a person of 1.75 m, at 84 strides a minute."""
-    return Subject("average", from_height(1.75), stride_hz=1.4, phase=0.0, curves=both_sides(RUNNING_CURVES))
+    return GaitSubject("average", from_height(1.75), stride_hz=1.4, phase=0.0, curves=both_sides(RUNNING_CURVES))
 
 
-def runners(n: int, rng: np.random.Generator) -> list[Subject]:
+def runners(n: int, rng: np.random.Generator) -> list[GaitSubject]:
     """`n` people who differ as the walkers of `gait.subjects` do."""
     average = average_runner()
     return [variation(replace(average, name=f"runner_{i:02d}"), RUNNING_CURVES, rng) for i in range(n)]
 
 
-def runner(subject: Subject, duration_s: float, rate_hz: float) -> Motion:
+def runner(subject: GaitSubject, duration_s: float, rate_hz: float) -> Motion:
     """A run of `subject` straight over the ground z = 0, from above the origin towards +x.
 
     Raises InputError for a duration without two frames or a rate that is not positive.
@@ -109,7 +109,7 @@ def bounce(phases: FloatArray, stride_hz: float) -> FloatArray:
     return np.asarray(spline(phases % 0.5))
 
 
-def _stride_and_height(subject: Subject) -> tuple[float, float]:
+def _stride_and_height(subject: GaitSubject) -> tuple[float, float]:
     """The way of the root in one cycle, m, and its mean height over the ground, m, from the left foot's stance."""
     phases = STANCE * np.linspace(0.0, 1.0, 65)
     poses = np.zeros((len(phases), len(POSE_NAMES)))
