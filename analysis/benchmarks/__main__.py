@@ -13,15 +13,15 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from analysis.benchmarks import batch, cyclic, draws, filters, length, likelihood, memory, runs, start, step, sweep
+from analysis.benchmarks import batch, cyclic, draws, filters, likelihood, processes, tracking
 from analysis.benchmarks.figure import Figure, differences, read_figures, table, write_figures
-from analysis.benchmarks.machine import cores, processor, versions
+from analysis.benchmarks.measuring import machine
 from workbench.utils.errors import InputError
 
 BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "kernel_vs_numpy": likelihood.kernel_figures,
     "kernel_vs_lookups": likelihood.kernel_figures,
-    "step_fps": step.speed_figures,
+    "step_fps": tracking.speed_figures,
     "two_threads": likelihood.thread_figures,
     "tree_draw_us": draws.tree_figures,
     "exact_draw_us": draws.exact_figures,
@@ -30,28 +30,28 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "batch_ms_per_frame": batch.figures,
     "batch_vs_scipy": batch.figures,
     "cyclic_vs_scikit_fda": cyclic.figures,
-    "recording_share": step.recording_figures,
-    "several_cues_ms": step.cues_figures,
-    "memory_1e5_gb": memory.figures,
-    "memory_5000_frames_mb": length.figures,
-    "start_compile_s": start.figures,
-    "start_cached_s": start.figures,
-    "two_workers": sweep.figures,
-    "runs_first_s": runs.figures,
-    "runs_later_s": runs.figures,
+    "recording_share": tracking.recording_figures,
+    "several_cues_ms": tracking.cues_figures,
+    "memory_1e5_gb": processes.memory_figures,
+    "memory_5000_frames_mb": processes.length_figures,
+    "start_compile_s": processes.start_figures,
+    "start_cached_s": processes.start_figures,
+    "two_workers": processes.sweep_figures,
+    "runs_first_s": processes.runs_figures,
+    "runs_later_s": processes.runs_figures,
 }
 """What measures each figure."""
 
 
 def chosen(names: Sequence[str]) -> list[Callable[[], list[Figure]]]:
-    """What measures the figures of these names, each function once, or all; raises InputError for an unknown name."""
+    """Return what measures the figures of these names, or all; raises InputError for an unknown name."""
     if unknown := [name for name in names if name not in BENCHMARKS]:
         raise InputError(f"{unknown[0]}: expected a figure's name, of {', '.join(BENCHMARKS)}")
     return list(dict.fromkeys(BENCHMARKS[name] for name in names or BENCHMARKS))
 
 
 def measure(functions: Sequence[Callable[[], list[Figure]]]) -> list[Figure]:
-    """All their figures, printed as they come."""
+    """Return all their figures."""
     figures: list[Figure] = []
     for function in functions:
         print(f"measuring: {function.__module__.rpartition('.')[2]}, {function.__name__}", file=sys.stderr, flush=True)
@@ -60,7 +60,7 @@ def measure(functions: Sequence[Callable[[], list[Figure]]]) -> list[Figure]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit code 0, 1 when a figure is worse than the one it is compared with, 2 for bad input."""
+    """Return the exit code: 0, 1 when a figure is worse than the one it is compared with, 2 for bad input."""
     parser = argparse.ArgumentParser(
         prog="python -m analysis.benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         functions = chosen(given.names)
         kept = read_figures(given.compare) if given.compare else []
-        print(f"{processor()}, {cores()} cores; {versions()}\n")
+        print(f"{machine()}\n")
         figures = measure(functions)
         print(table(figures))
         if given.json:

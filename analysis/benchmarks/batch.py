@@ -20,7 +20,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import threadpool_limits
 
 from analysis.benchmarks.figure import Figure
-from analysis.benchmarks.timing import fastest_s
+from analysis.benchmarks.measuring import fastest_s
 from workbench.body.surface import Surface, person_surface
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss, ResidualFunction, robust, surface_residual

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from workbench.motion.models.cyclic_model import learn_cyclic
-from workbench.motion.models.gaps import gap_study, period_study
+from workbench.motion.models.walking import learn_cyclic
 from workbench.motion.sources import cmu_clips, import_sources
+from workbench.studies.gap_errors import gap_study
+from workbench.studies.walk_cycles import period_study
 
 HELD_OUT = ("08", "16", "32", "38")
 UNSTEADY = "16_31"
@@ -21,12 +22,12 @@ def held_out(data):
 
 def test_periods_of_walks(held_out):
     """Within 2 % of the hip events, with 30 % missing within 5 %; white noise at most 1.5 times its median."""
-    study = period_study(held_out, np.random.default_rng(0))
-    errors = {clip.name: np.abs(clip.errors_pct) for clip in study["clips"]}
+    metrics, clips, _ = period_study(held_out, np.random.default_rng(0))
+    errors = {clip.name: np.abs(clip.errors_pct) for clip in clips}
     assert len(errors) == len(held_out) == 20
     assert {name for name, (full, _) in errors.items() if not full <= 2.0} <= {UNSTEADY}
-    assert study["period_error_max_pct_30"] <= 5.0
-    assert study["white_noise_peak_ratio"] <= 1.5
+    assert metrics["period_error_max_pct_30"] <= 5.0
+    assert metrics["white_noise_peak_ratio"] <= 1.5
 
 
 def test_gaps_in_walks_of_held_out_people(held_out):

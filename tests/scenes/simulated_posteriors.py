@@ -52,7 +52,7 @@ class Simulated:
 @cache
 def walking_prior():
     """The walking prior over generated walkers."""
-    return Cyclic(learn_walking(builtin_motions(), n_components=8, scaling="joints"))
+    return Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=8, scaling="joints"))
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What the studies of learning from walks have in common."""
+"""Base of the studies of walks, and how the walking prior is learned (paper A, section 6.2, fig. 3)."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.gaps import motion_period
+from workbench.core.study import Bars, Curves, Figure, StudyResult
+from workbench.motion.models.cycle_alignment import motion_period
 from workbench.motion.models.training import training_motions
+from workbench.motion.models.walking import CHANNEL_NAMES, Cycles, WalkingModel, learn_walking, walking_cycles
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -20,6 +22,10 @@ ANGLES = tuple(
 )
 """The joint angles shown: the left side's four, then the right side's."""
 
+EIGENCURVES = 3
+"""As many as in paper A, fig. 3c."""
+SHARES_SHOWN = 20
+N_BINS = 16
 log = logging.getLogger(__name__)
 
 
@@ -81,3 +87,90 @@ def closed(curve: FloatArray) -> FloatArray:
 def phases(n: int) -> FloatArray:
     """Return phases 0, 1/n, …, 1 (n + 1,) of a closed curve."""
     return np.linspace(0.0, 1.0, n + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnWalk(WalkStudy):
+    """The cycles, their mean, the eigencurves and the variance they explain.
+
+    variance, n_components, scaling: as for `learn_walking`. Metrics: n_cycles; n_components, d; explained, the part of
+    the variance d components explain; explained_5, what the paper's five do.
+    """
+
+    variance: float = 0.95
+    n_components: int | None = None
+    scaling: str = "none"
+
+    def run(self, rng: np.random.Generator) -> StudyResult:
+        """Learn and show; draws nothing. Raises InputError as `training_motions` and `learn_walking` do."""
+        motions = self.walks()
+        cycles = walking_cycles(motions)
+        model = learn_walking(motions, variance=self.variance, n_components=self.n_components, scaling=self.scaling)
+        most = min(model.n_cycles - 1, model.mean.size)
+        whole = learn_walking(motions, variance=self.variance, n_components=most, scaling=self.scaling)
+        shares = explained(whole.scales)
+        d = len(model.scales)
+        metrics = {
+            "n_cycles": float(model.n_cycles),
+            "n_components": float(d),
+            "explained": model.explained,
+            "explained_5": float(shares[min(5, most) - 1]),
+        }
+        heights, edges = np.histogram(cycles.durations_s, bins=N_BINS)
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        figures: tuple[Figure, ...] = (
+            *(_cycles(cycles, model, name) for name in ANGLES),
+            *(_eigencurves(model, name) for name in ANGLES),
+            _shares(shares, self.variance, d),
+            _cycles(cycles, model, "torso_speed"),
+            Bars("model/cycles by duration", middles, heights.astype(np.float64), "seconds"),
+        )
+        return StudyResult(metrics, figures, _note(model, cycles, shares, self.variance))
+
+
+def explained(scales: FloatArray) -> FloatArray:
+    """Return the part of the variance (K,) that the first 1, 2, … of K components of deviations (K,) explain."""
+    return np.cumsum(scales**2) / np.sum(scales**2)
+
+
+def _cycles(cycles: Cycles, model: WalkingModel, name: str) -> Curves:
+    """A channel's mean cycle, and every cycle by its number and clip."""
+    channel, x = CHANNEL_NAMES.index(name), phases(len(model.mean))
+    named = enumerate(zip(cycles.sources, cycles.curves, strict=True), start=1)
+    each = {f"{k}, {source}": closed(curve[:, channel]) for k, (source, curve) in named}
+    mean = {"mean": closed(model.mean[:, channel])}
+    if name == "torso_speed":
+        return Curves("model/torso speed", x, mean, "cycle", "metres per second", faint=each)
+    return Curves(f"cycles/{title(name)}", x, degrees(mean), "cycle", "degrees", faint=degrees(each))
+
+
+def _eigencurves(model: WalkingModel, name: str) -> Curves:
+    """Mean + 2 λ_k of component k; mean − 2 λ_k among the faint. Paper A draws λ_k times the component alone."""
+    channel = CHANNEL_NAMES.index(name)
+    mean = model.mean[:, channel]
+    curves, mirrored = {"mean": closed(mean)}, {}
+    for k in range(min(EIGENCURVES, len(model.scales))):
+        swing = 2.0 * model.scales[k] * model.components[k, :, channel]
+        curves[f"+2λ{k + 1}"] = closed(mean + swing)
+        mirrored[f"−2λ{k + 1}"] = closed(mean - swing)
+    x, faint = phases(len(mean)), degrees(mirrored)
+    return Curves(f"eigencurves/{title(name)}", x, degrees(curves), "cycle", "degrees", faint=faint)
+
+
+def _shares(shares: FloatArray, variance: float, d: int) -> Curves:
+    shown = shares[:SHARES_SHOWN]
+    count = np.arange(1.0, len(shown) + 1.0)
+    curves = {"explained": shown, f"{variance:g}": np.full(len(shown), variance)}
+    marks = {"d =": float(d)} if d <= len(shown) else {}
+    return Curves("model/explained variance", count, curves, "components", "part of the variance", marks=marks)
+
+
+def _note(model: WalkingModel, cycles: Cycles, shares: FloatArray, variance: float) -> str:
+    needed = int(np.searchsorted(shares, variance, side="right")) + 1
+    return (
+        f"**Paper A, fig. 3.** {model.n_cycles} walking cycles cut out of {len(set(cycles.sources))} clips at gait "
+        f"events: every cycle (thin) and their mean; the eigencurves, that is the mean plus (thin: minus) twice the "
+        f"standard deviation λ of each of the first components; and how much of the variance the components explain. "
+        f"More than {variance:g} of it takes {needed} components (the paper: 5, from 13 cycles of 4 people); the model "
+        f"has {len(model.scales)}, which explain {model.explained:.3f}."
+    )

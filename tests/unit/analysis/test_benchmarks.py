@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from analysis.benchmarks import __main__ as benchmarks
-from analysis.benchmarks import scaling, scaling_figures, step
-from analysis.benchmarks.curve import Curve
+from analysis.benchmarks import scaling, tracking
 from analysis.benchmarks.figure import Figure, differences, not_measured, read_figures, write_figures
-from analysis.benchmarks.memory import peak_gb, peaks_gb
+from analysis.benchmarks.measuring import peak_gb
+from analysis.benchmarks.processes import peaks_gb
+from analysis.benchmarks.scaling import Curve
 from workbench.utils.errors import InputError
 
 REFERENCE = Path(benchmarks.__file__).with_name("reference.json")
@@ -22,11 +23,6 @@ UNKNOWN = not_measured("with_peer", "×", 0.1, "lower", "peer is not installed")
 SIZES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 TINY = {
     "time_against_particles": lambda: scaling.particles((5, 9), (5, 9), (5, 9)),
-    "time_against_limbs": lambda: scaling.limbs((1, 12), n_particles=9),
-    "time_against_samples": lambda: scaling.samples((1, 3), n_particles=9),
-    "time_against_pixels": lambda: scaling.pixels((0.1, 0.2), n_particles=9),
-    "time_against_database": lambda: scaling.database((100, 300)),
-    "time_against_frames": lambda: scaling.frames((4, 6)),
     "time_against_length": lambda: scaling.clip_length((2, 4)),
 }
 
@@ -103,18 +99,17 @@ def test_the_exponent_is_that_of_the_upper_half():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TINY)
 def test_what_is_measured_has_a_law_and_a_figure(name, tmp_path_factory, monkeypatch):
-    """One timed run of each function, two frames of the step, one cue, and windows of generated people."""
+    """One timed run of each function, two frames of the step, one cue."""
     monkeypatch.setattr(scaling, "REPEATS", 1)
-    monkeypatch.setattr(scaling, "REPEATS_OF_LONG", 1)
-    monkeypatch.setattr(step, "N_FRAMES", 2)
-    monkeypatch.setattr(step, "several_cues", lambda: ())  # which would learn edges first, for half a minute
+    monkeypatch.setattr(tracking, "N_FRAMES", 2)
+    monkeypatch.setattr(tracking, "several_cues", lambda: ())  # which would learn edges first, for half a minute
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path_factory.getbasetemp() / "scaling_cache"))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
     curves = TINY[name]()
-    assert {*TINY, "memory_against_particles", "memory_against_length"} == {*scaling.MEASURES}
+    assert {*TINY, "memory_against_particles"} == {*scaling.MEASURES}
     assert len({curve.name for curve in curves}) == len(curves)
     assert all(len(curve.sizes) == 2 and np.isfinite(curve.exponent) for curve in curves)
-    assert scaling_figures.drawn(name, curves).get_axes()[0].has_data()
+    assert scaling.drawn(name, curves).get_axes()[0].has_data()
 
 
 def test_peak_memory_is_the_process_own():

@@ -4,29 +4,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from analysis.benchmarks.lookups import float32_lookups, packed_bytes, packed_lookups
+from analysis.benchmarks.likelihood import packed_lookups
 from workbench.likelihoods.image_motion.kernel import GREY_STEP, packed
 
 HEIGHT, WIDTH, N = 37, 53, 400
 
 
-@pytest.fixture
-def looked_up():
-    """An image, places x and y in it, and the sum of the interpolated levels there."""
+def test_lookups_of_packed_levels():
     rng = np.random.default_rng(0)
     image = rng.uniform(0.0, 255.0, (HEIGHT, WIDTH)).astype(np.float32)
     x, y = (rng.uniform(0.0, size - 1.001, N).astype(np.float32) for size in (WIDTH, HEIGHT))
-    return image, x, y, map_coordinates(image.astype(float), [y, x], order=1).sum()
-
-
-def test_lookups_of_float32(looked_up):
-    image, x, y, expected = looked_up
-    assert float32_lookups(image, x, y) == pytest.approx(expected, rel=1e-6)  # float32, 24 bits
-
-
-def test_lookups_of_packed_levels(looked_up):
-    image, x, y, expected = looked_up
+    expected = map_coordinates(image.astype(float), [y, x], order=1).sum()
     # a rounded level is off by half a step at most, and independently of the others by 1/√12 of a step
     spread = 6.0 * np.sqrt(N / 12.0)
-    assert packed_lookups(packed(image), x, y, 16) * GREY_STEP == pytest.approx(expected, abs=spread * GREY_STEP + 0.01)
-    assert packed_lookups(packed_bytes(image), x, y, 8) == pytest.approx(expected, abs=spread)
+    assert packed_lookups(packed(image), x, y) * GREY_STEP == pytest.approx(expected, abs=spread * GREY_STEP + 0.01)

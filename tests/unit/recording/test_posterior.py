@@ -43,7 +43,10 @@ def posterior(prior, taken):
 
 @pytest.fixture(scope="module")
 def priors():
-    arm, walk = Smooth(parameters=["right_arm"]), Cyclic(learn_walking(builtin_motions(), n_components=4))
+    arm, walk = (
+        Smooth(parameters=["right_arm"]),
+        Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
+    )
     arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], root=False)
     halves = {"a": 0.5, "b": 0.5}
     return {

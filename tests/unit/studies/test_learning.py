@@ -6,10 +6,9 @@ import pytest
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.motion.models.walking import CHANNEL_NAMES, walking_cycles
 from workbench.motion.synthetic.gait import builtin_motions
-from workbench.studies.gaps import ImputeGaps, in_gaps
-from workbench.studies.learning_alignment import AlignCycles, fold
-from workbench.studies.learning_period import PeriodSnr
-from workbench.studies.learning_walk import LearnWalk
+from workbench.studies.gap_errors import ImputeGaps, in_gaps
+from workbench.studies.learning import LearnWalk
+from workbench.studies.walk_cycles import AlignCycles, PeriodSnr, fold
 from workbench.utils.errors import InputError
 
 

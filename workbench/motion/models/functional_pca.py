@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from workbench.motion.models.cycle_alignment import Alignment
+from workbench.motion.models.cycle_alignment import CycleAlignment
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -39,7 +39,7 @@ class Slices:
     cycle: IntArray
 
 
-def cut(sequences: Sequence[FloatArray], alignment: Alignment, n_phases: int = 64) -> Slices:
+def cut(sequences: Sequence[FloatArray], alignment: CycleAlignment, n_phases: int = 64) -> Slices:
     """Cut sequences (F_i, m), NaN where missing, into aligned cycles; what lies beyond both ends counts as missing.
 
     The functional estimate is an interpolating cubic spline; a point of the cycle counts as observed where the

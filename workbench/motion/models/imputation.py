@@ -1,38 +1,60 @@
-"""Filling gaps in cyclic sequences: by interpolation, from the sequence's own cycle, and by functional PCA."""
+"""Gaps in cyclic sequences: made, and filled by interpolation, from the sequence's own cycle, and by functional PCA."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
-from workbench.motion.models.cycle_alignment import Alignment, fit_periodic, periodic_basis
+from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.motion.models.cycle_alignment import CycleAlignment, fit_periodic, periodic_basis
 from workbench.motion.models.functional_pca import Slices, cut, fill_linear, fourier_basis, fpca_paper, fpca_shrunk
-from workbench.utils.arrays import FloatArray
+from workbench.motion.pose_sequence import Motion
+from workbench.utils.arrays import BoolArray, FloatArray
 
 PERIODIC_KNOTS = 16
 ROUGHNESS = 1.0
+BLOCK_S = (0.1, 0.5)  # shortest and longest block removed, s: 12 to 60 frames at 120 Hz
 
 
-def impute(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
+def remove_blocks(motion: Motion, fraction: float, rng: np.random.Generator) -> BoolArray:
+    """Choose samples (F, 19) of the joint angles to remove: blocks per angle, until the fraction is reached."""
+    gone = np.zeros((len(motion), len(POSE_NAMES) - N_ROOT), dtype=bool)
+    for angle in gone.T:
+        while angle.mean() < fraction:
+            length = min(len(motion), round(rng.uniform(*BLOCK_S) * motion.rate_hz))
+            start = rng.integers(len(motion) - length + 1)
+            angle[start : start + length] = True
+    return gone
+
+
+def with_gaps(motion: Motion, fraction: float, rng: np.random.Generator) -> Motion:
+    """Return the motion with a fraction of its joint angles missing (NaN), in blocks."""
+    poses = motion.poses.copy()
+    poses[:, N_ROOT:][remove_blocks(motion, fraction, rng)] = np.nan
+    return replace(motion, poses=poses)
+
+
+def impute(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
     """Fill every NaN of sequences (F_i, m); valid samples stay as they are.
 
     Where a sample is missing: `fpca_shrunk` over the cycles of all sequences, plus what it leaves unexplained in the
     valid samples before and after, interpolated across the gap. Raises InputError as `cut` and `fpca_paper` do.
     """
     slices = cut(sequences, alignment)
-    models = reconstructed(sequences, alignment, slices, fpca_shrunk(slices, 1).curves)
+    models = _reconstructed(sequences, alignment, slices, fpca_shrunk(slices, 1).curves)
     pairs = zip(sequences, models, strict=True)
     return [_filled(series, model + fill_smooth(series - model)) for series, model in pairs]
 
 
-def impute_paper(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
+def impute_paper(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
     """Impute by the paper's plain algorithm: the reconstruction of `fpca_paper`, nothing else."""
     slices = cut(sequences, alignment)
-    models = reconstructed(sequences, alignment, slices, fpca_paper(slices).curves)
+    models = _reconstructed(sequences, alignment, slices, fpca_paper(slices).curves)
     return [_filled(series, model) for series, model in zip(sequences, models, strict=True)]
 
 
-def impute_periodic(sequences: Sequence[FloatArray], alignment: Alignment) -> list[FloatArray]:
+def impute_periodic(sequences: Sequence[FloatArray], alignment: CycleAlignment) -> list[FloatArray]:
     """Impute from each sequence alone: a periodic smoothing spline, plus the interpolated residual."""
     filled = []
     for i, series in enumerate(sequences):
@@ -51,7 +73,7 @@ def impute_linear(sequences: Sequence[FloatArray]) -> list[FloatArray]:
 
 
 def fill_smooth(series: FloatArray) -> FloatArray:
-    """Series (F, m) with gaps filled by monotone cubic interpolation in time, constant beyond the ends."""
+    """Fill gaps of a series (F, m) by monotone cubic interpolation in time, constant beyond the ends."""
     filled = fill_linear(series)
     frames = np.arange(len(series))
     for angle, known in enumerate(np.isfinite(series).T):
@@ -63,10 +85,10 @@ def fill_smooth(series: FloatArray) -> FloatArray:
     return filled
 
 
-def reconstructed(
-    sequences: Sequence[FloatArray], alignment: Alignment, slices: Slices, curves: FloatArray
+def _reconstructed(
+    sequences: Sequence[FloatArray], alignment: CycleAlignment, slices: Slices, curves: FloatArray
 ) -> list[FloatArray]:
-    """Sequences (F_i, m) at every frame, from the Fourier coefficients (N, 20, m) of their slices."""
+    """Return sequences (F_i, m) at every frame, from the Fourier coefficients (N, 20, m) of their slices."""
     models = []
     for i, series in enumerate(sequences):
         phases = alignment.phases(i, len(series))

@@ -13,10 +13,10 @@ import numpy as np
 from workbench.body.mirror import mirror_image
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.pose_prior import Postures
-from workbench.motion.models.postures import learn_postures
 from workbench.motion.pose_sequence import Motion
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
+from workbench.utils.rng import stream
 
 N_POSE = len(POSE_NAMES)
 POSTURE = slice(4, N_POSE)
@@ -25,6 +25,16 @@ _RIDGE = 1e-3
 _POSTURES_HZ = 5.0
 """Neighbouring frames say the same of which postures people take."""
 _LEAST_FRAMES = 3
+N_PARTS = 32
+"""At most, and one for every FRAMES_A_PART."""
+FRAMES_A_PART = 50
+"""That a part's own frames outweigh what all parts have in common."""
+ROUNDS = 10
+BEGUN = 0.2
+"""Of the deviations of all postures are those of the first parts, about postures drawn at random."""
+LEAST_RAD = 0.02
+"""Deviation that every number has at least, beside what was recorded."""
+SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +122,34 @@ def _regressed(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
     gain = np.linalg.solve(normal, white.T @ (targets - mean)).T / scales
     residual = targets - mean - (inputs - middle) @ gain.T
     return gain, mean - gain @ middle, residual.T @ residual / len(residual) + 1e-9 * np.eye(targets.shape[1])
+
+
+def learn_postures(postures: FloatArray) -> Postures:
+    """Fit a mixture of Gaussians to postures (n, A), rad, by expectation and maximisation (Dempster,
+    Laird & Rubin 1977), ROUNDS times.
+
+    Each part's covariance is drawn to the mean one of all parts as by FRAMES_A_PART more frames: a part that few people
+    have been in says little about how others may differ there.
+    """
+    n, a = postures.shape
+    n_parts = max(1, min(N_PARTS, n // FRAMES_A_PART))
+    first = stream(SEED, "postures").choice(n, n_parts, replace=False)
+    wide = BEGUN**2 * np.cov(postures.T) + LEAST_RAD**2 * np.eye(a)
+    model = Postures(np.full(n_parts, 1.0 / n_parts), postures[first], np.tile(wide, (n_parts, 1, 1)))
+    for _ in range(ROUNDS):
+        model = fitted(postures, model.shares(postures))
+    return model
+
+
+def fitted(postures: FloatArray, shares: FloatArray) -> Postures:
+    """Return the mixture whose parts have these shares (n, K) in postures (n, A), rad: the maximisation."""
+    n, a = postures.shape
+    sizes = shares.sum(axis=0) + 1e-9
+    means = (shares.T @ postures) / sizes[:, None]
+    scatter = np.empty((len(sizes), a, a))
+    for k, mean in enumerate(means):
+        away = postures - mean
+        scatter[k] = (away * shares[:, k, None]).T @ away
+    common = scatter.sum(axis=0) / n
+    drawn = (scatter + FRAMES_A_PART * common) / (sizes + FRAMES_A_PART)[:, None, None]
+    return Postures(sizes / sizes.sum(), means, drawn + LEAST_RAD**2 * np.eye(a))

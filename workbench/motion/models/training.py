@@ -11,18 +11,22 @@ from workbench.motion import full_skeleton, sources
 from workbench.motion.formats.names import clip_name, style
 from workbench.motion.library import read_library, write_library
 from workbench.motion.models import activities as activity_models
-from workbench.motion.models import activity_cycles, gaps, walking, windows
-from workbench.motion.models import cyclic_model as cyclic
+from workbench.motion.models import activity_cycles, imputation, model_discrepancy, walking, windows
 from workbench.motion.models import linear_motion as linear_motions
-from workbench.motion.models import model_discrepancy as discrepancy
 from workbench.motion.models.activities import ActivityModel, learn_activities
 from workbench.motion.models.activity_cycles import Followed, followed_person
-from workbench.motion.models.cyclic_model import learn_cyclic
-from workbench.motion.models.gaps import with_gaps
+from workbench.motion.models.imputation import with_gaps
 from workbench.motion.models.linear_motion import LinearMotion, learn_linear_motion
 from workbench.motion.models.model_discrepancy import learn_discrepancy
 from workbench.motion.models.store import Provenance, Stored, keep, load
-from workbench.motion.models.walking import ANGLES, CHANNEL_NAMES, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.models.walking import (
+    ANGLES,
+    CHANNEL_NAMES,
+    WalkingModel,
+    learn_cyclic,
+    learn_walking,
+    walking_cycles,
+)  # fmt: skip
 from workbench.motion.models.windows import Windows, learn_windows
 from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import cmu_clips, find_clip, find_sources, import_sources, read_clip
@@ -46,7 +50,7 @@ def walking_model(
 ) -> WalkingModel:  # fmt: skip
     """Learn the walking model of paper A; motions, subjects, leave_out: `training_motions`, others: `learn_walking`.
 
-    The defaults are not the paper's, which are `learn_walking`'s: they follow the training people more closely.
+    The defaults follow the training people more closely than the paper's, which are those of the study `LearnWalk`.
     A model with the same sources and parameters is taken from the folder `cache` instead of being learned again.
     Raises InputError when the motions cannot be read or hold too few walking cycles.
     """
@@ -58,31 +62,19 @@ def gait_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), n_components: int = 8,
 ) -> WalkingModel:  # fmt: skip
-    """The walking model with how the root sways, channels scaled by their effect on the joints; see `walking_model`."""
+    """Learn the walking model with how the root sways, channels scaled by how far they move the joints.
+
+    Otherwise as `walking_model`.
+    """
     training = training_motions(motions, data=data, cache=cache, subjects=subjects, leave_out=leave_out)
     return _walking(training, cache, variance=0.95, n_components=n_components, scaling="joints", root=True)
-
-
-def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
-    def learn() -> WalkingModel:
-        return _with_what_it_misses(learn_walking(training, **options), training)
-
-    return _learned(WalkingModel, "walking", cache, training, code_digest(walking, discrepancy), learn, **options)
-
-
-def _with_what_it_misses(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
-    """Add what a model of its number of components misses of walkers that are left out."""
-    cycles, subjects = walking_cycles(training), {motion.name: motion.subject for motion in training}
-    people, curves = [subjects[source] for source in cycles.sources], cycles.curves[:, :, ANGLES]
-    missed = learn_discrepancy(CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
-    return replace(model, discrepancy=missed)
 
 
 def cyclic_model(
     *, motions: str = "builtin", data: str | None = None, cache: str = "~/.cache/workbench",
     subjects: Sequence[str] = WALKERS, leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
 ) -> WalkingModel:  # fmt: skip
-    """The cyclic model of paper B with q components; `missing`: part of the joint angles removed in blocks beforehand.
+    """Learn the cyclic model of paper B with q components; missing: part of the joint angles removed in blocks before.
 
     Otherwise as `walking_model`.
     """
@@ -90,11 +82,25 @@ def cyclic_model(
 
     def learn() -> WalkingModel:
         rng = stream(GAP_SEED, "gaps")
-        model = learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q)
-        return _with_what_it_misses(model, training)
+        return _with_discrepancy(learn_cyclic([with_gaps(motion, missing, rng) for motion in training], q), training)
 
-    code, options = code_digest(cyclic, gaps, discrepancy), {"q": q, "missing": missing, "gap_seed": GAP_SEED}
-    return _learned(WalkingModel, "cyclic", cache, training, code, learn, **options)
+    code = code_digest(walking, imputation, model_discrepancy)
+    return _learned(WalkingModel, "cyclic", cache, training, code, learn, q=q, missing=missing, gap_seed=GAP_SEED)
+
+
+def _walking(training: Sequence[Motion], cache: str, **options: Any) -> WalkingModel:
+    def learn() -> WalkingModel:
+        return _with_discrepancy(learn_walking(training, **options), training)
+
+    return _learned(WalkingModel, "walking", cache, training, code_digest(walking, model_discrepancy), learn, **options)
+
+
+def _with_discrepancy(model: WalkingModel, training: Sequence[Motion]) -> WalkingModel:
+    """Add the discrepancy of a model with as many components to walkers that are left out."""
+    cycles, subjects = walking_cycles(training), {motion.name: motion.subject for motion in training}
+    people, curves = [subjects[source] for source in cycles.sources], cycles.curves[:, :, ANGLES]
+    missed = learn_discrepancy(CHANNEL_NAMES[ANGLES], curves, cycles.durations_s, people, len(model.scales))
+    return replace(model, discrepancy=missed)
 
 
 def motion_windows(
@@ -136,47 +142,40 @@ def activity_model(
     leave_out: Sequence[str] = (), activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",),
     variance: float = 0.9, n_components: int | None = None, most_per_clip: int = 4, skeleton: str = "person",
 ) -> ActivityModel:  # fmt: skip
-    """The motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as for
-    `learn_activities`, most_per_clip as for `activity_cycles`.
+    """Learn the motion model of paper D over `motions`, see `database_motions`; angles, variance and n_components as
+    for `learn_activities`, most_per_clip as for `activity_cycles`.
 
     skeleton: "person", or "full" for every joint of the files' own skeleton, which must be one and the same.
     Raises InputError when the motions cannot be read or hold too few cycles, and for a skeleton they do not have.
     """
-    followed = followed_person if skeleton == "person" else _own_skeletons(skeleton, motions, data, angles)
+    if skeleton not in ("person", "full"):
+        raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
+    full = skeleton == "full"
+    if full and (data is None or motions not in ("recorded", "cmu", "bandai")):
+        raise InputError("prior: skeleton=full needs recordings: set paths.data or $WORKBENCH_DATA, and motions=bandai")
+    if full and list(angles) != ["body"]:
+        raise InputError(f"prior: skeleton=full models every joint angle, found angles={list(angles)}")
     chosen = database_motions(motions, data=data, cache=cache, leave_out=leave_out, activities=activities)
 
+    def file_skeleton(motion: Motion) -> Followed:
+        clip = read_clip(find_clip(str(data), motion.name))
+        return full_skeleton.full_skeleton(clip), full_skeleton.full_poses(clip)
+
     def learn() -> ActivityModel:
+        followed = file_skeleton if full else followed_person
         whole = activity_cycles.activity_cycles(chosen, most_per_clip=most_per_clip, followed=followed)
-        modelled = angles if skeleton == "person" else whole.angles
+        modelled = whole.angles if full else angles
         model = learn_activities(whole, angles=modelled, variance=variance, n_components=n_components)
         cycles, subjects = whole.of_angles(modelled), {motion.name: motion.subject for motion in chosen}
         people = [subjects[source] for source in cycles.sources]
         missed = learn_discrepancy(model.angles, cycles.curves, cycles.durations_s, people, len(model.scales))
         return replace(model, discrepancy=missed)
 
+    code = code_digest(activity_models, full_skeleton, model_discrepancy)
     return _learned(
-        ActivityModel, "activities", cache, chosen, code_digest(activity_models, full_skeleton, discrepancy), learn,
-        angles=",".join(angles), variance=variance, n_components=n_components, most_per_clip=most_per_clip,
-        skeleton=skeleton,
+        ActivityModel, "activities", cache, chosen, code, learn, angles=",".join(angles), variance=variance,
+        n_components=n_components, most_per_clip=most_per_clip, skeleton=skeleton,
     )  # fmt: skip
-
-
-def _own_skeletons(
-    skeleton: str, motions: str, data: str | None, angles: Sequence[str]
-) -> Callable[[Motion], Followed]:
-    """Return what gives a motion's file's own skeleton and its poses; InputError where there can be no such file."""
-    if skeleton != "full":
-        raise InputError(f"prior: skeleton must be person or full, found {skeleton!r}")
-    if data is None or motions == "builtin":
-        raise InputError("prior: skeleton=full needs recordings: set paths.data or $WORKBENCH_DATA, and motions=bandai")
-    if list(angles) != ["body"]:
-        raise InputError(f"prior: skeleton=full models every joint angle, found angles={list(angles)}")
-
-    def followed(motion: Motion) -> Followed:
-        clip = read_clip(find_clip(data, motion.name))
-        return full_skeleton.full_skeleton(clip), full_skeleton.full_poses(clip)
-
-    return followed
 
 
 def training_motions(

@@ -1,7 +1,8 @@
-"""The walking model of paper A, section 6.2: cycles cut at gait events, brought to one length, and their PCA."""
+"""Models of walking: paper A's PCA of cycles cut at gait events (section 6.2), and paper B's functional PCA."""
 
+import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
 
@@ -11,6 +12,8 @@ import scipy
 from workbench.body.kinematics import joint_jacobian
 from workbench.body.skeleton import ERROR_JOINTS, N_ROOT, POSE_NAMES, person_skeleton
 from workbench.core.discrepancy import Discrepancy
+from workbench.motion.models.cycle_alignment import CycleAlignment, align, motion_period
+from workbench.motion.models.functional_pca import Slices, cut, fpca_shrunk
 from workbench.motion.pose_sequence import LONGEST_S, SHORTEST_S, Motion, gait_events
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -22,7 +25,9 @@ ROOT_CHANNELS = ("root_aside", "root_up", "root_heading", "root_pitch", "root_ro
 """Further content: how the root sways about its even way, m, and turns about its even direction, rad."""
 SPEED_WEIGHT = 1.0 / 30.0  # as in the paper, speeds count in metres per frame at 30 Hz beside radians
 SPEED_LEVER_S = 0.1  # how far a speed counts when channels are scaled by their effect: the way it makes in this time, s
+LEAST_OBSERVED = 0.5  # of a cycle's samples, for paper B's model
 LEAST_EFFECT_M = 0.005  # an angle that moves no joint (the twist of a straight arm) still counts this much, m per rad
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +44,11 @@ class Cycles:
 
 
 def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = False) -> Cycles:
-    """Every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
+    """Cut every whole walking cycle in the motions, resampled to `n_phases` phases (paper A, section 6.2).
 
     Phase 0 is where the left thigh is furthest ahead of the right. A recorded cycle does not quite close; half the
     gap is taken from each end, linearly in between, so that the curves are periodic (a deviation: the paper does not
-    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS, see `root_sway`.
+    say). Motions without a whole cycle add nothing. The result may be empty. root: with ROOT_CHANNELS.
     """
     curves, durations, sources, phases = [], [], [], np.arange(n_phases) / n_phases
     for motion in motions:
@@ -56,7 +61,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
             if SHORTEST_S <= duration <= LONGEST_S:
                 gap = channels(last) - channels(first)
                 curve = channels(first + (last - first) * phases) - (phases - 0.5)[:, None] * gap
-                curves.append(np.hstack([curve, root_sway(motion, first, last, n_phases)]) if root else curve)
+                curves.append(np.hstack([curve, _root_sway(motion, first, last, n_phases)]) if root else curve)
                 durations.append(duration)
                 sources.append(motion.name)
     shape = (len(curves), n_phases, len(CHANNEL_NAMES) + len(ROOT_CHANNELS) * root)
@@ -64,7 +69,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
 
 
 def motion_channels(motion: Motion) -> FloatArray:
-    """The channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
+    """Return the channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
     The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
     """
@@ -74,8 +79,8 @@ def motion_channels(motion: Motion) -> FloatArray:
     return np.column_stack([speed, motion.poses[:, N_ROOT:]])
 
 
-def root_sway(motion: Motion, first: float, last: float, n_phases: int) -> FloatArray:
-    """How the root moves about its even way in one cycle, ROOT_CHANNELS (T, 5), each with mean zero over the cycle.
+def _root_sway(motion: Motion, first: float, last: float, n_phases: int) -> FloatArray:
+    """Return how the root moves about its even way in one cycle, ROOT_CHANNELS (T, 5), with means of zero.
 
     The even way turns and rises evenly, from what the root does in the mean over the cycle; aside is the integral of
     the velocity across it. What the root does ahead of it is in the torso's speed.
@@ -122,16 +127,24 @@ class WalkingModel:
 
 
 def learn_walking(
-    motions: Sequence[Motion], variance: float = 0.95, n_components: int | None = None, scaling: str = "none",
-    n_phases: int = 64, root: bool = False,
+    motions: Sequence[Motion], *, variance: float, n_components: int | None, scaling: str, n_phases: int = 64,
+    root: bool = False,
 ) -> WalkingModel:  # fmt: skip
     """Learn the model from the walking cycles in the motions.
 
-    n_components: the number d; None takes the fewest that explain more than the fraction `variance` of the variance.
-    scaling: "none" as in the paper (speed in metres per frame at 30 Hz beside radians), or "joints", which weighs
-    every channel by how far it moves the joints, so that twists that move nothing do not claim components. root: learn
-    how the root sways, too, which the paper leaves to noise.
-    Raises InputError when there are fewer than two cycles, or more components are asked for than there are.
+    Parameters
+    ----------
+    motions : the walks
+    variance : where n_components is None, the fewest components that explain more than this fraction of the variance
+    n_components : their number d
+    scaling : "none" as in the paper (speed in metres per frame at 30 Hz, angles in rad), or "joints", which weighs
+        every channel by how far it moves the joints, so that twists that move nothing do not claim components
+    n_phases : T
+    root : learn how the root sways, too, which the paper leaves to noise
+
+    Raises
+    ------
+    InputError : fewer than two cycles, or more components than they allow
     """
     if scaling not in ("none", "joints"):
         raise InputError(f"prior: scaling must be 'none' or 'joints', found {scaling!r}")
@@ -165,7 +178,7 @@ def _mpca(cycles: Cycles, weights: FloatArray, variance: float, n_components: in
 
 
 def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
-    """Root mean square way (C,), m, that one radian or metre of each moves the 14 joints, over the mean cycle."""
+    """Return the root mean square way (C,), m, that one radian or metre moves the 14 joints, over the mean cycle."""
     skeleton = person_skeleton(motions[0].shape)
     poses = np.zeros((cycles.curves.shape[1], len(skeleton.dof_names)))
     poses[:, N_ROOT:] = cycles.curves.mean(axis=0)[:, ANGLES]
@@ -174,3 +187,48 @@ def _joint_effects(cycles: Cycles, motions: Sequence[Motion]) -> FloatArray:
     effects = np.maximum(np.sqrt((moved**2).sum(axis=2).mean(axis=(0, 1))), LEAST_EFFECT_M)
     n_root = cycles.curves.shape[2] - len(CHANNEL_NAMES)
     return np.concatenate([[SPEED_LEVER_S], effects[N_ROOT:], effects[N_ROOT - len(ROOT_CHANNELS) : N_ROOT][:n_root]])
+
+
+def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> WalkingModel:
+    """Learn the walking model of motions with q components (paper B, section 2); missing angles are NaN in their poses.
+
+    A missing position or heading makes the torso's speed missing. Motions in which no period is found are left out,
+    with a warning. Raises InputError when fewer than two are left, or they hold too few cycles.
+
+    Deviation: slices seen by less than half, the ends of the sequences, are left out, because what is imputed in
+    them pulls the coefficients' standard deviations towards zero.
+    """
+    sequences, periods, rates = [], [], []
+    for motion in motions:
+        channels = motion_channels(motion)
+        channels[:, 0] *= SPEED_WEIGHT
+        try:
+            period = motion_period(motion, channels[:, 1:])
+        except InputError as error:
+            log.warning("%s left out of the training set: %s", motion.name, error)
+            continue
+        sequences.append(channels)
+        periods.append(period)
+        rates.append(motion.rate_hz / period)
+    if len(sequences) < 2:
+        raise InputError(f"prior: expected two motions with a period or more, found {len(sequences)} of {len(motions)}")
+    alignment = align([channels[:, 1:] for channels in sequences], periods)
+    slices = cut(sequences, _from_left_thigh_ahead(alignment), n_phases)
+    kept = slices.observed.mean(axis=(1, 2)) >= LEAST_OBSERVED
+    slices = Slices(slices.values[kept], slices.observed[kept], slices.sequence[kept], slices.cycle[kept])
+    pca = fpca_shrunk(slices, q)
+    weights = np.array([SPEED_WEIGHT] + [1.0] * (len(CHANNEL_NAMES) - 1))
+    return WalkingModel(
+        mean=pca.mean / weights, components=pca.components / weights, scales=pca.scales,
+        cycle_rate_hz=(float(np.mean(rates)), float(np.std(rates, ddof=1))), explained=pca.explained,
+        n_cycles=len(slices.values),
+    )  # fmt: skip
+
+
+def _from_left_thigh_ahead(alignment: CycleAlignment) -> CycleAlignment:
+    """Turn the alignment of joint angles with phase 0 where the left thigh is furthest ahead of the right."""
+    first = len(POSE_NAMES) - alignment.reference.shape[1]
+    left, right = (POSE_NAMES.index(f"{side}_hip_flexion") - first for side in ("left", "right"))
+    ahead = int(np.argmax(alignment.reference[:, left] - alignment.reference[:, right]))
+    offsets = (alignment.offsets - ahead / len(alignment.reference)) % 1.0
+    return replace(alignment, offsets=offsets, reference=np.roll(alignment.reference, -ahead, axis=0))

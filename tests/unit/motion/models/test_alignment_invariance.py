@@ -6,9 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.motion.models.cycle_alignment import N_PHASES, align
+from workbench.motion.models.cycle_alignment import N_PHASES, align, find_period, snr_per_series
 from workbench.motion.models.imputation import impute
-from workbench.motion.models.period import find_period, snr_per_series
 
 M = 3
 

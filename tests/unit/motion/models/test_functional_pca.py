@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import KroghInterpolator
 
 from workbench.motion.models import functional_pca
-from workbench.motion.models.cycle_alignment import Alignment
+from workbench.motion.models.cycle_alignment import CycleAlignment
 from workbench.motion.models.functional_pca import (
     N_FOURIER,
     Slices,
@@ -138,7 +138,7 @@ def test_not_converging_is_said(monkeypatch, caplog):
 
 
 def alignment(periods, offsets):
-    return Alignment(np.array(periods), np.array(offsets), np.zeros((1, 1)), np.zeros(1))
+    return CycleAlignment(np.array(periods), np.array(offsets), np.zeros((1, 1)), np.zeros(1))
 
 
 def planted_sequences(gaps=0.0, seed=0, n=10, noise=0.0):

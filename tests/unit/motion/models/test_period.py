@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.motion.models.period import find_period, snr, snr_per_series
+from workbench.motion.models.cycle_alignment import find_period, snr, snr_per_series
 from workbench.utils.errors import InputError
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.motion.models.postures import FRAMES_A_PART, LEAST_RAD, fitted, learn_postures
+from workbench.motion.models.linear_motion import FRAMES_A_PART, LEAST_RAD, fitted, learn_postures
 
 
 def two_kinds(rng, n=1000):

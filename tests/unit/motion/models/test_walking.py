@@ -12,6 +12,7 @@ from workbench.utils.errors import InputError
 
 RATE = 60.0
 T = 48
+PAPER = {"variance": 0.95, "n_components": None, "scaling": "none"}
 
 
 def curves(phase, first=0.0, second=0.0):
@@ -54,7 +55,7 @@ def test_cycles_recover_the_curves():
 def test_a_short_motion_has_no_cycles():
     assert len(walking_cycles([walk(n_cycles=0.9)]).curves) == 0
     with pytest.raises(InputError, match="two walking cycles"):
-        learn_walking([walk(n_cycles=0.9)])
+        learn_walking([walk(n_cycles=0.9)], **PAPER)
 
 
 def planted(n=14, seed=0):
@@ -64,7 +65,7 @@ def planted(n=14, seed=0):
 
 @pytest.mark.parametrize("scaling", ["none", "joints"])
 def test_pca_finds_the_planted_components(scaling):
-    model = learn_walking(planted(), n_components=2, scaling=scaling, n_phases=T)
+    model = learn_walking(planted(), **PAPER | {"n_components": 2, "scaling": scaling}, n_phases=T)
     assert model.explained > 0.95  # the rest: events known to half a frame only
     span = model.components.reshape(2, -1)
     for a, b in ((0.1, 0.0), (0.0, 0.1)):
@@ -78,7 +79,7 @@ def test_pca_finds_the_planted_components(scaling):
 def test_coefficients_have_the_standard_deviations_it_says():
     """Projecting the training cycles on the components gives coefficients with deviations λ and no correlation."""
     motions = planted()
-    model = learn_walking(motions, n_components=3, n_phases=T)
+    model = learn_walking(motions, **PAPER | {"n_components": 3}, n_phases=T)
     weights = np.ones(len(CHANNEL_NAMES))
     weights[0] = 1 / 30
     rows = ((walking_cycles(motions, T).curves - model.mean) * weights).reshape(-1, T * len(CHANNEL_NAMES))
@@ -89,22 +90,22 @@ def test_coefficients_have_the_standard_deviations_it_says():
 
 
 def test_the_number_of_components_follows_the_variance():
-    few, many = (learn_walking(planted(), variance=v, n_phases=T) for v in (0.5, 0.999))
+    few, many = (learn_walking(planted(), **PAPER | {"variance": v}, n_phases=T) for v in (0.5, 0.999))
     assert len(few.scales) < len(many.scales)
     assert few.explained > 0.5
     assert many.explained > 0.999
-    one_less = learn_walking(planted(), n_components=len(many.scales) - 1, n_phases=T)
+    one_less = learn_walking(planted(), **PAPER | {"n_components": len(many.scales) - 1}, n_phases=T)
     assert one_less.explained <= 0.999  # the fewest that explain more
 
 
 @pytest.mark.parametrize("options", [{"n_components": 0}, {"n_components": 500}, {"variance": 1.0}, {"scaling": "x"}])
 def test_wrong_options_are_refused(options):
     with pytest.raises(InputError):
-        learn_walking(planted(4), **options)
+        learn_walking(planted(4), **PAPER | options)
 
 
 def test_a_model_survives_the_disk(tmp_path):
-    model = learn_walking(planted(), n_components=2)
+    model = learn_walking(planted(), **PAPER | {"n_components": 2})
     provenance = Provenance({"a.amc": "12"}, {"variance": 0.95}, ("free",))
     save(tmp_path / "deep" / "m.h5", model, provenance)
     read = load(WalkingModel, tmp_path / "deep" / "m.h5")
@@ -154,7 +155,8 @@ def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
 
 
 def test_a_model_that_sways_is_written_and_read_back(tmp_path):
-    model = learn_walking([walk(), swaying(), walk(first=0.1)], n_components=2, scaling="joints", root=True, n_phases=T)
+    options = {"variance": 0.95, "n_components": 2, "scaling": "joints", "root": True}
+    model = learn_walking([walk(), swaying(), walk(first=0.1)], **options, n_phases=T)
     save(tmp_path / "model.h5", model, Provenance({}, {}, ()))
     found = load(WalkingModel, tmp_path / "model.h5")
     assert found.mean.shape == (T, len(CHANNEL_NAMES) + len(ROOT_CHANNELS))

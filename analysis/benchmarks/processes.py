@@ -1,0 +1,120 @@
+"""Time and memory of the commands, each a process of its own.
+
+Compiling and sweeps are timed by the clock, and so want a quiet machine with two cores; starting is processor time,
+which other load on the machine changes little. The thousand runs are made up, with as many settings and numbers as a
+run has.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from tqdm import tqdm
+
+from analysis.benchmarks.figure import Figure
+from analysis.benchmarks.measuring import own_caches, peak_gb, process_s
+
+RUN = ("-m", "workbench")
+FEW, MANY = 64, 100_000  # particles
+SHORT, LONG = 50, 5000  # frames
+N_RUNS, PER_SWEEP = 1000, 100
+QUERY = ("-m", "workbench.cli.runs")
+CONDITIONS = ("prior=smooth", "n_particles>200", "error_abs_mm<5", "--sort", "error_abs_mm")
+N_JOBS = 24
+WORKERS = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+
+
+def memory_figures() -> list[Figure]:
+    """Measure the peak memory of 10⁵ particles, and of 64."""
+    few, many = peaks_gb((FEW, MANY))
+    what = f"walk_straight, {MANY} particles; with {FEW} it is {few:.2f} GB"
+    return [Figure("memory_1e5_gb", many, "GB", 1.5, "lower", what)]
+
+
+def length_figures() -> list[Figure]:
+    """Measure the peak memory of a long run beyond that of a short one."""
+    module = "analysis.benchmarks.tracking"
+    with own_caches() as (folder, environment):
+        _, short, long = (peak_gb(["-m", module, str(n), f"{folder}/run"], environment) for n in (2, SHORT, LONG))
+    what = f"walk_straight, {FEW} particles: {SHORT} frames take {short:.3f} GB, {LONG} {long:.3f} GB"
+    return [Figure("memory_5000_frames_mb", max(1e3 * (long - short), 1.0), "MB", 100.0, "lower", what)]
+
+
+def peaks_gb(numbers: Sequence[int]) -> list[float]:
+    """Return the peak resident memory, 10⁹ bytes, of the default experiment with these numbers of particles."""
+    with own_caches() as (folder, environment):
+        run = [*RUN, "dataset.n_frames=5", f"hydra.run.dir={folder}/run"]
+        each = [[*run, f"inference.n_particles={n}"] for n in (FEW, *numbers)]  # the first one renders and compiles
+        return [peak_gb(command, environment) for command in tqdm(each, disable=None, leave=False)][1:]
+
+
+def start_figures(repeats: int = 3) -> list[Figure]:
+    """Measure two frames of the default experiment: compiling all kernels, and with the kernels of an earlier run."""
+    with own_caches() as (folder, environment):
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        run = [*RUN, "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
+        process_s([*run, f"hydra.run.dir={folder}/rendered", "likelihood=uniform"], environment)
+        cold = []
+        for i in range(repeats):
+            for path in (Path(folder) / "kernels").rglob("*.nb?"):
+                path.unlink()
+            cold.append(process_s([*run, f"hydra.run.dir={folder}/cold_{i}"], environment))
+        cached = [process_s([*run, f"hydra.run.dir={folder}/cached_{i}"], environment) for i in range(repeats)]
+    started = np.min(cached, axis=0)
+    clock, processor = np.min(cold, axis=0) - started
+    what = "two frames of walk_straight"
+    less = f"by the clock, {what}, less its time with cached kernels; {processor:.1f} s of processor time"
+    return [
+        Figure("start_compile_s", float(clock), "s", 8.0, "lower", less),
+        Figure("start_cached_s", float(started[1]), "s", 2.5, "lower", f"processor time of {what}, kernels cached"),
+    ]
+
+
+def sweep_figures(repeats: int = 2) -> list[Figure]:
+    """Measure a sweep of short jobs by two workers against one job after another, on one thread and on two."""
+    ways = {"alone": ["threads=1"], "all cores": ["threads=2"], "workers": ["threads=1", *WORKERS]}
+    times: dict[str, float] = dict.fromkeys(ways, float("inf"))
+    with own_caches() as (folder, environment):
+        run = [*RUN, "-m", "dataset.n_frames=50", "inference.n_particles=6000"]
+        process_s([*run, *WORKERS, "seed=0,1", f"hydra.sweep.dir={folder}/first"], environment)  # compiles and renders
+        for repeat in range(repeats):
+            for way, keys in ways.items():
+                into = f"hydra.sweep.dir={folder}/{way.replace(' ', '_')}_{repeat}"
+                seconds = process_s([*run, *keys, f"seed=range({N_JOBS})", into], environment)[0]
+                times[way] = min(times[way], seconds)
+    what = (
+        f"{N_JOBS} jobs one after another: {times['alone']:.0f} s on one thread; on two {times['all cores']:.0f} s, "
+        f"of which two workers take {times['workers'] / times['all cores']:.2f}"
+    )
+    return [Figure("two_workers", times["workers"] / times["alone"], "× its time", 0.55, "lower", what)]
+
+
+def runs_figures(repeats: int = 10) -> list[Figure]:
+    """Measure a query over a thousand runs: the first, which reads all, and later ones, which use the index."""
+    with TemporaryDirectory() as folder:
+        for k in range(N_RUNS):
+            job = Path(folder) / f"sweep_{k // PER_SWEEP}" / str(k % PER_SWEEP)
+            job.mkdir(parents=True)
+            (job / "run.rrd").write_bytes(b"RRF2")
+            (job / "summary.json").write_text(json.dumps(_summary(k), indent=2))
+        first = process_s([*QUERY, folder, *CONDITIONS])
+        later = min(process_s([*QUERY, folder, *CONDITIONS]) for _ in range(repeats))
+    what = f"{N_RUNS} made-up runs"
+    return [
+        Figure("runs_first_s", first[0], "s", 10.0, "lower", f"{what}, all read: {first[1]:.2f} s of processor time"),
+        Figure("runs_later_s", later[0], "s", 0.5, "lower", f"{what}, the index: {later[1]:.2f} s of processor time"),
+    ]
+
+
+def _summary(k: int) -> dict[str, object]:
+    parts = {f"part_{i}": {f"key_{j}": 0.1 * j for j in range(12)} for i in range(12)}
+    prior, n_particles = ("smooth", "walking")[k % 2], 100 * (k % 7)
+    return {
+        "status": "complete", "experiment": "walk_straight", "seed": k, "identity": f"{k:064d}", "host": "elsewhere",
+        "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "error": None,
+        "metrics": {"error_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
+        "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench seed={k}"},
+        "settings": {"seed": k, "inference": {"n_particles": n_particles}, **parts},
+    }  # fmt: skip
