@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.core.capabilities import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
-from workbench.core.checks import POSITIVE, at_least, check
+from workbench.core.checks import at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.keys import keeps_keys
@@ -22,6 +22,8 @@ from workbench.motion.models.windows import Windows
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+LIMIT_DEG = 25.0
+"""What an angle may change by in a frame before it counts as a jump: 1 in 100 frames of recorded runs does more."""
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""
 ANKLES = ("left_ankle", "right_ankle")
@@ -68,8 +70,8 @@ class Synthesis:
     windows that end near the pose, as for tracking, and the first step says so. Other priors start from the pose alone.
 
     smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
-    frame's change of an angle beyond limit_deg (degrees) counts as a jump, is held back as an offset and let go bit by
-    bit. An angle then never changes by more than limit_deg and the part of its offset let go. The prior goes on from
+    frame's change of an angle beyond LIMIT_DEG counts as a jump, is held back as an offset and let go bit by
+    bit. An angle then never changes by more than LIMIT_DEG and the part of its offset let go. The prior goes on from
     its own pose, not from the smoothed one.
 
     look_ahead: frames, of an implicit prior only; 0: none. Windows that fewer recorded frames follow are never drawn.
@@ -92,10 +94,10 @@ class Synthesis:
 
     def __init__(
         self, prior: Prior, body: Body, known: Known | None = None, *, smoothing_s: float = 0.1,
-        limit_deg: float = 25.0, look_ahead: int = 0, foot_contact: bool = True,
+        look_ahead: int = 0, foot_contact: bool = True,
     ) -> None:  # fmt: skip
-        self.smoothing_s, self.limit_deg, self.look_ahead = smoothing_s, limit_deg, look_ahead
-        check("inference", self, smoothing_s=at_least(0), limit_deg=POSITIVE, look_ahead=at_least(0))
+        self.smoothing_s, self.look_ahead = smoothing_s, look_ahead
+        check("inference", self, smoothing_s=at_least(0), look_ahead=at_least(0))
         self.prior = _with_followers(prior, look_ahead) if look_ahead else prior
         self.skeleton, self.space, self.foot_contact = body.skeleton, prior.space, foot_contact
         self.known = Known("", 0) if known is None else known
@@ -115,7 +117,7 @@ class Synthesis:
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
         start = np.atleast_2d(start)[0]  # the likeliest of several
-        smoother = Smoother(self.smoothing_s, np.radians(self.limit_deg))
+        smoother = Smoother(self.smoothing_s, np.radians(LIMIT_DEG))
         before = start[None] if self.known.lead_in is None else self.known.lead_in
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
         activity = self.known.lead_in_activity if isinstance(self.prior, Recorded) else None

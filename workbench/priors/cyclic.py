@@ -25,6 +25,7 @@ from workbench.utils.parallel import over_threads
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
 TRANSITIONS = ("stationary", "A", "B")
+START_COEFFICIENTS, START_PHASE = 0.3, 0.015  # deviations of the first states, λ and cycles
 ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 _ROWS = 256  # states that are worth a thread
 
@@ -36,10 +37,10 @@ class Cyclic(AllFree):
     Noise is given per frame at 30 Hz and grows with the square root of the time between frames:
 
     sigma_coefficients: fraction of λ_k (A eq. 14). sigma_phase: cycles (A eq. 15). sigma_phase_speed: cycles/s (B).
-    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
-    start_*: standard deviations of the first states around the starting pose, in the same units;
-    start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
-    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
+    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17). start_*:
+    standard deviations of the first states around the starting pose, in the same units. The speed of the phase starts
+    from its learned distribution. penalty: what a fit lets change between frames at 14 Hz, by the fields of
+    `Smoothness`.
 
     transition: "stationary", or what a paper writes, with the noise above:
 
@@ -69,7 +70,6 @@ class Cyclic(AllFree):
         sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        start_coefficients: float = 0.3, start_phase: float = 0.015,
         start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
         transition: str = "stationary",
     ) -> None:  # fmt: skip
@@ -90,7 +90,7 @@ class Cyclic(AllFree):
             root_position=sigma_position, root_rotation=sigma_rotation,
         )  # fmt: skip
         self._start = by_column(
-            self.space, coefficients=start_coefficients, phase=start_phase, **self._of_speed(model.cycle_rate_hz[1]),
+            self.space, coefficients=START_COEFFICIENTS, phase=START_PHASE, **self._of_speed(model.cycle_rate_hz[1]),
             root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
         )  # fmt: skip
         self._sigma_coefficients = sigma_coefficients

@@ -13,7 +13,7 @@ from workbench.body.shape import from_height
 from workbench.core.frame_cache import Clip
 from workbench.core.likelihood import LayeredLook
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.dense.dense_alignment import Alignment
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.layer_rendering import (
     Shown,
     drawn,
@@ -115,7 +115,7 @@ def seen():
     """A rendered walker and the look of whoever knows them at their second frame, with the true pose there."""
     walker = Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
     clip = Clip(walker)
-    likelihood, frames = Alignment(walker.body, clip), list(clip)
+    likelihood, frames = DenseAlignment(walker.body, clip), list(clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
         likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
     return likelihood.look(frames[1], frames[2]), frames[2].truth.pose

@@ -7,11 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.core.checks import POSITIVE, UP_TO_1, at_least, check
+from workbench.core.checks import at_least, check
 from workbench.inference.smc.move import DensityMove, Streams
 from workbench.inference.smc.target import Moved, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
 
+_POWER, _SHRINK = 1.5, 0.5  # of the schedules of weights and of scatter
 NO_POSTERIOR = (
     "annealed: the particles were gathered about the best pose they found; their spread is no posterior, bands and "
     "coverage say nothing about uncertainty, and there is no evidence"
@@ -22,8 +23,8 @@ NO_POSTERIOR = (
 class Annealed(DensityMove):
     """Search for the best pose in layers, each with a sharper likelihood and smaller noise: an optimiser.
 
-    In layer l of L the particles are weighted by likelihood^(l / L)^power and resampled; in the next one they scatter
-    with the deviation of the prior's noise, column by column, times shrink^l. Layer 1 is drawn by the prior; the last
+    In layer l of L the particles are weighted by likelihood^(l / L)^_POWER and resampled; in the next one they scatter
+    with the deviation of the prior's noise, column by column, times _SHRINK^l. Layer 1 is drawn by the prior; the last
     one is weighted by the likelihood itself and not resampled.
 
     The scatter is not corrected for, so that nothing but the first layer keeps to the prior: the weighted particles
@@ -37,14 +38,12 @@ class Annealed(DensityMove):
     """
 
     layers: int = 5
-    power: float = 1.5
-    shrink: float = 0.5
 
     first_diagnostics: ClassVar[Mapping[str, float]] = {"is_posterior": 0.0}
     first_warnings: ClassVar[tuple[str, ...]] = (NO_POSTERIOR,)
 
     def __post_init__(self) -> None:
-        check("inference", self, layers=at_least(1), power=POSITIVE, shrink=UP_TO_1)
+        check("inference", self, layers=at_least(1))
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Take the weighted particles of the previous frame through all layers."""
@@ -54,11 +53,11 @@ class Annealed(DensityMove):
         noisy = target.noisy(candidates)
         innovations, _ = target.innovations(candidates, noisy)
         for layer in range(1, self.layers):
-            log_weights, _ = target.weigh(even, (layer / self.layers) ** self.power * candidates.log_prob)
+            log_weights, _ = target.weigh(even, (layer / self.layers) ** _POWER * candidates.log_prob)
             candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
             target.clock.lap("resampling")
             noise = rng.standard_normal(innovations.shape)
-            scattered = target.shift(candidates, noisy, self.shrink**layer * innovations.std(axis=0) * noise)
+            scattered = target.shift(candidates, noisy, _SHRINK**layer * innovations.std(axis=0) * noise)
             candidates = candidates.merge(scattered, np.isfinite(scattered.log_prior))
         log_weights, _ = target.weigh(even, candidates.log_prob)
         return target.settle(target.complete(candidates, rng), log_weights, np.nan, is_posterior=0.0)

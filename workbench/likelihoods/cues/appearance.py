@@ -26,6 +26,7 @@ from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.rng import stream
 
+BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
 ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
 _PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
 
@@ -63,7 +64,7 @@ class Appearance:
     the probability that the point is no outlier. So the first 1/rate frames are averaged, and later ones slowly
     replace them. A template learned from wrong poses is wrong: what drifts into it stays for about 1/rate frames.
 
-    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n. blur_px: of the smoothing. seed: of the points.
+    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n.
     Raises InputError when a constant is out of range.
     """
 
@@ -75,17 +76,15 @@ class Appearance:
     epsilon: float = 0.1
     rate: float = 0.1
     n_samples: int = 16
-    blur_px: float = 2.0**0.5
-    seed: int = 0
 
     def __post_init__(self) -> None:
         check("appearance", self, k=POSITIVE, sigma=POSITIVE, epsilon=INSIDE_UNIT, rate=UNIT)
-        check("appearance", self, n_samples=at_least(1), blur_px=at_least(0))
+        check("appearance", self, n_samples=at_least(1))
 
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch."""
-        return patch_samples(self.n_samples, stream(self.seed, "appearance samples"))
+        return patch_samples(self.n_samples, stream(0, "appearance samples"))
 
     @cached_property
     def learned_from(self) -> FloatArray:
@@ -100,7 +99,7 @@ class Appearance:
         return self._look(Templates(), previous, frame)
 
     def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> LimbLook:
-        images = [grey_levels(view, self.blur_px) for view in frame.views]
+        images = [grey_levels(view, BLUR_PX) for view in frame.views]
         judges, notes = [], known.notes
         for view, image in zip(frame.views, images, strict=True):
             template = known.by_camera.get(view.camera.name)

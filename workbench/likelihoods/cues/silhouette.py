@@ -61,7 +61,7 @@ class Silhouette:
     behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
     r, where that is above zero), and where nobody knows r is zero.
 
-    epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
+    epsilon, n_frames: of r, see `Background`; images are not smoothed.
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
@@ -71,19 +71,17 @@ class Silhouette:
     clip: Clip
     k: float = 40.0
     epsilon: float = 0.05
-    least_sigma: float = 3.0
     n_frames: int = 60
     rim_px: float = 0.4
     standing: bool = False
 
     def __post_init__(self) -> None:
-        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
-        check("silhouette", self, n_frames=at_least(3), rim_px=at_least(0))
+        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, n_frames=at_least(3), rim_px=at_least(0))
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.clip, self.n_frames, 0.0, self.least_sigma)
+        return still_scenes(self.clip, self.n_frames, 0.0)
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
@@ -139,7 +137,7 @@ class Silhouette:
         images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
         if images is None:
             raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
-        return uncovered_scene(images, inside, near, self.least_sigma)
+        return uncovered_scene(images, inside, near)
 
     def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
         return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)

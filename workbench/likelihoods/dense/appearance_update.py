@@ -42,7 +42,8 @@ class Seen:
     def with_texture(
         self, levels: Sequence[Picture], cells: IntArray, pixels: FloatArray, sigma: float, rate: float
     ) -> "Seen":
-        """Learn how cells (K,) look at pixels (K, 2) of an image at all smoothings: T += g (I − T), see `Alignment`."""
+        """Learn how cells (K,) look at pixels (K, 2) of an image at all smoothings: T += g (I − T), see
+        `DenseAlignment`."""
         found = np.stack([level.at(pixels)[0] for level in levels])
         texture, n = self.texture.copy(), self.n.copy()
         misses = (found[-1] - texture[-1, cells]) / (TEXTURE_BEND * sigma)

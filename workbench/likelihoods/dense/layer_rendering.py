@@ -1,6 +1,6 @@
 """The image as layers: every pixel shows the nearest cell of the person that lies there, or else the scene. This judges
-the same pixels for every pose, so that poses far apart can be compared: the points that `Alignment` judges move along,
-and limbs that hide behind others cost it nothing."""
+the same pixels for every pose, so that poses far apart can be compared: the points that `DenseAlignment` judges move
+along, and limbs that hide behind others cost it nothing."""
 
 from dataclasses import dataclass
 from functools import cached_property
