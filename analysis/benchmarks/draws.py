@@ -20,9 +20,8 @@ from analysis.benchmarks.timing import fastest_s
 from workbench.motion.models.training import database_motions
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.motion import Motion
-from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree, search
-from workbench.priors.implicit_tree import draw, sign_tree
+from workbench.priors.implicit_tree import draw, fidelity, sign_tree
 from workbench.utils.arrays import Float32Array, FloatArray
 
 BETA, N_DRAWS, N_QUERIES, REPEATS = 0.05, N_PARENTS * N_CHILDREN, 20, 60

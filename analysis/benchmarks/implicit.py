@@ -41,9 +41,8 @@ from workbench.motion.models.windows import Windows, learn_windows
 from workbench.motion.motion import Motion
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_fidelity import fidelity, total_variation
 from workbench.priors.implicit_search import KdTree, exact_log_prob, kd_tree, search
-from workbench.priors.implicit_tree import Tree, draw, median_tree, sign_tree
+from workbench.priors.implicit_tree import Tree, draw, fidelity, median_tree, sign_tree, total_variation
 from workbench.priors.smooth import SIGMA, Smooth
 from workbench.utils.arrays import Float32Array, FloatArray
 

@@ -17,8 +17,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Likelihood
 from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
-from workbench.likelihoods.cues.edge_model import BINS, EdgeModel
-from workbench.likelihoods.cues.edges import Edges
+from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges
 from workbench.likelihoods.cues.silhouette import Silhouette
 from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.image_motion import ImageMotion

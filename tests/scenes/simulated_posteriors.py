@@ -15,10 +15,10 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import PACE_HZ, Smoothness
 from workbench.evaluation.posterior_calibration import rank_histogram, ranks, share_below
-from workbench.inference.least_squares.decoding import MotionDecoder
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
+from workbench.inference.least_squares.single_frame import MotionDecoder
 from workbench.likelihoods.keypoints import NU, KeypointLikelihood
 from workbench.motion.models.walking import learn_walking
 from workbench.motion.synthetic.gait import builtin_motions

@@ -36,7 +36,7 @@ SETTLE = 0.5
 
 
 @runtime_checkable
-class Recorded(Prior, Protocol):
+class _Recorded(Prior, Protocol):
     """A prior that goes on as one of the windows of recorded motion did, such as `priors.implicit.Implicit`. beta:
     temperature of its draws, of squared distances between whitened coefficients."""
 
@@ -120,7 +120,7 @@ class Synthesis:
         smoother = Smoother(self.smoothing_s, np.radians(LIMIT_DEG))
         before = start[None] if self.known.lead_in is None else self.known.lead_in
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
-        activity = self.known.lead_in_activity if isinstance(self.prior, Recorded) else None
+        activity = self.known.lead_in_activity if isinstance(self.prior, _Recorded) else None
         time_s, shown, state = 0.0, start, np.empty((0, 0))
         for count, frame in enumerate(frames):
             warnings, diagnostics, dt_s = tuple[str, ...](), dict[str, float](), frame.time_s - time_s
@@ -141,7 +141,7 @@ class Synthesis:
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
         """Return a state (1, D) at the pose (P,), and what there is to say about it."""
-        if not isinstance(self.prior, Recorded):
+        if not isinstance(self.prior, _Recorded):
             return self.prior.start(pose, 1, rng), ()
         library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
         poses = np.empty((0, len(pose)))
@@ -159,7 +159,7 @@ class Synthesis:
         self, state: FloatArray, dt_s: float, rng: np.random.Generator
     ) -> tuple[FloatArray, dict[str, float], str | None]:
         """Return the state (1, D) dt_s seconds later, the step's diagnostics, and the activity of what was drawn."""
-        if not isinstance(self.prior, Recorded):
+        if not isinstance(self.prior, _Recorded):
             return self.prior.step(state, dt_s, rng), {}, None
         same, drawn, known = True, None, self.known.lead_in_activity
         for _ in range(self.prior.rows_in(dt_s)):
@@ -246,7 +246,7 @@ def jump_deg(before: FloatArray, after: FloatArray) -> float:
     return float(np.degrees(np.abs(wrapped(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
-def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
+def _draw(prior: _Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
     """Draw the state (1, D) a library frame later, and its entry; of CANDIDATES by what follows, if ahead > 0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
@@ -260,7 +260,7 @@ def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generat
 
 
 def _one_frame(
-    prior: Recorded, states: FloatArray, rng: np.random.Generator
+    prior: _Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Draw states (N, D) a library frame later, with their entries (N,) and squared whitened distances (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
@@ -269,8 +269,8 @@ def _one_frame(
     return prior.predict(states, entries, rng.standard_normal((len(states), len(POSE_NAMES)))), entries, squares
 
 
-def _with_followers(prior: Prior, frames: int) -> Recorded:
-    if not isinstance(prior, Recorded):
+def _with_followers(prior: Prior, frames: int) -> _Recorded:
+    if not isinstance(prior, _Recorded):
         raise InputError("inference: look_ahead is for the implicit prior; set inference.look_ahead=0")
     kept = prior.windows.followers >= frames
     if not kept.any():

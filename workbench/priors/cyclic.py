@@ -94,7 +94,7 @@ class Cyclic(AllFree):
             root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
         )  # fmt: skip
         self._sigma_coefficients = sigma_coefficients
-        self._smoothness, self._motion = smoothness(penalty), motion_model(model)
+        self._smoothness, self._motion = smoothness(penalty), _motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
         self._table = np.ascontiguousarray(sampled(curves, TABLE_PHASES).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
@@ -159,7 +159,7 @@ class Cyclic(AllFree):
         poses = np.empty((len(state), N_ROOT + len(CHANNEL_NAMES[ANGLES])))
         poses[:, :N_ROOT] = root = state[:, slices["root_position"].start : slices["root_rotation"].stop]
         if self.sways:
-            poses[:, :N_ROOT] += turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
+            poses[:, :N_ROOT] += _turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
         poses[:, N_ROOT:] = channels[:, ANGLES]
         return poses
 
@@ -175,7 +175,7 @@ class Cyclic(AllFree):
         if self.sways:
             sway = decode(self._table, coefficients[None], np.array([best / TABLE_PHASES]))
             sway = sway[:, len(CHANNEL_NAMES) :]
-            root -= turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
+            root -= _turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
         return by_column(
             self.space, coefficients=coefficients, phase=best / TABLE_PHASES,
             **self._of_speed(self.model.cycle_rate_hz[0]), root_position=root[:3], root_rotation=root[3:],
@@ -208,7 +208,7 @@ def best_phase(basis: FloatArray, missing: FloatArray) -> tuple[int, FloatArray]
     return best, coefficients[best]
 
 
-def motion_model(model: WalkingModel) -> ActivityModel:
+def _motion_model(model: WalkingModel) -> ActivityModel:
     """A cyclic model as a motion model of one activity, with cycles two deviations slower and faster as examples.
 
     The channels of the root, such as the sway, are left out: a fit has a root of its own.
@@ -222,7 +222,7 @@ def motion_model(model: WalkingModel) -> ActivityModel:
     )  # fmt: skip
 
 
-def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
+def _turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
     """Turn ROOT_CHANNELS (N, 5) by headings (N,) into what they add to the root's six numbers (N, 6) in the world."""
     aside, others = sway[:, :1], sway[:, 1:]
     return np.hstack([-np.sin(heading)[:, None] * aside, np.cos(heading)[:, None] * aside, others])

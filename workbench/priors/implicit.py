@@ -16,10 +16,9 @@ from workbench.core.state_space import StateSpace
 from workbench.motion.models.windows import Windows, pose_rows
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.implicit_density import ImplicitDensity
-from workbench.priors.implicit_fidelity import log_importance
-from workbench.priors.implicit_prediction import Prediction
+from workbench.priors.implicit_prediction import WindowPrediction
 from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
-from workbench.priors.implicit_tree import LEAVES, Tree, draw, median_tree, sign_tree
+from workbench.priors.implicit_tree import LEAVES, Tree, draw, log_importance, median_tree, sign_tree
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -92,7 +91,7 @@ class Implicit:
         self.search, self.leaf, self.beta, self.epsilon = search, leaf, beta, epsilon
         pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
         noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
-        self.prediction = Prediction(windows, pull, inertia, noise)
+        self.prediction = WindowPrediction(windows, pull, inertia, noise)
         self._start_noise = self._deviations((START_POSITION,) * 3, (START_ROTATION,) * 3, START_ANGLES)
         b = len(windows.sigmas)
         ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))

@@ -179,7 +179,7 @@ class Smooth(AllFree):
         predicted = previous[..., moving] + dt_s * previous[..., velocity]
         change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
         same = (state[..., held] == previous[..., held]).all(axis=-1)
-        pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
+        pose = _log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
         return np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
 
     def pose(self, state: FloatArray) -> FloatArray:
@@ -202,7 +202,7 @@ def truncated_normal(
     return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
-def log_truncated_normal(
+def _log_truncated_normal(
     values: FloatArray, mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
     """Log densities of `truncated_normal`'s draws; all broadcast together. −∞ beyond the limits.

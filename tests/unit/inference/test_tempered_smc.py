@@ -16,11 +16,10 @@ from linear_gaussian import (
     streams,
 )
 
-from workbench.inference.smc.annealed import NO_POSTERIOR, Annealed
-from workbench.inference.smc.auxiliary import Auxiliary
+from workbench.inference.smc.bootstrap import Auxiliary
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.reinitializing import Restarting, lost
-from workbench.inference.smc.tempered_smc import TemperedSMC, next_temperature
+from workbench.inference.smc.tempered_smc import NO_POSTERIOR, Annealed, TemperedSMC, next_temperature
 from workbench.utils.errors import InputError
 
 T, SEEDS, N = 6, 25, 300

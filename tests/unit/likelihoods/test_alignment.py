@@ -16,19 +16,25 @@ from workbench.core.frame_cache import Clip
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.dense.background_model import OWN, _lasting, _median, first_scene, tracked_scene
-from workbench.likelihoods.dense.contour_samples import beside
+from workbench.likelihoods.dense.background_model import (
+    LEAST_PX,
+    OWN,
+    _lasting,
+    _median,
+    first_scene,
+    nothing_passing,
+    tracked_scene,
+)
 from workbench.likelihoods.dense.dense_alignment import DenseAlignment
-from workbench.likelihoods.dense.occluders import LEAST_PX, nothing_passing
-from workbench.likelihoods.dense.pyramid import picture
 from workbench.likelihoods.dense.surface_elements import (
+    beside,
     motion_of,
     moved_by,
     placed,
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask, picture
 from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))

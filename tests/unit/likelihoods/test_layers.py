@@ -15,7 +15,7 @@ from workbench.core.likelihood import LayeredLook
 from workbench.datasets.synthetic import Synthetic
 from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.layer_rendering import (
-    Shown,
+    LayerImage,
     drawn,
     log_ratios,
     surface_facets,
@@ -78,7 +78,7 @@ def shown(seed=0):
     n = np.where(rng.random(len(CELLS.joints)) < 0.2, 0.0, rng.integers(1, 9, len(CELLS.joints)))
     image = rng.uniform(0.0, 255.0, SHAPE).astype(np.float32)
     ratio = rng.uniform(-3.0, 3.0, SHAPE).astype(np.float32)
-    return Shown(image, ratio, rng.random(SHAPE) < 0.9, rng.uniform(0.0, 255.0, len(n)), n.astype(float), 10.0)
+    return LayerImage(image, ratio, rng.random(SHAPE) < 0.9, rng.uniform(0.0, 255.0, len(n)), n.astype(float), 10.0)
 
 
 def test_log_ratios_are_the_difference_of_two_layers_in_numpy():

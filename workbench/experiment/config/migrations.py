@@ -16,8 +16,8 @@ _MODULES = {
     "workbench.inference.fit.motion_fit": "workbench.inference.least_squares.motion_fit",
     "workbench.inference.fit.smooth_fit": "workbench.inference.least_squares.smooth_fit",
     "workbench.inference.kalman.filter": "workbench.inference.ekf.iterated_ekf",
-    "workbench.inference.particles.annealed": "workbench.inference.smc.annealed",
-    "workbench.inference.particles.auxiliary": "workbench.inference.smc.auxiliary",
+    "workbench.inference.particles.annealed": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.particles.auxiliary": "workbench.inference.smc.bootstrap",
     "workbench.inference.particles.bootstrap": "workbench.inference.smc.bootstrap",
     "workbench.inference.particles.filter": "workbench.inference.smc.particle_filter",
     "workbench.inference.particles.gauss_newton": "workbench.inference.smc.gauss_newton",
@@ -26,6 +26,8 @@ _MODULES = {
     "workbench.inference.particles.restarting": "workbench.inference.smc.reinitializing",
     "workbench.inference.particles.smoothing": "workbench.inference.smc.smoothing",
     "workbench.inference.particles.tempered_smc": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.smc.annealed": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.smc.auxiliary": "workbench.inference.smc.bootstrap",
     "workbench.inference.start.limb_lengths": "workbench.inference.initialization.limb_lengths",
     "workbench.likelihoods.alignment.alignment": "workbench.likelihoods.dense.dense_alignment",
     "workbench.likelihoods.appearance": "workbench.likelihoods.cues.appearance",
@@ -48,7 +50,7 @@ _REMOVED = (
 _CYCLE = {"start_coefficients": 0.3, "start_phase": 0.015}
 _FIXED: dict[str, dict[str, Any]] = {
     "workbench.inference.ekf.iterated_ekf.Kalman": {"steps": 3, "guesses": 40},
-    "workbench.inference.smc.annealed.Annealed": {"power": 1.5, "shrink": 0.5},
+    "workbench.inference.smc.tempered_smc.Annealed": {"power": 1.5, "shrink": 0.5},
     "workbench.inference.smc.reinitializing.Restarting": {"drop": 4.0, "patience": 3},
     "workbench.inference.synthesis.Synthesis": {"limit_deg": 25.0},
     "workbench.likelihoods.cues.appearance.Appearance": {"blur_px": 2.0**0.5, "seed": 0},

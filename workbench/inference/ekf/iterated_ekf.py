@@ -20,10 +20,9 @@ from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.ekf.dense_refinement import settle
-from workbench.inference.ekf.gaussian_state import Belief, gaussian_of, predict, smoothed
+from workbench.inference.ekf.gaussian_state import GaussianState, gaussian_of, of_both, predict, shares, smoothed
 from workbench.inference.ekf.levenberg_marquardt import Peak, climb, peak_at, tails
 from workbench.inference.ekf.limb_reinitialization import is_better, leap
-from workbench.inference.ekf.pass_fusion import of_both, shares
 from workbench.inference.smc.move import Streams
 from workbench.inference.smc.target import Stopwatch
 from workbench.inference.smc.weights import even_log_weights
@@ -36,7 +35,7 @@ BASE_DOUBT = 0.3
 """By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
 
 
-Filtered: TypeAlias = tuple[Frame, Belief, dict[str, Any]]
+Filtered: TypeAlias = tuple[Frame, GaussianState, dict[str, Any]]
 """A frame, what is believed of it, and what else its step tells."""
 
 
@@ -113,7 +112,7 @@ class Kalman:
             yield self._step(frame, beliefs, rng_streams["prior"], extra)
 
     def _again(
-        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[Belief], start: FloatArray,
+        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[GaussianState], start: FloatArray,
         rng_streams: Streams,
     ) -> list[Filtered]:  # fmt: skip
         """Look at all frames again, knowing more, and where the person was believed to be; each tells what both looks
@@ -144,7 +143,7 @@ class Kalman:
             mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
         else:
             mean, covariance = model.start_moments(np.atleast_2d(start)[0])
-        belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
+        belief = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0
             look = likelihood.look(previous, frame)
@@ -170,8 +169,8 @@ class Kalman:
             previous = frame
 
     def _updated(
-        self, belief: Belief, look: SlopedLook, before: FloatArray, leaps: bool, rng: np.random.Generator
-    ) -> tuple[Belief, Peak]:
+        self, belief: GaussianState, look: SlopedLook, before: FloatArray, leaps: bool, rng: np.random.Generator
+    ) -> tuple[GaussianState, Peak]:
         """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
         peak = self._climbed(look, belief, belief.mean[: before.shape[1]])
         if isinstance(look, LayeredLook):
@@ -182,7 +181,7 @@ class Kalman:
         mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
-    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Peak:
+    def _climbed(self, look: SlopedLook, belief: GaussianState, start: FloatArray) -> Peak:
         """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
         n = len(start)
         return climb(
@@ -191,8 +190,8 @@ class Kalman:
         )  # fmt: skip
 
     def _leapt(
-        self, look: LayeredLook, belief: Belief, peak: Peak, before: FloatArray, rng: np.random.Generator
-    ) -> tuple[Belief, Peak]:
+        self, look: LayeredLook, belief: GaussianState, peak: Peak, before: FloatArray, rng: np.random.Generator
+    ) -> tuple[GaussianState, Peak]:
         """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
         skeleton = self.body.skeleton
         for limb in self._leaping:
@@ -205,7 +204,7 @@ class Kalman:
                 belief, peak = released, again
         return belief, peak
 
-    def _settled(self, look: LayeredLook, belief: Belief, peak: Peak) -> Peak:
+    def _settled(self, look: LayeredLook, belief: GaussianState, peak: Peak) -> Peak:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
         prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
@@ -244,7 +243,7 @@ class Kalman:
         return [own for own in columns if len(np.unique(joints[own])) > 1]
 
     def _step(
-        self, frame: Frame, beliefs: Sequence[Belief], rng: np.random.Generator, extra: Mapping[str, Any]
+        self, frame: Frame, beliefs: Sequence[GaussianState], rng: np.random.Generator, extra: Mapping[str, Any]
     ) -> Step:
         """Tell what one look at the clip, or two, made of a frame."""
         belief = beliefs[-1]

@@ -16,11 +16,10 @@ from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.smc.move import Move, Streams, Surrounded
+from workbench.inference.smc.move import Kind, Move, Streams, Surrounded, Wrapper
 from workbench.inference.smc.particle_filter import start_around
 from workbench.inference.smc.target import Moved, Particles, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
-from workbench.inference.smc.wrapper import Kind, Wrapper
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

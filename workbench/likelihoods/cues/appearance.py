@@ -19,8 +19,15 @@ from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.likelihoods.base import Remembering
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, bilinear, levels_at, limb_points, patch_grid
+from workbench.likelihoods.cues.limb_points import (
+    LimbLook,
+    LimbPoints,
+    ViewJudge,
+    bilinear,
+    levels_at,
+    limb_points,
+    patch_grid,
+)
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
@@ -41,7 +48,7 @@ class Template:
 
 
 @dataclass(frozen=True, eq=False)
-class Templates:
+class _Templates:
     """All that was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
 
     by_camera: Mapping[str, Template] = field(default_factory=dict)
@@ -96,9 +103,9 @@ class Appearance:
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person still unknown."""
-        return self._look(Templates(), previous, frame)
+        return self._look(_Templates(), previous, frame)
 
-    def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> LimbLook:
+    def _look(self, known: _Templates, previous: Frame | None, frame: Frame) -> LimbLook:
         images = [grey_levels(view, BLUR_PX) for view in frame.views]
         judges, notes = [], known.notes
         for view, image in zip(frame.views, images, strict=True):
@@ -115,8 +122,8 @@ class Appearance:
         return self.k * ratios.sum(axis=1)
 
     def _learn(
-        self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
-    ) -> Remembering[Templates]:
+        self, known: _Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
+    ) -> Remembering[_Templates]:
         """Learn from a frame and its expected pose (P,); one that is not finite teaches nothing."""
         if not np.isfinite(pose).all():
             note = f"appearance: frame {frame.index} has no finite expected pose to learn from"
@@ -124,9 +131,9 @@ class Appearance:
         frames, by_camera = forward(self.body.skeleton, pose[None]), dict(known.by_camera)
         for view, image in zip(frame.views, images, strict=True):
             points = limb_points(self.body, self.learned_from, view.camera, frames)
-            seen, before = cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
+            seen, before = _cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
             by_camera[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
-        return Remembering(Templates(by_camera), self._look)
+        return Remembering(_Templates(by_camera), self._look)
 
 
 def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:
@@ -137,7 +144,7 @@ def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:
     return along, np.minimum(around, AROUND - 1)
 
 
-def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -> FloatArray:
+def _cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -> FloatArray:
     """The mean grey level (L, ALONG, AROUND) that one pose's points show of every cell, NaN of those not seen."""
     along, around = cells(samples, points.turns)
     limb, i = np.nonzero(points.counts[0])

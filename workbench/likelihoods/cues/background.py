@@ -14,8 +14,7 @@ from workbench.core.frame import Frame
 from workbench.core.frame_cache import Clip
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.cues.image_levels import StillScene, log_ratio, still_scenes
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, mean_at
+from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, mean_at
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.rng import stream

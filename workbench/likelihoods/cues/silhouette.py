@@ -25,8 +25,7 @@ from workbench.likelihoods.cues.image_levels import (
     still_scenes,
     uncovered_scene,
 )
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, limb_points
+from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, limb_points
 from workbench.likelihoods.cues.outlines import CORNERS, areas, covered, outline_sums, running_sums
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.errors import InputError
@@ -36,7 +35,7 @@ BESIDE_PX = 17
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class _SeenPerson:
     """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
 
     area: float
@@ -87,7 +86,7 @@ class Silhouette:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
         return self._look({}, previous, frame)
 
-    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> LimbLook:
+    def _look(self, seen: Mapping[str, "_SeenPerson"], previous: Frame | None, frame: Frame) -> LimbLook:
         judges, notes = [], []
         for view in frame.views:
             known = seen.get(view.camera.name)
@@ -100,7 +99,7 @@ class Silhouette:
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
         return LimbLook("silhouette", self.body, judges, partial(self._measure, seen, frame), tuple(notes))
 
-    def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
+    def _ratio(self, known: "_SeenPerson | None", view: View) -> Float32Array:
         if not self.standing:
             return log_ratio(view, self.scenes, 0.0, self.epsilon)
         if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
@@ -113,7 +112,9 @@ class Silhouette:
     def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
         return self.k / area * self._sums(reached, corners)
 
-    def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
+    def _measure(
+        self, seen: Mapping[str, "_SeenPerson"], frame: Frame, pose: FloatArray
+    ) -> Remembering[Mapping[str, "_SeenPerson"]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
         measured = dict(seen)
         if np.isfinite(pose).all():
@@ -124,7 +125,7 @@ class Silhouette:
                 if area >= 1.0:
                     known = seen.get(view.camera.name)
                     uncovered = self._uncovered(view, frames) if known is None else known.uncovered
-                    measured[view.camera.name] = Seen(float(area), uncovered)
+                    measured[view.camera.name] = _SeenPerson(float(area), uncovered)
         return Remembering(measured, self._look)
 
     def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:

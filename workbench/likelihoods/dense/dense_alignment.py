@@ -19,10 +19,14 @@ from workbench.core.likelihood import Evaluation, Likelihood, Slope
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows
 from workbench.likelihoods.cues.image_levels import grey_levels, spaced_frames
-from workbench.likelihoods.dense.appearance_update import Seen, newly_seen
-from workbench.likelihoods.dense.background_model import Scene, first_scene, tracked_scene
-from workbench.likelihoods.dense.layer_rendering import Facets, Shown, drawn, log_ratios, surface_facets
-from workbench.likelihoods.dense.pyramid import pictures
+from workbench.likelihoods.dense.background_model import (
+    BackgroundModel,
+    ViewState,
+    first_scene,
+    newly_seen,
+    tracked_scene,
+)
+from workbench.likelihoods.dense.layer_rendering import Facets, LayerImage, drawn, log_ratios, surface_facets
 from workbench.likelihoods.dense.surface_elements import (
     Cells,
     motion_of,
@@ -31,7 +35,7 @@ from workbench.likelihoods.dense.surface_elements import (
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask, pictures
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
 
@@ -131,11 +135,11 @@ class DenseAlignment:
             known[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
         return Remembering(known, self._look)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "AlignmentLook":
+    def look(self, previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         """Look at a frame, the person still unknown."""
         return self._look({}, previous, frame)
 
-    def _look(self, known: Mapping[str, Seen], previous: Frame | None, frame: Frame) -> "AlignmentLook":
+    def _look(self, known: Mapping[str, ViewState], previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         sights, notes = [], []
         for view in frame.views:
             seen = known.get(view.camera.name)
@@ -143,9 +147,9 @@ class DenseAlignment:
                 sights.append(self._sight(seen, view))
             elif previous is not None:
                 notes.append(f"alignment: nothing is known yet of how {view.camera.name} sees the person")
-        return AlignmentLook(self, known, frame, tuple(sights), tuple(notes))
+        return _AlignmentLook(self, known, frame, tuple(sights), tuple(notes))
 
-    def _sight(self, seen: Seen, view: View) -> tuple[Sight, Seen]:
+    def _sight(self, seen: ViewState, view: View) -> tuple[Sight, ViewState]:
         """Look at a view, and find what passes there, before the person is found."""
         image = grey_levels(view, 0.0)
         ratio = seen.scene.log_ratio(image, self.epsilon)
@@ -154,7 +158,7 @@ class DenseAlignment:
         levels, shown = pictures([image, foreground], BLURS_PX)
         return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden, ratio), seen
 
-    def residuals(self, sight: Sight, seen: Seen, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
+    def residuals(self, sight: Sight, seen: ViewState, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
         """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
         cells = placed(self.cells, frames, sight.camera)
         shown = visible(cells, sight.shape, FACING)
@@ -166,7 +170,7 @@ class DenseAlignment:
         outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], OUTLINE)
         return texture, outline
 
-    def learned(self, seen: Seen | None, view: View, pose: FloatArray, sight: Sight | None = None) -> Seen:
+    def learned(self, seen: ViewState | None, view: View, pose: FloatArray, sight: Sight | None = None) -> ViewState:
         """Learn from a view, at which one has looked or not, and its expected pose (P,)."""
         image, person = grey_levels(view, 0.0), self._person(view, pose)
         if seen is None:
@@ -188,18 +192,18 @@ class DenseAlignment:
         shape = view.image.shape[0], view.image.shape[1]
         return person_mask(self.body, view.camera, forward(self.body.skeleton, pose[None]), shape)
 
-    def _newly_seen(self, scene: Scene, image: Float32Array, person: BoolArray) -> Seen:
+    def _newly_seen(self, scene: BackgroundModel, image: Float32Array, person: BoolArray) -> ViewState:
         return newly_seen(scene, image, person, len(BLURS_PX), len(self.cells.limbs))
 
 
 @dataclass(frozen=True, eq=False)
-class AlignmentLook:
+class _AlignmentLook:
     """A look at one frame by an alignment: what the cameras show of whom they know."""
 
     likelihood: DenseAlignment
-    known: Mapping[str, Seen]
+    known: Mapping[str, ViewState]
     frame: Frame
-    sights: tuple[tuple[Sight, Seen], ...]
+    sights: tuple[tuple[Sight, ViewState], ...]
     notes: tuple[str, ...] = ()
 
     @property
@@ -245,7 +249,7 @@ class AlignmentLook:
         own, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
         for sight, seen in self.sights:
             camera, image, ratio, free = sight.thinned
-            shown = Shown(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
+            shown = LayerImage(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
             behind = drawn(own.facets_on(~moved), frames, camera, image.shape)
             total += PIXEL_SHARE * log_ratios(behind, own.facets_on(moved), frames, camera, shown)
         return total
@@ -265,7 +269,7 @@ class AlignmentLook:
         texture, outline = (sums[:, 0] + FEW * whole) / (sums[:, 1] + FEW)
         return np.asarray(texture + OUTLINE_SHARE * outline)
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[Mapping[str, Seen]]:
+    def remember(self, expected_pose: FloatArray) -> Remembering[Mapping[str, ViewState]]:
         """The likelihood of the next frame; a pose that is not finite teaches nothing."""
         own, known = self.likelihood, {**self.known, **{sight.camera.name: seen for sight, seen in self.sights}}
         if np.isfinite(expected_pose).all():

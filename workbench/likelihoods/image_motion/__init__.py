@@ -99,15 +99,15 @@ class ImageMotion:
         constants = (self.sigma, self.epsilon, P_OCCLUDED, self.exponent, self.k, self.occlusion, self.background)
         return kernel.LimbModel(*constants)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "MotionLook":
+    def look(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
         """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
         under a still background, an image size, and when an image has not the size that its camera states."""
         return self._look(None, previous, frame)
 
-    def _look(self, known: "PackedFrame | None", previous: Frame | None, frame: Frame) -> "MotionLook":
+    def _look(self, known: "_PackedFrame | None", previous: Frame | None, frame: Frame) -> "_MotionLook":
         now = self._packed(frame)
         if previous is None:
-            return MotionLook(self, now, {}, ())
+            return _MotionLook(self, now, {}, ())
         before = known if known is not None and known.frame is previous else self._packed(previous)
         pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
         if not pairs:
@@ -117,18 +117,18 @@ class ImageMotion:
                 raise InputError(f"image motion: background=still needs images of one size from camera {name}")
         missing = sorted({*before.views, *now.views} - set(pairs))
         where = f"is missing in frame {previous.index} or {frame.index}"
-        return MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
+        return _MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
 
-    def _packed(self, frame: Frame) -> "PackedFrame":
+    def _packed(self, frame: Frame) -> "_PackedFrame":
         images = ((view.camera, kernel.packed(grey_levels(view, BLUR_PX))) for view in frame.views)
-        return PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
+        return _PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
 
 
 PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
 
 
 @dataclass(frozen=True, eq=False)
-class PackedFrame:
+class _PackedFrame:
     """A frame and its packed images, by the camera's name."""
 
     frame: Frame
@@ -136,12 +136,12 @@ class PackedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionLook:
+class _MotionLook:
     """A look of `ImageMotion`, the `cue`, at a frame `now`. pairs: the images before and now of every camera that
     both frames have; none in the first frame of a run."""
 
     cue: ImageMotion
-    now: PackedFrame
+    now: _PackedFrame
     pairs: Mapping[str, tuple[PackedImage, PackedImage]]
     notes: tuple[str, ...]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -161,7 +161,7 @@ class MotionLook:
                 notes.append(f"image motion: {share:.0%} of the sample points lay outside the images of {name}")
         return among_finite("image motion", finite, log_prob, tuple(notes))
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[PackedFrame]:
+    def remember(self, expected_pose: FloatArray) -> Remembering[_PackedFrame]:
         """The likelihood, which keeps this frame's images for the next look."""
         return Remembering(self.now, self.cue._look)
 
