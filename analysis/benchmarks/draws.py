@@ -21,9 +21,8 @@ from workbench.body.skeleton import N_ROOT
 from workbench.motion.models.training import database_motions
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.pose_sequence import Motion
-from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree, search
-from workbench.priors.implicit_tree import draw, sign_tree
+from workbench.priors.implicit_tree import draw, fidelity, sign_tree
 from workbench.utils.arrays import Float32Array, FloatArray
 
 LEFT_OUT_PEOPLE = ("35", "38", "39")

@@ -25,7 +25,7 @@ from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Look
 from workbench.likelihoods.cues.image_levels import grey_levels
 from workbench.likelihoods.cues.limb_points import limb_points
-from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
 from workbench.likelihoods.image_motion.kernel import packed
 from workbench.utils.arrays import ByteArray, Float32Array, FloatArray
 
@@ -39,7 +39,7 @@ def kernel_figures() -> list[Figure]:
     likelihood, before, now = scene(rng, N_SAMPLES)
     poses = people(rng, N_PARTICLES), people(rng, N_PARTICLES)
     few = poses[0][:N_REFERENCE], poses[1][:N_REFERENCE]
-    places, words = _places(likelihood, poses[1]), packed(grey_levels(now.views[0], likelihood.blur_px))
+    places, words = _places(likelihood, poses[1]), packed(grey_levels(now.views[0], BLUR_PX))
     one, reference, looking = fastest_s(
         [
             partial(on_threads, 1, likelihood.look(before, now), *poses),
@@ -113,7 +113,7 @@ def _by_oracle(
     body, posed = likelihood.body, []
     for frame, poses in ((before, poses_before), (now, poses_now)):
         view = frame.views[0]
-        image = grey_levels(view, likelihood.blur_px)
+        image = grey_levels(view, BLUR_PX)
         posed.append(oracle.PosedView(view.camera, image, forward(body.skeleton, poses)))
     model, samples = likelihood.model, likelihood.samples
     return oracle.view_log_prob(body.limbs, samples, model, posed[0], posed[1])[0]

@@ -65,7 +65,7 @@ def assert_it_goes_on_with_the_same_bits(parts):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(options("inference")))
 def test_every_inference_goes_on_or_says_that_it_cannot(made, name):
-    usual = ("prior=linear", "learn.motions=builtin") if name == "kalman" else ("prior=jitter",)
+    usual = ("prior=linear", "learn.motions=builtin", "likelihood=alignment") if name == "kalman" else ("prior=jitter",)
     try:
         parts = made(f"inference={name}", *usual)
     except InputError:

@@ -17,10 +17,9 @@ from workbench.core.frame import Frame, View
 from workbench.core.likelihood import Likelihood
 from workbench.likelihoods.cues.appearance import Appearance
 from workbench.likelihoods.cues.background import Background
-from workbench.likelihoods.cues.edge_model import BINS, EdgeModel
-from workbench.likelihoods.cues.edges import Edges
+from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges
 from workbench.likelihoods.cues.silhouette import Silhouette
-from workbench.likelihoods.dense.dense_alignment import Alignment
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.image_motion import ImageMotion
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product
@@ -65,7 +64,7 @@ BUILDERS: dict[str, Callable[[], Likelihood]] = {
     "silhouette": lambda: Silhouette(BODY, walls()),
     "keypoints": lambda: KeypointLikelihood(BODY),
     "surface_points": lambda: SurfacePoints(BODY),
-    "alignment": lambda: Alignment(BODY, walls()),
+    "alignment": lambda: DenseAlignment(BODY, walls()),
     "product": product,
 }
 
@@ -241,7 +240,7 @@ def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
 @pytest.mark.parametrize(
     ("constant", "value"),
     [
-        ("sigma", 0.0), ("sigma", float("nan")), ("epsilon", -0.1), ("epsilon", 1.0), ("p_occluded", 0.0),
+        ("sigma", 0.0), ("sigma", float("nan")), ("epsilon", -0.1), ("epsilon", 1.0),
         ("n_samples", 0), ("exponent", "max"), ("k", 0.0), ("occlusion", "yes"),
         ("background", "moving"), ("blur_px", -1.0),
     ],

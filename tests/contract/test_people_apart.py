@@ -136,9 +136,7 @@ def test_nor_without_recordings(experiment):
     check(None, f"experiment={experiment}", "paths.data=null")
 
 
-@pytest.mark.parametrize(
-    "prior", ["walking", "gait", "cyclic", "activity", "implicit", "partwise", "switching", "flipping", "jitter_gait"]
-)
+@pytest.mark.parametrize("prior", ["walking", "gait", "cyclic", "activity", "implicit", "flipping", "jitter_gait"])
 def test_nor_by_any_other_prior(prior, recordings):
     check(recordings, f"prior={prior}", "dataset.motion=[02_01,dataset-1_walk_normal_001]", "learn.motions=recorded")
 

@@ -66,9 +66,7 @@ def test_the_clip_tracked_is_left_out_of_the_database(folder, summary_of, tmp_pa
 @pytest.mark.parametrize(
     "prior",
     [
-        ("prior=mixture",),
-        ("prior=switching",),
-        ("prior=partwise", "prior.priors.legs.motions=builtin", "prior.priors.arms.motions=builtin"),
+        ("prior=flipping", "learn.motions=builtin"),
         ("prior=implicit", "prior.motions=builtin", "prior.search=sign_tree", "prior.reweight=true"),
     ],
 )

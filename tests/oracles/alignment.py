@@ -13,13 +13,11 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Limbs
 from workbench.core.residual import projection_jacobian
-from workbench.likelihoods.dense.background_model import BESIDE_PX, KEPT, LEAST_NOISE, Scene, grown
-from workbench.likelihoods.dense.contour_samples import ALONG, Beside
+from workbench.likelihoods.dense.background_model import BESIDE_PX, KEPT, LEAST_NOISE, BackgroundModel, grown
 from workbench.likelihoods.dense.kernels import COARSE_PX, THICK_M
-from workbench.likelihoods.dense.layer_rendering import ODD, Facets, Layer, Shown
-from workbench.likelihoods.dense.pyramid import Picture
-from workbench.likelihoods.dense.surface_elements import Cells, Motion, Placed, inside
-from workbench.likelihoods.dense.view_likelihood import Residuals
+from workbench.likelihoods.dense.layer_rendering import ODD, Facets, Layer, LayerImage
+from workbench.likelihoods.dense.surface_elements import PLACES, Beside, Cells, Placed, PointMotion, inside
+from workbench.likelihoods.dense.view_likelihood import Residuals, SmoothedImage
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 STEPS = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, None]
@@ -99,14 +97,14 @@ def pixel_forces(camera: Camera, points: FloatArray, gradients: FloatArray) -> F
     return np.einsum("na,nab->nb", gradients, projection_jacobian(camera, points))
 
 
-def slopes(motion: Motion, points: FloatArray, forces: FloatArray, joints: IntArray) -> FloatArray:
+def slopes(motion: PointMotion, points: FloatArray, forces: FloatArray, joints: IntArray) -> FloatArray:
     """Differentiate by the pose what depends on points of the body.
 
     A turn about a through o moves x by a × (x − o), so that f changes by a · (x × f) − f · (a × o).
 
     Parameters
     ----------
-    motion : Motion
+    motion : PointMotion
         Axes and moments (P, 3), and which numbers of the pose move which joints (J, P).
     points, forces : (K, 3) arrays
         World points, m, and derivatives by them, 1/m.
@@ -123,14 +121,14 @@ def slopes(motion: Motion, points: FloatArray, forces: FloatArray, joints: IntAr
     return found * motion.moves[joints]
 
 
-def normal(residuals: Residuals, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
+def normal(residuals: Residuals, motion: PointMotion, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Compute the normal equations of a robust loss.
 
     Parameters
     ----------
     residuals : Residuals
         Residuals of K points, with their gradients by the pixel.
-    motion : Motion
+    motion : PointMotion
         How points move with the pose.
     camera : Camera
         The camera that sees them.
@@ -149,12 +147,12 @@ def normal(residuals: Residuals, motion: Motion, camera: Camera) -> tuple[FloatA
     return weighted.T @ residuals.misses, weighted.T @ rows
 
 
-def picture_at(picture: Picture, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+def picture_at(picture: SmoothedImage, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Interpolate an image bilinearly, and differentiate it by half the differences of what is a pixel to either side.
 
     Parameters
     ----------
-    picture : Picture
+    picture : SmoothedImage
         Values (height, width).
     pixels : (K, 2) array
         x and y, px, at least 2 px inside.
@@ -189,7 +187,7 @@ def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tupl
     Returns
     -------
     Beside
-        Points (L · 2 ALONG · D, 3), m, their joints and pixels.
+        Points (L · 2 PLACES · D, 3), m, their joints and pixels.
     """
     turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
     starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
@@ -215,22 +213,22 @@ def _edges(limbs: Limbs, starts: FloatArray, ends: FloatArray, eye: FloatArray) 
 
     Returns
     -------
-    (L, 2 ALONG, 3) array
+    (L, 2 PLACES, 3) array
         Points, m.
-    (L, 2 ALONG, 3) array
+    (L, 2 PLACES, 3) array
         Unit directions outwards.
     """
-    u = ((np.arange(ALONG) + 0.5) / ALONG)[:, None]
+    u = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     axis = starts[:, None] + (ends - starts)[:, None] * u
     side = _unit(np.cross((ends - starts)[:, None], eye - axis))
     low, high = limbs.mean_radii.T[:, :, None, None]
     radii = low + (high - low) * u
     edges, outwards = np.concatenate([axis + radii * side, axis - radii * side], axis=1), np.repeat(side, 2, axis=1)
-    outwards[:, :ALONG], outwards[:, ALONG:] = side, -side
+    outwards[:, :PLACES], outwards[:, PLACES:] = side, -side
     balls = limbs.spheres
     sight = _unit(eye - starts[balls])
     across = _unit(np.cross(sight, [0.0, 0.0, 1.0]))
-    angle = np.pi * np.arange(2 * ALONG) / ALONG
+    angle = np.pi * np.arange(2 * PLACES) / PLACES
     around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(sight, across)[:, None]
     outwards[balls] = around
     edges[balls] = starts[balls][:, None] + limbs.radii[balls, 0, 0][:, None, None] * around
@@ -241,12 +239,12 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
 
-def scene_log_ratio(scene: Scene, image: Float32Array, epsilon: float) -> Float32Array:
+def scene_log_ratio(scene: BackgroundModel, image: Float32Array, epsilon: float) -> Float32Array:
     """Compute the log ratio of a person of any grey level to the scene.
 
     Parameters
     ----------
-    scene : Scene
+    scene : BackgroundModel
         Levels (height, width) and numbers of frames they are known from.
     image : (height, width) array
         Grey levels.
@@ -263,12 +261,12 @@ def scene_log_ratio(scene: Scene, image: Float32Array, epsilon: float) -> Float3
     return np.where(scene.known, -np.log(epsilon + (1.0 - epsilon) * density), 0.0).astype(np.float32)
 
 
-def scene_seen(scene: Scene, image: Float32Array, covered: BoolArray) -> Scene:
+def scene_seen(scene: BackgroundModel, image: Float32Array, covered: BoolArray) -> BackgroundModel:
     """Learn a scene from one more image, except near a person and where it shows something else.
 
     Parameters
     ----------
-    scene : Scene
+    scene : BackgroundModel
         Levels (height, width) and numbers of frames they are known from.
     image : (height, width) array
         Grey levels.
@@ -277,7 +275,7 @@ def scene_seen(scene: Scene, image: Float32Array, covered: BoolArray) -> Scene:
 
     Returns
     -------
-    Scene
+    BackgroundModel
         The scene with the image's part in its means.
     """
     near = grown(covered, BESIDE_PX)
@@ -323,14 +321,14 @@ def drawn(facets: Facets, frames: JointFrames, camera: Camera, behind: Layer) ->
     return cells, depths
 
 
-def layer_log_ratio(layer: Layer, shown: Shown) -> float:
+def layer_log_ratio(layer: Layer, shown: LayerImage) -> float:
     """Compute the log ratio of an image with a layer to the image with the scene alone.
 
     Parameters
     ----------
     layer : Layer
         Cells (height, width), −1 where there is none, and their depths, m.
-    shown : Shown
+    shown : LayerImage
         The image and what is known of the cells and of the scene.
 
     Returns

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from workbench.likelihoods.cues.edge_filters import POINTS, RIDGE_SCALES_PX, Filtered, Smoothed, responses
-from workbench.likelihoods.cues.edge_model import BINS, EDGE_RANGE, RIDGE_RANGE
+from workbench.likelihoods.cues.edges import BINS, EDGE_RANGE, RIDGE_RANGE
 from workbench.likelihoods.cues.limb_points import LimbPoints
 from workbench.utils.arrays import AnyArray, Float32Array, FloatArray, IntArray
 

@@ -6,9 +6,8 @@ import pytest
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.sources import find_sources, load_motion
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_fidelity import fidelity
 from workbench.priors.implicit_search import kd_tree
-from workbench.priors.implicit_tree import median_tree, sign_tree
+from workbench.priors.implicit_tree import fidelity, median_tree, sign_tree
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.datasets import person
 from workbench.datasets.video import Video
-from workbench.inference.initialization.from_annotations import start_from_marks
+from workbench.inference.initialization.poses import start_from_marks
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.likelihoods.keypoints import KeypointLikelihood

@@ -15,11 +15,11 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, View
 from workbench.core.prior import PACE_HZ, Smoothness
 from workbench.evaluation.posterior_calibration import rank_histogram, ranks, share_below
-from workbench.inference.least_squares.decoding import MotionDecoder
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
-from workbench.likelihoods.keypoints import KeypointLikelihood
+from workbench.inference.least_squares.single_frame import MotionDecoder
+from workbench.likelihoods.keypoints import NU, KeypointLikelihood
 from workbench.motion.models.walking import learn_walking
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
@@ -27,7 +27,7 @@ from workbench.priors.smooth import Smooth
 
 RATE_HZ = 30.0
 SIGMA_PX = 4.0
-STUDENT = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, nu=4.0, temper=1.0)
+STUDENT = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, temper=1.0)
 """Not tempered: to the power of 0.3 Student's distribution cannot be normalised, and nothing could be drawn from it."""
 NORMAL = KeypointLikelihood(BODY, sigma_px=SIGMA_PX, loss="squared")
 """Least squares then takes errors for normal."""
@@ -79,7 +79,7 @@ def filtered(infer, prior, n_frames, n_replicates, seed=0):
             states.append(prior.step(states[-1], 1.0 / RATE_HZ, rng))
         truth = prior.pose(np.concatenate(states))
         steps = infer(prior, STUDENT).run(
-            simulated_frames(truth, RATE_HZ, STUDENT.nu, rng), pose, streams([seed, replicate, 1])
+            simulated_frames(truth, RATE_HZ, NU, rng), pose, streams([seed, replicate, 1])
         )
         found.append(ranked(steps, truth, moving))
     return Simulated(np.array(found))

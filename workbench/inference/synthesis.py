@@ -11,7 +11,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import N_ROOT, POSE_NAMES, Skeleton
 from workbench.core.capabilities import ALL_JOINTS, EVEN_WEIGHTS, FIT, FOLLOWERS, START, Traits, offering
-from workbench.core.checks import POSITIVE, at_least, check
+from workbench.core.checks import at_least, check
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame
 from workbench.core.keys import keeps_keys
@@ -22,6 +22,8 @@ from workbench.motion.models.windows import Windows
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+LIMIT_DEG = 25.0
+"""What an angle may change by in a frame before it counts as a jump: 1 in 100 frames of recorded runs does more."""
 CANDIDATES = 8
 """Draws that a look-ahead tries out for every frame."""
 ANKLES = ("left_ankle", "right_ankle")
@@ -34,7 +36,7 @@ SETTLE = 0.5
 
 
 @runtime_checkable
-class Recorded(Prior, Protocol):
+class _Recorded(Prior, Protocol):
     """A prior that goes on as one of the windows of recorded motion did, such as `priors.implicit.Implicit`. beta:
     temperature of its draws, of squared distances between whitened coefficients."""
 
@@ -68,8 +70,8 @@ class Synthesis:
     windows that end near the pose, as for tracking, and the first step says so. Other priors start from the pose alone.
 
     smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
-    frame's change of an angle beyond limit_deg (degrees) counts as a jump, is held back as an offset and let go bit by
-    bit. An angle then never changes by more than limit_deg and the part of its offset let go. The prior goes on from
+    frame's change of an angle beyond LIMIT_DEG counts as a jump, is held back as an offset and let go bit by
+    bit. An angle then never changes by more than LIMIT_DEG and the part of its offset let go. The prior goes on from
     its own pose, not from the smoothed one.
 
     look_ahead: frames, of an implicit prior only; 0: none. Windows that fewer recorded frames follow are never drawn.
@@ -92,10 +94,10 @@ class Synthesis:
 
     def __init__(
         self, prior: Prior, body: Body, known: Known | None = None, *, smoothing_s: float = 0.1,
-        limit_deg: float = 25.0, look_ahead: int = 0, foot_contact: bool = True,
+        look_ahead: int = 0, foot_contact: bool = True,
     ) -> None:  # fmt: skip
-        self.smoothing_s, self.limit_deg, self.look_ahead = smoothing_s, limit_deg, look_ahead
-        check("inference", self, smoothing_s=at_least(0), limit_deg=POSITIVE, look_ahead=at_least(0))
+        self.smoothing_s, self.look_ahead = smoothing_s, look_ahead
+        check("inference", self, smoothing_s=at_least(0), look_ahead=at_least(0))
         self.prior = _with_followers(prior, look_ahead) if look_ahead else prior
         self.skeleton, self.space, self.foot_contact = body.skeleton, prior.space, foot_contact
         self.known = Known("", 0) if known is None else known
@@ -115,10 +117,10 @@ class Synthesis:
         if start is None:
             raise InputError("inference: synthesis needs a pose to start from, found none")
         start = np.atleast_2d(start)[0]  # the likeliest of several
-        smoother = Smoother(self.smoothing_s, np.radians(self.limit_deg))
+        smoother = Smoother(self.smoothing_s, np.radians(LIMIT_DEG))
         before = start[None] if self.known.lead_in is None else self.known.lead_in
         contact = FootContact(self.skeleton, float(ankle_positions(self.skeleton, before)[..., 2].min()))
-        activity = self.known.lead_in_activity if isinstance(self.prior, Recorded) else None
+        activity = self.known.lead_in_activity if isinstance(self.prior, _Recorded) else None
         time_s, shown, state = 0.0, start, np.empty((0, 0))
         for count, frame in enumerate(frames):
             warnings, diagnostics, dt_s = tuple[str, ...](), dict[str, float](), frame.time_s - time_s
@@ -139,7 +141,7 @@ class Synthesis:
 
     def _start(self, pose: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, tuple[str, ...]]:
         """Return a state (1, D) at the pose (P,), and what there is to say about it."""
-        if not isinstance(self.prior, Recorded):
+        if not isinstance(self.prior, _Recorded):
             return self.prior.start(pose, 1, rng), ()
         library_hz, n_poses = self.prior.windows.rate_hz, self.prior.windows.length + 1
         poses = np.empty((0, len(pose)))
@@ -157,7 +159,7 @@ class Synthesis:
         self, state: FloatArray, dt_s: float, rng: np.random.Generator
     ) -> tuple[FloatArray, dict[str, float], str | None]:
         """Return the state (1, D) dt_s seconds later, the step's diagnostics, and the activity of what was drawn."""
-        if not isinstance(self.prior, Recorded):
+        if not isinstance(self.prior, _Recorded):
             return self.prior.step(state, dt_s, rng), {}, None
         same, drawn, known = True, None, self.known.lead_in_activity
         for _ in range(self.prior.rows_in(dt_s)):
@@ -244,7 +246,7 @@ def jump_deg(before: FloatArray, after: FloatArray) -> float:
     return float(np.degrees(np.abs(wrapped(after[N_ROOT:] - before[N_ROOT:])).max()))
 
 
-def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
+def _draw(prior: _Recorded, state: FloatArray, ahead: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
     """Draw the state (1, D) a library frame later, and its entry; of CANDIDATES by what follows, if ahead > 0."""
     states = np.repeat(state, CANDIDATES if ahead else 1, axis=0)
     firsts, entries, _ = _one_frame(prior, states, rng)
@@ -258,7 +260,7 @@ def _draw(prior: Recorded, state: FloatArray, ahead: int, rng: np.random.Generat
 
 
 def _one_frame(
-    prior: Recorded, states: FloatArray, rng: np.random.Generator
+    prior: _Recorded, states: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Draw states (N, D) a library frame later, with their entries (N,) and squared whitened distances (N,)."""
     probes = states[:, prior.space.slices["coefficients"]]
@@ -267,8 +269,8 @@ def _one_frame(
     return prior.predict(states, entries, rng.standard_normal((len(states), len(POSE_NAMES)))), entries, squares
 
 
-def _with_followers(prior: Prior, frames: int) -> Recorded:
-    if not isinstance(prior, Recorded):
+def _with_followers(prior: Prior, frames: int) -> _Recorded:
+    if not isinstance(prior, _Recorded):
         raise InputError("inference: look_ahead is for the implicit prior; set inference.look_ahead=0")
     kept = prior.windows.followers >= frames
     if not kept.any():

@@ -18,6 +18,9 @@ from workbench.likelihoods.base import PoseLook
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
+NU = 4.0
+"""Degrees of freedom of Student's distribution: few have heavy tails, for joints taken for others."""
+
 
 @dataclass(frozen=True, eq=False)
 class KeypointLikelihood:
@@ -26,11 +29,10 @@ class KeypointLikelihood:
         log p = −temper · Σ_v Σ_j (ν / 2 + 1) log(1 + w_j |u_j − û_j|² / (ν σ²))
 
     with û_j the joint of the pose in the image and w_j its mark's weight, a detector's confidence; up to a constant.
-    sigma_px: σ, px of the images used. nu: ν degrees of freedom; few have heavy tails, as detectors, which now and
-    then take one joint for another, do. temper: below 1 flattens the posterior, since a detector errs alike in frames
-    that follow each other and N particles cannot follow one much narrower than their spread. A joint behind the camera
-    is impossible. which: names of the cameras whose joints count, None for all. Images and the previous pose and frame
-    do not matter.
+    sigma_px: σ, px of the images used. ν: NU. temper: below 1 flattens the posterior, since a detector errs alike in
+    frames that follow each other and N particles cannot follow one much narrower than their spread. A joint behind the
+    camera is impossible. which: names of the cameras whose joints count, None for all. Images and the previous pose and
+    frame do not matter.
 
     Least squares minimises √w_j (u_j − û_j) / σ instead, under a loss, "squared", "huber" or "geman_mcclure", which
     bends at `scale` deviations. Raises InputError for numbers out of range and, when it first looks, a camera that is
@@ -44,14 +46,13 @@ class KeypointLikelihood:
 
     body: Body
     sigma_px: float = 4.0
-    nu: float = 4.0
     temper: float = 0.3
     which: Sequence[str] | None = None
     loss: str = "geman_mcclure"
     scale: float = 1.5
 
     def __post_init__(self) -> None:
-        check("keypoints", self, sigma_px=POSITIVE, nu=POSITIVE, temper=UP_TO_1, loss=one_of(*LOSSES), scale=POSITIVE)
+        check("keypoints", self, sigma_px=POSITIVE, temper=UP_TO_1, loss=one_of(*LOSSES), scale=POSITIVE)
 
     @property
     def observables(self) -> Observables:
@@ -81,8 +82,8 @@ class KeypointLikelihood:
         log_prob, places = np.zeros(len(pose)), joints(self.body.skeleton, pose)
         for view in seen:
             misses = view.camera.project(places[:, view.joints]) - view.marks[:, :2]
-            squares = view.marks[:, 2] * (misses**2).sum(axis=2) / (self.nu * self.sigma_px**2)
-            seen_log_prob = -self.temper * (0.5 * self.nu + 1.0) * np.log1p(squares).sum(axis=1)
+            squares = view.marks[:, 2] * (misses**2).sum(axis=2) / (NU * self.sigma_px**2)
+            seen_log_prob = -self.temper * (0.5 * NU + 1.0) * np.log1p(squares).sum(axis=1)
             log_prob += np.nan_to_num(seen_log_prob, nan=-np.inf, neginf=-np.inf)
         return log_prob
 

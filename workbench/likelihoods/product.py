@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.capabilities import Traits, needs_of_all, offers_of_all
+from workbench.core.capabilities import DERIVATIVES, Traits, needs_of_all, offers_of_all
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation, Likelihood, Look
 from workbench.core.observations import Observables, Observed
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, ResidualLikelihood, robust, scaled, stacked
-from workbench.likelihoods.cues.limb_base import LimbLook, evaluate_together
+from workbench.likelihoods.cues.limb_points import LimbLook, evaluate_together
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -40,9 +40,9 @@ class Product:
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare what all terms with a weight offer, and what any of them needs."""
+        """Declare what all terms with a weight offer but derivatives, and what any of them needs."""
         used = {name: term for name, term in keys["terms"].items() if keys["weights"].get(name)}
-        return Traits(offers_of_all(used), needs_of_all(used))
+        return Traits(offers_of_all(used) - {DERIVATIVES}, needs_of_all(used))
 
     terms: Mapping[str, Likelihood]
     weights: Mapping[str, float]
@@ -61,9 +61,9 @@ class Product:
     def _used(self) -> dict[str, Likelihood]:
         return {name: term for name, term in self.terms.items() if self.weights[name] > 0.0}
 
-    def look(self, previous: Frame | None, frame: Frame) -> "ProductLook":
+    def look(self, previous: Frame | None, frame: Frame) -> "_ProductLook":
         """Let every term with a weight look."""
-        return ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
+        return _ProductLook(self, {name: term.look(previous, frame) for name, term in self._used.items()})
 
     @cached_property
     def residual_terms(self) -> dict[str, ResidualLikelihood]:
@@ -109,7 +109,7 @@ class Product:
 
 
 @dataclass(frozen=True, eq=False)
-class ProductLook:
+class _ProductLook:
     """A look at one frame by the terms of a product: `looks`, by name, of those with a weight."""
 
     product: Product

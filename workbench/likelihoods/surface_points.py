@@ -16,6 +16,7 @@ from workbench.core.residual import LOSSES, Loss, ResidualFunction, surface_resi
 from workbench.likelihoods.base import PoseLook, finite_rows
 from workbench.utils.arrays import FloatArray
 
+RANGE_M = 2.0  # over which an outlier may lie
 _BLOCK = 2**20  # distances that are held at once, 8 MiB
 
 
@@ -23,10 +24,10 @@ _BLOCK = 2**20  # distances that are held at once, 8 MiB
 class SurfacePoints:
     """Points lie about the surface, or anywhere (paper D has the plain sum of squares, which knows no outliers):
 
-        log p = temper · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / range_m)
+        log p = temper · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / RANGE_M)
 
     with r_k the distance of point k to the nearest part of the body's implicit surface. sigma: σ, m. epsilon: ε, the
-    share of outliers. range_m: over which an outlier may lie, m. temper: below 1 flattens the posterior, since points
+    share of outliers. temper: below 1 flattens the posterior, since points
     of one stereo pair err together and N particles cannot follow a posterior that is much narrower than their spread.
 
     Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
@@ -41,7 +42,6 @@ class SurfacePoints:
     body: Body
     sigma: float = 0.02
     epsilon: float = 0.15
-    range_m: float = 2.0
     temper: float = 0.03
     kind: Kind = "distance"
     loss: str = "geman_mcclure"
@@ -49,7 +49,7 @@ class SurfacePoints:
     shared_m: float = 0.012
 
     def __post_init__(self) -> None:
-        check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, range_m=POSITIVE, temper=UP_TO_1)
+        check("surface points", self, sigma=POSITIVE, epsilon=INSIDE_UNIT, temper=UP_TO_1)
         check("surface points", self, kind=one_of(*KINDS), loss=one_of(*LOSSES), scale=POSITIVE)
         check("surface points", self, shared_m=at_least(0))
 
@@ -89,5 +89,5 @@ class SurfacePoints:
             z = nearest_distances(self.body.skeleton, self.surface, pose[rows], points) / self.sigma
             near = (1.0 - self.epsilon) * np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * self.sigma)
             near = np.nan_to_num(near, copy=False)  # whose squares overflow is far away
-            log_prob[rows] = self.temper * np.log(near + self.epsilon / self.range_m).sum(axis=1)
+            log_prob[rows] = self.temper * np.log(near + self.epsilon / RANGE_M).sum(axis=1)
         return log_prob

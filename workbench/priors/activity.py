@@ -16,6 +16,8 @@ from workbench.priors.density import REFERENCE_RATE_HZ, AllFree, apart, by_colum
 from workbench.utils.arrays import FloatArray
 
 N_PHASES = 64
+START_COEFFICIENTS, START_PHASE, START_POSITION, START_ROTATION, START_VELOCITY = 0.5, 0.03, 0.02, 0.03, 2.0
+"""Deviations of the first states around the starting pose: σ, cycles, m, rad and m/s along the heading."""
 LEAST_SIGMA = 1e-9  # deviation of what has no noise, so that its density exists
 
 
@@ -30,9 +32,9 @@ class Activity(AllFree):
     Noise is given per frame at 30 Hz and grows with the square root of the time between frames. sigma_coefficients: in
     standard deviations of a coefficient over the examples; they shrink towards zero so that N(0, 1) stays stationary.
     sigma_phase: cycles. sigma_phase_speed: cycles/s. sigma_position: m. sigma_rotation: rad, heading, pitch and roll.
-    sigma_velocity: m/s. start_*: deviations of the first states around the starting pose, in the same units; the phase
-    starts with the speed of an example drawn at random, the root with a velocity of N(0, start_velocity²) along its
-    heading, and a tenth of that sideways and upwards. penalty: what a fit lets change, by the fields of `Smoothness`.
+    sigma_velocity: m/s. The phase starts with the speed of an example drawn at random, the root with a velocity of N(0,
+    START_VELOCITY²) along its heading, and a tenth of that sideways and upwards. penalty: what a fit lets change, by
+    the fields of `Smoothness`.
 
     Poses are the person's, or those of the full skeleton that the model was learned on.
     """
@@ -48,9 +50,7 @@ class Activity(AllFree):
         self, model: ActivityModel, *,
         sigma_coefficients: float = 0.2, sigma_phase: float = 0.02, sigma_phase_speed: float = 0.02,
         sigma_position: float = 0.01, sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        sigma_velocity: float = 0.1, start_coefficients: float = 0.5, start_phase: float = 0.03,
-        start_position: float = 0.02, start_rotation: float = 0.03, start_velocity: float = 2.0,
-        penalty: Mapping[str, float] | None = None,
+        sigma_velocity: float = 0.1, penalty: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
         self.model, names = model, model.pose_names
         self.parameters = tuple(name for name in names if name in (*names[:N_ROOT], *model.angles))
@@ -66,11 +66,10 @@ class Activity(AllFree):
             root_position=sigma_position, root_rotation=sigma_rotation, root_velocity=sigma_velocity,
         )  # fmt: skip
         self._start = by_column(
-            self.space, coefficients=start_coefficients, phase=start_phase, root_position=start_position,
-            root_rotation=start_rotation,
+            self.space, coefficients=START_COEFFICIENTS, phase=START_PHASE, root_position=START_POSITION,
+            root_rotation=START_ROTATION,
         )  # fmt: skip
         self._kept = 1.0 - sigma_coefficients**2
-        self._start_velocity = start_velocity
         self._smoothness = smoothness(penalty)
 
     @property
@@ -84,7 +83,7 @@ class Activity(AllFree):
         state = self.nearest(pose) + self._start * rng.standard_normal((n, len(self.space)))
         state[:, slices["phase"]] %= 1.0
         state[:, slices["phase_speed"]] = rng.choice(self.model.cycle_rate_hz, n)[:, None]
-        along, sideways, up = self._start_velocity * np.array([1.0, 0.1, 0.1])[:, None] * rng.standard_normal((3, n))
+        along, sideways, up = START_VELOCITY * np.array([1.0, 0.1, 0.1])[:, None] * rng.standard_normal((3, n))
         heading = state[:, slices["root_rotation"].start]
         c, s = np.cos(heading), np.sin(heading)
         state[:, slices["root_velocity"]] = np.column_stack([c * along - s * sideways, s * along + c * sideways, up])

@@ -12,8 +12,7 @@ from workbench.core.capabilities import ACTIVITY, BODY_PARTS, LIMB_COLUMNS, SEPA
 from workbench.core.discrepancy import Discrepancy, widening
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior
-from workbench.priors.appended import Appended
-from workbench.priors.density import REFERENCE_RATE_HZ
+from workbench.priors.density import REFERENCE_RATE_HZ, Appended
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 

@@ -25,6 +25,7 @@ from workbench.utils.parallel import over_threads
 HEADING = POSE_NAMES.index("root_heading")
 TABLE_PHASES = 256
 TRANSITIONS = ("stationary", "A", "B")
+START_COEFFICIENTS, START_PHASE = 0.3, 0.015  # deviations of the first states, λ and cycles
 ANGLE_SIGMA_RAD = 0.1  # deviation of an angle of a starting pose from the model's
 _ROWS = 256  # states that are worth a thread
 
@@ -36,10 +37,10 @@ class Cyclic(AllFree):
     Noise is given per frame at 30 Hz and grows with the square root of the time between frames:
 
     sigma_coefficients: fraction of λ_k (A eq. 14). sigma_phase: cycles (A eq. 15). sigma_phase_speed: cycles/s (B).
-    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17).
-    start_*: standard deviations of the first states around the starting pose, in the same units;
-    start_coefficients is a fraction of λ_k. The speed of the phase starts from its learned distribution.
-    penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
+    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17). start_*:
+    standard deviations of the first states around the starting pose, in the same units. The speed of the phase starts
+    from its learned distribution. penalty: what a fit lets change between frames at 14 Hz, by the fields of
+    `Smoothness`.
 
     transition: "stationary", or what a paper writes, with the noise above:
 
@@ -69,7 +70,6 @@ class Cyclic(AllFree):
         sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
         sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005),
-        start_coefficients: float = 0.3, start_phase: float = 0.015,
         start_position: float = 0.01, start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None,
         transition: str = "stationary",
     ) -> None:  # fmt: skip
@@ -90,11 +90,11 @@ class Cyclic(AllFree):
             root_position=sigma_position, root_rotation=sigma_rotation,
         )  # fmt: skip
         self._start = by_column(
-            self.space, coefficients=start_coefficients, phase=start_phase, **self._of_speed(model.cycle_rate_hz[1]),
+            self.space, coefficients=START_COEFFICIENTS, phase=START_PHASE, **self._of_speed(model.cycle_rate_hz[1]),
             root_position=start_position, root_rotation=np.where(np.array(sigma_rotation) > 0.0, start_rotation, 0.0),
         )  # fmt: skip
         self._sigma_coefficients = sigma_coefficients
-        self._smoothness, self._motion = smoothness(penalty), motion_model(model)
+        self._smoothness, self._motion = smoothness(penalty), _motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
         self._table = np.ascontiguousarray(sampled(curves, TABLE_PHASES).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
@@ -159,7 +159,7 @@ class Cyclic(AllFree):
         poses = np.empty((len(state), N_ROOT + len(CHANNEL_NAMES[ANGLES])))
         poses[:, :N_ROOT] = root = state[:, slices["root_position"].start : slices["root_rotation"].stop]
         if self.sways:
-            poses[:, :N_ROOT] += turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
+            poses[:, :N_ROOT] += _turned(channels[:, len(CHANNEL_NAMES) :], root[:, HEADING])
         poses[:, N_ROOT:] = channels[:, ANGLES]
         return poses
 
@@ -175,7 +175,7 @@ class Cyclic(AllFree):
         if self.sways:
             sway = decode(self._table, coefficients[None], np.array([best / TABLE_PHASES]))
             sway = sway[:, len(CHANNEL_NAMES) :]
-            root -= turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
+            root -= _turned(sway, pose[HEADING : HEADING + 1] - sway[:, 2])[0]
         return by_column(
             self.space, coefficients=coefficients, phase=best / TABLE_PHASES,
             **self._of_speed(self.model.cycle_rate_hz[0]), root_position=root[:3], root_rotation=root[3:],
@@ -208,7 +208,7 @@ def best_phase(basis: FloatArray, missing: FloatArray) -> tuple[int, FloatArray]
     return best, coefficients[best]
 
 
-def motion_model(model: WalkingModel) -> ActivityModel:
+def _motion_model(model: WalkingModel) -> ActivityModel:
     """A cyclic model as a motion model of one activity, with cycles two deviations slower and faster as examples.
 
     The channels of the root, such as the sway, are left out: a fit has a root of its own.
@@ -222,7 +222,7 @@ def motion_model(model: WalkingModel) -> ActivityModel:
     )  # fmt: skip
 
 
-def turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
+def _turned(sway: FloatArray, heading: FloatArray) -> FloatArray:
     """Turn ROOT_CHANNELS (N, 5) by headings (N,) into what they add to the root's six numbers (N, 6) in the world."""
     aside, others = sway[:, :1], sway[:, 1:]
     return np.hstack([-np.sin(heading)[:, None] * aside, np.cos(heading)[:, None] * aside, others])

@@ -12,7 +12,7 @@ from workbench.core.capabilities import DENSITY, KEYPOINTS, Traits, needs_of_all
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior
 from workbench.core.side_information import REST, TRAJECTORY
-from workbench.priors.appended import Appended
+from workbench.priors.density import Appended
 from workbench.utils.arrays import FloatArray
 
 

@@ -1,62 +1,102 @@
-"""Priors that a configuration can name together with the motions they are learned from."""
+"""Priors that a configuration names together with the motions they are learned from.
 
-from collections.abc import Callable
-from inspect import Signature, signature
-from typing import Any, TypeVar, get_type_hints
+The parameters of a function are those of the model (`motion.models.training`) and those of the prior that it gets;
+their meaning and what is raised are described there.
+"""
 
-from workbench.core.capabilities import Traits
-from workbench.motion.models.training import (
-    activity_model,
-    cyclic_model,
-    gait_model,
-    linear_motion,
-    motion_windows,
-    walking_model,
-)
+from collections.abc import Callable, Mapping, Sequence
+from inspect import signature
+from typing import Any, TypeVar
+
+from workbench.core.capabilities import declaring
+from workbench.motion.models import training
+from workbench.motion.models.training import WALKERS
 from workbench.priors.activity import Activity
 from workbench.priors.cyclic import Cyclic
+from workbench.priors.implicit import Implicit
 from workbench.priors.linear import Linear
 
 P = TypeVar("P")
+_CACHE = "~/.cache/workbench"
 
 
-def learned(name: str, learn: Callable[..., Any], prior: Callable[..., P]) -> Callable[..., P]:
-    """Make the function of this module, called `name`, that learns a model and puts the prior on it.
-
-    Its keyword parameters are those of `learn` and those of the prior but the first, which is the model; so neither
-    side's are written twice, and a configuration's keys are read off its signature like any other's.
-    """
-    of_model, of_prior = signature(learn).parameters, list(signature(prior).parameters.values())[1:]
-
-    def factory(**given: Any) -> P:
-        model = learn(**{key: value for key, value in given.items() if key in of_model})
-        return prior(model, **{key: value for key, value in given.items() if key not in of_model})
-
-    factory.__name__ = factory.__qualname__ = name
-    factory.__doc__ = f"`{prior.__name__}` on what `{learn.__name__}` learns; parameters and what is raised: see there."
-    factory.__annotations__ = {**get_type_hints(prior.__init__), **get_type_hints(learn), "return": prior}
-    factory.traits = getattr(prior, "traits", Traits())  # type: ignore[attr-defined]
-    factory.__signature__ = Signature([*of_model.values(), *of_prior], return_annotation=prior)  # type: ignore[attr-defined]
-    return factory
+@declaring(Cyclic.traits)
+def walking(
+    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (), variance: float = 0.95, n_components: int | None = 8, scaling: str = "joints",
+    sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
+    sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
+    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+) -> Cyclic:  # fmt: skip
+    """Return paper A's prior (section 6.2): a model of whole walking cycles, found by gait events."""
+    return _learned(training.walking_model, Cyclic, locals())
 
 
-walking = learned("walking", walking_model, Cyclic)
-"""Paper A, section 6.2: the cyclic prior over a model learned from whole walking cycles, found by gait events."""
-gait = learned("gait", gait_model, Cyclic)
-"""Paper A's, with how the root sways in a cycle learned, too, so that less is left to noise."""
-cyclic = learned("cyclic", cyclic_model, Cyclic)
-"""Paper B: the same prior over a model learned from any cyclic motion with gaps."""
-linear = learned("linear", linear_motion, Linear)
-"""A linear-Gaussian model of all motions."""
-activity = learned("activity", activity_model, Activity)
-"""Paper D: one model of walking and running, which least squares fits and a particle filter samples."""
+@declaring(Cyclic.traits)
+def gait(
+    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (), n_components: int = 8,
+    sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
+    sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
+    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+) -> Cyclic:  # fmt: skip
+    """Return paper A's prior with how the root sways in a cycle learned, too, so that less is left to noise."""
+    return _learned(training.gait_model, Cyclic, locals())
 
 
-def __getattr__(name: str) -> Callable[..., Any]:
-    """Make `implicit`, paper C's database of motions as a prior, when it is asked for: its import takes longest."""
-    if name != "implicit":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from workbench.priors.implicit import Implicit
+@declaring(Cyclic.traits)
+def cyclic(
+    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, subjects: Sequence[str] = WALKERS,
+    leave_out: Sequence[str] = (), q: int = 8, missing: float = 0.0,
+    sigma_coefficients: float = 0.05, sigma_phase: float = 0.009, sigma_phase_speed: float = 0.01,
+    sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.01),
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), start_position: float = 0.01,
+    start_rotation: float = 0.02, penalty: Mapping[str, float] | None = None, transition: str = "stationary",
+) -> Cyclic:  # fmt: skip
+    """Return paper B's prior: a model of any cyclic motion with gaps."""
+    return _learned(training.cyclic_model, Cyclic, locals())
 
-    made = globals()[name] = learned(name, motion_windows, Implicit)
-    return made
+
+@declaring(Linear.traits)
+def linear(
+    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
+    activities: Sequence[str] = (), rate_hz: float | None = None, frames_hz: float | None = None, noise: float = 1.0,
+) -> Linear:  # fmt: skip
+    """Return the linear prior over all motions."""
+    return _learned(training.linear_motion, Linear, locals())
+
+
+@declaring(Activity.traits)
+def activity(
+    *, motions: str = "builtin", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
+    activities: Sequence[str] = ("walk", "run"), angles: Sequence[str] = ("body",), variance: float = 0.9,
+    n_components: int | None = None, skeleton: str = "person", sigma_coefficients: float = 0.2,
+    sigma_phase: float = 0.02, sigma_phase_speed: float = 0.02, sigma_position: float = 0.01,
+    sigma_rotation: tuple[float, float, float] = (0.01, 0.005, 0.005), sigma_velocity: float = 0.1,
+    penalty: Mapping[str, float] | None = None,
+) -> Activity:  # fmt: skip
+    """Return paper D's model of walking and running as a prior, for least squares and particle filters."""
+    return _learned(training.activity_model, Activity, locals())
+
+
+@declaring(Implicit.traits)
+def implicit(
+    *, motions: str = "recorded", data: str | None = None, cache: str = _CACHE, leave_out: Sequence[str] = (),
+    activities: Sequence[str] = (), angles: Sequence[str] = ("body",), root: bool = True,
+    rate_hz: float | None = None, length: int | None = None, frames_hz: float | None = None,
+    search: str = "exact", beta: float = 0.05, epsilon: float = 0.01, leaf: str = "gaussian", reweight: bool = False,
+    prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
+    sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
+    sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
+) -> Implicit:  # fmt: skip
+    """Return paper C's prior: a database of motions, searched."""
+    return _learned(training.motion_windows, Implicit, locals())
+
+
+def _learned(learn: Callable[..., Any], prior: Callable[..., P], given: Mapping[str, Any]) -> P:
+    """Learn the model from those parameters that `learn` has, and put the prior with the others on it."""
+    of_model = signature(learn).parameters
+    model = learn(**{key: value for key, value in given.items() if key in of_model})
+    return prior(model, **{key: value for key, value in given.items() if key not in of_model})

@@ -16,10 +16,9 @@ from workbench.core.state_space import StateSpace
 from workbench.motion.models.windows import Windows, pose_rows
 from workbench.priors.density import REFERENCE_RATE_HZ
 from workbench.priors.implicit_density import ImplicitDensity
-from workbench.priors.implicit_fidelity import log_importance
-from workbench.priors.implicit_prediction import Prediction
+from workbench.priors.implicit_prediction import WindowPrediction
 from workbench.priors.implicit_search import KdTree, group_equal, kd_tree, search
-from workbench.priors.implicit_tree import LEAVES, Tree, draw, median_tree, sign_tree
+from workbench.priors.implicit_tree import LEAVES, Tree, draw, log_importance, median_tree, sign_tree
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -28,6 +27,8 @@ TREES: dict[str, Callable[[Float32Array], KdTree | Tree]] = {
 }  # fmt: skip
 """How the data structure of every search is built."""
 PREDICTIONS = ("copy", "increment", "blend")
+START_BETA = 0.05  # temperature of the search for windows to start with
+START_POSITION, START_ROTATION, START_ANGLES = 0.01, 0.02, 0.02  # deviations of the first poses, m and rad
 MOST_EXAMPLES = 2000
 
 
@@ -52,8 +53,7 @@ class Implicit:
 
     sigma_position: m, forward, sideways, up. sigma_rotation: rad, heading, pitch, roll. sigma_angles: rad, one for all
     modelled angles or one for each. All per frame at 30 Hz; they grow with the square root of the time between rows.
-    start_*: standard deviations around the starting pose, in the same units. start_beta: temperature of the search for
-    windows to start with. Angles that are not modelled, and the root where it is not, stay as they start.
+    Angles that are not modelled, and the root where it is not, stay as they start.
 
     inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
     the next search looks for what goes on from there: with 0 the onset of a motion is followed late.
@@ -73,17 +73,14 @@ class Implicit:
         reweight: bool = False, prediction: str = "blend", pull: float = 0.1, inertia: float = 1.0,
         sigma_position: tuple[float, float, float] = (0.01, 0.01, 0.005),
         sigma_rotation: tuple[float, float, float] = (0.02, 0.01, 0.01), sigma_angles: float | Sequence[float] = 0.02,
-        start_beta: float = 0.05, start_position: float = 0.01, start_rotation: float = 0.02,
-        start_angles: float = 0.02,
     ) -> None:  # fmt: skip
         for name, given, known in (
             ("search", search, tuple(TREES)), ("prediction", prediction, PREDICTIONS), ("leaf", leaf, LEAVES),
         ):  # fmt: skip
             if given not in known:
                 raise InputError(f"prior: {name} must be one of {', '.join(known)}, found {given!r}")
-        if not (beta > 0.0 and start_beta > 0.0 and 0.0 < epsilon < 1.0):
-            found = f"{beta}, {start_beta}, {epsilon}"
-            raise InputError(f"prior: expected beta and start_beta above 0 and epsilon between 0 and 1, found {found}")
+        if not (beta > 0.0 and 0.0 < epsilon < 1.0):
+            raise InputError(f"prior: expected beta above 0 and epsilon between 0 and 1, found {beta}, {epsilon}")
         if not (0.0 <= pull <= 1.0 and 0.0 <= inertia <= 1.0):
             raise InputError(f"prior: pull and inertia must lie between 0 and 1, found {pull} and {inertia}")
         if reweight and search == "exact":
@@ -91,11 +88,11 @@ class Implicit:
         self.windows, self.reweight = windows, reweight
         moved = (*POSE_NAMES[:N_ROOT], *windows.angles) if windows.root else windows.angles
         self.parameters = tuple(name for name in POSE_NAMES if name in moved)
-        self.search, self.leaf, self.beta, self.epsilon, self.start_beta = search, leaf, beta, epsilon, start_beta
+        self.search, self.leaf, self.beta, self.epsilon = search, leaf, beta, epsilon
         pull = {"copy": 1.0, "increment": 0.0, "blend": pull}[prediction]
         noise = self._deviations(sigma_position, sigma_rotation, sigma_angles)
-        self.prediction = Prediction(windows, pull, inertia, noise)
-        self._start_noise = self._deviations((start_position,) * 3, (start_rotation,) * 3, start_angles)
+        self.prediction = WindowPrediction(windows, pull, inertia, noise)
+        self._start_noise = self._deviations((START_POSITION,) * 3, (START_ROTATION,) * 3, START_ANGLES)
         b = len(windows.sigmas)
         ahead = tuple(f"c{k + 1}_ahead{j}" for j in range(1, windows.length) for k in range(b))
         self.space = StateSpace.of({
@@ -132,13 +129,13 @@ class Implicit:
     def start(self, pose: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """N states (N, D) at a starting pose (P,) with noise, and with the windows of entries that end near it.
 
-        As in C, section 6, by a linear search: an entry counts exp(−½ Σ_a (ψ_a − pose_a)² / (start_beta · s_a²)) over
+        As in C, section 6, by a linear search: an entry counts exp(−½ Σ_a (ψ_a − pose_a)² / (START_BETA · s_a²)) over
         the modelled angles and, where the root is modelled, its pitch and roll, s_a being the database's deviations.
         """
         ours, theirs = self.prediction.absolute
         rows = self.windows.rows[self.windows.ends][:, theirs]
         squares = (((rows - pose[ours]) / self.windows.scales[theirs]) ** 2).sum(axis=1, dtype=np.float64)
-        odds = np.exp((squares.min() - squares) / (2.0 * self.start_beta)).cumsum()
+        odds = np.exp((squares.min() - squares) / (2.0 * START_BETA)).cumsum()
         entries = np.searchsorted(odds, rng.random(n) * odds[-1], side="right").clip(max=len(odds) - 1)
         poses = pose + self._start_noise * rng.standard_normal((n, len(POSE_NAMES)))
         return np.concatenate([poses, self.windows.memory(self.windows.window_rows(entries))], axis=1)

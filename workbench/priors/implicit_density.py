@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.body.simd_kinematics import inlined
 from workbench.priors.density import SAME
-from workbench.priors.implicit_prediction import N_POSE, Prediction
+from workbench.priors.implicit_prediction import N_POSE, WindowPrediction
 from workbench.priors.implicit_search import (
     PROBES,
     KdTree,
@@ -29,7 +29,8 @@ BLOCK = 1 << 14  # windows whose ways are computed at a time
 
 @dataclass(frozen=True, eq=False)
 class WindowWays:
-    """What each of n windows accounts for of a way between poses, see `Prediction.way`, and how far noise takes it on.
+    """What each of n windows accounts for of a way between poses, see `WindowPrediction.way`, and how far noise takes
+    it on.
 
     white: (n, K), the columns with noise first, over their deviations; the others, m or rad, last. order: (K,) which
     columns of a way those are. deviations: (K',) of those with noise.
@@ -40,7 +41,7 @@ class WindowWays:
     deviations: FloatArray
 
     @staticmethod
-    def of(prediction: Prediction) -> "WindowWays":
+    def of(prediction: WindowPrediction) -> "WindowWays":
         """The ways of all windows of the prediction's database."""
         deviations = prediction.deviations[prediction.moved]
         order = np.argsort(deviations == 0.0, kind="stable")
@@ -71,7 +72,7 @@ class ImplicitDensity:
     States must be one library frame apart: over several, the windows in between would have to be summed over.
     """
 
-    prediction: Prediction
+    prediction: WindowPrediction
     tree: KdTree
     beta: float
     epsilon: float

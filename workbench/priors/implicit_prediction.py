@@ -13,7 +13,7 @@ N_POSE = len(POSE_NAMES)
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class WindowPrediction:
     """The move of states {pose, memory} by the row that follows a window, one library frame.
 
     pull: part of the way towards the database's angles. inertia: part of the noise that enters the velocities in the

@@ -56,7 +56,7 @@ class KdTree:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class _Found:
     """What a search brought back for K probes and their N draws.
 
     entries: (N,). visited: (K,) entries whose distance was computed. log_mass: (K,) log Σ_i exp(−|c_i − c_t|² / 2β),
@@ -110,7 +110,7 @@ def _blocks(rows: Float32Array, empty: float) -> Float32Array:
 
 def search(
     tree: KdTree, probes: FloatArray, counts: IntArray, beta: float, uniforms: FloatArray, epsilon: float = 0.01
-) -> Found:
+) -> _Found:
     """Draw counts[k] entries for every probe k (K, b) from p(c_i | c_t) ∝ exp(−|c_i − c_t|² / 2β) (C, eq. 6).
 
     β = 1 is eq. 6 itself; the temperature scales its variances as in eq. 7. uniforms: (Σ counts,) in [0, 1), probe
@@ -126,7 +126,7 @@ def search(
         tree.coefficients, tree.order, tree.leaf_boxes, tree.group_boxes, padded(probes), ends, beta, epsilon,
         uniforms, entries, visited, log_mass,
     )  # fmt: skip
-    return Found(entries, visited, log_mass)
+    return _Found(entries, visited, log_mass)
 
 
 def found_distribution(tree: KdTree, probe: FloatArray, beta: float, epsilon: float = 0.01) -> tuple[FloatArray, int]:

@@ -26,7 +26,6 @@ from workbench.core.capabilities import (
 from workbench.core.keys import keeps_keys
 from workbench.core.prior import Powers, Prior, propose
 from workbench.priors.density import REFERENCE_RATE_HZ
-from workbench.priors.mixture import stratified_choice
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -154,3 +153,13 @@ def angles(limb: tuple[str, str, str, float]) -> tuple[str, str]:
     """The parameters that turn a limb over: the twist above it and its own bend."""
     side, upper, lower, _ = limb
     return f"{side}_{upper}_twist", f"{side}_{lower}_flexion"
+
+
+def stratified_choice(probabilities: FloatArray, n: int, rng: np.random.Generator) -> IntArray:
+    """Draw components (n,) with probabilities (K,), each in a number within one of n times its probability.
+
+    The n positions are equidistant with one random offset, shuffled, so that every single one is uniform on [0, 1).
+    """
+    positions = (rng.permutation(n) + rng.random()) / n
+    last = int(np.flatnonzero(probabilities)[-1])  # rounding may leave the last edge short of one
+    return np.minimum(np.searchsorted(np.cumsum(probabilities), positions, side="right"), last)

@@ -14,6 +14,7 @@ from workbench.motion.models.linear_motion import N_POSE, POSTURE, LinearMotion,
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+START_POSITION, START_ANGLES = 0.03, 0.05  # deviations of the first poses, m and rad
 _SPEEDS = ("ahead", "aside", "up", "turn")
 
 
@@ -26,7 +27,7 @@ class Linear:
     A pose says which velocity led to it, so that the pose's columns are free and velocities follow.
 
     noise: how much wider the noise is than what recorded motions leave: it is Gaussian, and people are not.
-    start_position, start_angles: deviations of the first poses, m and rad. Deviation: nothing keeps the angles inside
+    Deviation: nothing keeps the angles inside
     the skeleton's limits but what was learned. Raises InputError for numbers that are not positive.
     """
 
@@ -35,11 +36,9 @@ class Linear:
     model: LinearMotion
     _: KW_ONLY
     noise: float = 1.0
-    start_position: float = 0.03
-    start_angles: float = 0.05
 
     def __post_init__(self) -> None:
-        check("prior", self, noise=POSITIVE, start_position=POSITIVE, start_angles=POSITIVE)
+        check("prior", self, noise=POSITIVE)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -75,8 +74,8 @@ class Linear:
         """Return mean (50,) and covariance (50, 50) of what `start` draws."""
         model, covariance = self.model, np.zeros((2 * N_POSE, 2 * N_POSE))
         speeds = model.start_gain @ pose[POSTURE] + model.start_offset
-        spread = np.full(N_POSE, self.start_angles)
-        spread[:3] = self.start_position
+        spread = np.full(N_POSE, START_ANGLES)
+        spread[:3] = START_POSITION
         covariance[:N_POSE, :N_POSE] = np.diag(spread**2)
         covariance[N_POSE:, N_POSE:] = model.start_covariance
         return np.concatenate([pose, speeds]), covariance

@@ -21,6 +21,7 @@ from workbench.utils.arrays import BoolArray, FloatArray
 from workbench.utils.errors import InputError
 
 log = logging.getLogger(__name__)
+START_VELOCITY = 3.0  # deviation of the first velocities, in multiples of sigma_velocity
 UNLIMITED = 1e6
 LEAST_SCALE = 1e-30
 FAR = 1e8  # so many deviations from the mean, a draw between limits lies on the nearer one, to rounding
@@ -52,9 +53,9 @@ class Smooth(AllFree):
     ("left_shoulder_twist"), by parameter of either side ("shoulder_twist") or by joint ("shoulder", "root_position"),
     the first that is there; what is not given comes from SIGMA and SIGMA_VELOCITY. damping: the rate at which
     velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
-    sigma. start_pose, start_velocity: deviations of the first poses around the starting pose and of the first
-    velocities around zero, in multiples of sigma and sigma_velocity. start_uniform: parameters that start anywhere
-    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
+    sigma. start_pose: deviation of the first poses around the starting pose, in multiples of sigma. start_uniform:
+    parameters that start anywhere within their limits. penalty: what a fit lets change between frames at 14 Hz, by the
+    fields of `Smoothness`.
 
     Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
     them. We draw from it normalised, the truncated normal: the same as redrawing until a draw falls inside, and not as
@@ -76,10 +77,10 @@ class Smooth(AllFree):
         self, *, parameters: Sequence[str] | None = None,
         sigma: Mapping[str, float] | None = None, sigma_velocity: Mapping[str, float] | None = None,
         damping: float = 0.0, lowest: Mapping[str, float] | None = None, highest: Mapping[str, float] | None = None,
-        start_pose: float = 2.0, start_velocity: float = 3.0, start_uniform: Sequence[str] = (),
+        start_pose: float = 2.0, start_uniform: Sequence[str] = (),
         penalty: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
-        for name, value in (("damping", damping), ("start_pose", start_pose), ("start_velocity", start_velocity)):
+        for name, value in (("damping", damping), ("start_pose", start_pose)):
             if not 0.0 <= value < np.inf:
                 raise InputError(f"prior: {name} must be zero or a positive number, found {value}")
         self.parameters = POSE_NAMES if parameters is None else named_parameters("prior: parameters", parameters)
@@ -88,7 +89,7 @@ class Smooth(AllFree):
         self.sigma = _deviations("sigma", self.parameters, sigma or {}, SIGMA)
         self.sigma_velocity = _deviations("sigma_velocity", self.parameters, sigma_velocity or {}, SIGMA_VELOCITY)
         self.limits = _limits(self.parameters, lowest or {}, highest or {})
-        self.damping, self.start_pose, self.start_velocity = damping, start_pose, start_velocity
+        self.damping, self.start_pose = damping, start_pose
         self._smoothness = smoothness(penalty)
         uniform = _known("start_uniform", start_uniform, self.parameters)
         self._uniform = np.array([self.parameters.index(name) for name in uniform], dtype=np.int64)
@@ -127,7 +128,7 @@ class Smooth(AllFree):
         state[:, moving] = truncated_normal(state[:, moving], self.start_pose * self.sigma, low, high, uniforms)
         spread = low[self._uniform] + uniforms[:, self._uniform] * (high - low)[self._uniform]
         state[:, self._uniform] = spread  # the moving parameters are the state's first columns
-        state[:, velocity] = self.start_velocity * self.sigma_velocity * rng.standard_normal(state[:, velocity].shape)
+        state[:, velocity] = START_VELOCITY * self.sigma_velocity * rng.standard_normal(state[:, velocity].shape)
         return state
 
     def enter(self, poses: FloatArray, velocities: FloatArray) -> FloatArray:
@@ -160,7 +161,7 @@ class Smooth(AllFree):
         mean = self.enter(pose[None], np.zeros((1, len(POSE_NAMES))))[0]
         moving = self.space.slices["pose"]
         mean[moving] = np.clip(mean[moving], *self.limits.T)
-        return mean, self._diagonal(self.start_pose * self.sigma, self.start_velocity * self.sigma_velocity)
+        return mean, self._diagonal(self.start_pose * self.sigma, START_VELOCITY * self.sigma_velocity)
 
     def noise_covariance(self, state: FloatArray, dt_s: float) -> FloatArray:
         """Covariance (D, D) of what is drawn about the mean of one state (D,), but for the limits."""
@@ -178,7 +179,7 @@ class Smooth(AllFree):
         predicted = previous[..., moving] + dt_s * previous[..., velocity]
         change = state[..., velocity] - np.exp(-self.damping * dt_s) * previous[..., velocity]
         same = (state[..., held] == previous[..., held]).all(axis=-1)
-        pose = log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
+        pose = _log_truncated_normal(state[..., moving], predicted, growth * self.sigma, *self.limits.T).sum(axis=-1)
         return np.where(same, pose + log_normal(change, growth * self.sigma_velocity), -np.inf)
 
     def pose(self, state: FloatArray) -> FloatArray:
@@ -201,7 +202,7 @@ def truncated_normal(
     return np.clip(mean + deviation * np.where(upper, -z, z), low, high)  # clips rounding errors only
 
 
-def log_truncated_normal(
+def _log_truncated_normal(
     values: FloatArray, mean: FloatArray, deviation: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
     """Log densities of `truncated_normal`'s draws; all broadcast together. −∞ beyond the limits.

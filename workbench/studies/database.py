@@ -16,7 +16,7 @@ from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.motion.formats.names import clip_name
 from workbench.motion.models.windows import Windows
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_fidelity import Fidelity, fidelity
+from workbench.priors.implicit_tree import Fidelity, fidelity
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 

@@ -72,3 +72,19 @@ def test_the_device_of_a_product_is_removed_wherever_it_is(device):
 def test_another_device_is_refused_with_its_place(device):
     with pytest.raises(InputError, match=r"run\.rrd: likelihood\.device: expected cpu, .* found "):
         in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}})
+
+
+def test_a_component_that_is_none_any_more_is_refused_with_its_place():
+    recorded = {"_target_": "my.Wrapper", "base": {"_target_": "workbench.priors.partwise.Partwise"}}
+    with pytest.raises(InputError, match=r"run\.rrd: prior\.base\._target_: .*Partwise is no component any more"):
+        in_todays_words(PATH, {"prior": recorded})
+
+
+@pytest.mark.parametrize("found", [3.0, 5.0])
+def test_a_key_that_is_fixed_today_is_removed_or_refused(found):
+    smooth = {"_target_": "workbench.priors.smooth.Smooth"}
+    if found == 3.0:
+        assert in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}}) == {"prior": smooth}
+    else:
+        with pytest.raises(InputError, match=r"prior\.start_velocity: expected 3\.0, which is fixed today, found 5\.0"):
+            in_todays_words(PATH, {"prior": {**smooth, "start_velocity": found}})

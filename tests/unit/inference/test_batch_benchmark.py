@@ -6,8 +6,8 @@ import pytest
 
 from analysis.benchmarks.batch import TOLERANCE, Dense, by_scipy
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.decoding import FitData
-from workbench.inference.least_squares.motion import fit_motion, fit_problem
+from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.single_frame import FitData
 
 
 @pytest.fixture(scope="module")

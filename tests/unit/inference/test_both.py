@@ -12,8 +12,8 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import LayeredLook, Slope
+from workbench.inference.ekf.gaussian_state import OWN_M, PIXELS_SAY, of_both, shares
 from workbench.inference.ekf.iterated_ekf import Kalman
-from workbench.inference.ekf.pass_fusion import OWN_M, PIXELS_SAY, of_both, shares
 from workbench.priors.smooth import Smooth
 from workbench.utils.rng import stream
 

@@ -9,15 +9,13 @@ from linear_gaussian import MEAN0, LinearPrior, LookOf, Memoryless, Position, fr
 from workbench.core.filter_state import Past
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing
-from workbench.inference.smc.annealed import Annealed
-from workbench.inference.smc.auxiliary import Auxiliary
-from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import LOOKED_BACK, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
-from workbench.inference.smc.tempered_smc import TemperedSMC
+from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.utils.errors import InputError
 
 T, N = LOOKED_BACK + 4, 40

@@ -7,9 +7,9 @@ from keypoint_scenes import BODY, CAMERA, NOTHING, frames, walk
 from workbench.body.kinematics import joints
 from workbench.core.observations import observe
 from workbench.core.residual import SQUARED, Loss
-from workbench.inference.least_squares.correlation import effective_share, error_correlation
-from workbench.inference.least_squares.decoding import FitData
 from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.single_frame import FitData
+from workbench.inference.least_squares.systematic_errors import effective_share, error_correlation
 from workbench.utils.errors import InputError
 
 SIGMA_PX = 3.0

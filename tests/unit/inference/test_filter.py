@@ -25,8 +25,7 @@ from linear_gaussian import (
 
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Evaluation
-from workbench.inference.smc.auxiliary import Auxiliary
-from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter, traced
 from workbench.inference.smc.weights import RESAMPLING, effective_sample_size
 from workbench.priors.density import log_normal

@@ -8,12 +8,19 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import joints
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss, keypoint_residual
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.frame import Gaussian, fit_frame, follow, global_motion
+from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
 from workbench.inference.least_squares.frame_by_frame import fit_poses, pose_prior
-from workbench.inference.least_squares.motion import fit_motion, fit_problem
 from workbench.inference.least_squares.phase_grid import best_lines, find_phase, roots_from_points
 from workbench.inference.least_squares.residuals import joint_residual
+from workbench.inference.least_squares.single_frame import (
+    FitData,
+    GaussianPrior,
+    MotionDecoder,
+    PoseDecoder,
+    fit_frame,
+    follow,
+    global_motion,
+)
 from workbench.utils.errors import InputError
 
 SQUARED, ROBUST = Loss("squared", 1.0), Loss("geman_mcclure", 3.0)
@@ -101,7 +108,7 @@ def test_what_nothing_tells_of_keeps_its_place_and_is_uncertain():
 def test_a_frame_under_a_gaussian_prior_is_the_closed_form():
     rng = np.random.default_rng(0)
     slopes, seen = rng.standard_normal((14, 10)), rng.standard_normal(14)
-    prior = Gaussian(rng.standard_normal(10), rng.standard_normal((6, 10)))
+    prior = GaussianPrior(rng.standard_normal(10), rng.standard_normal((6, 10)))
     found = fit_frame(
         PoseDecoder(WALKER), lambda pose: (slopes @ pose - seen, slopes), SQUARED, np.zeros(10), prior=prior,
         tolerance=1e-14,

@@ -9,7 +9,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.core.frame import Frame
 from workbench.core.likelihood import LayeredLook, Slope
-from workbench.inference.ekf.gaussian_state import Belief, smoothed
+from workbench.inference.ekf.gaussian_state import GaussianState, smoothed
 from workbench.inference.ekf.iterated_ekf import Kalman
 from workbench.inference.ekf.limb_reinitialization import LEAST_GAIN, cost, is_better, leap
 from workbench.priors.smooth import Smooth
@@ -90,9 +90,11 @@ def test_what_is_found_is_within_the_limits():
 def test_the_past_says_nothing_of_what_leapt_and_all_of_the_rest():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((4, 4))
-    first = Belief(rng.standard_normal(4), root @ root.T, np.zeros(4), np.eye(4), np.eye(4), np.ones(len(POSE_NAMES)))
+    first = GaussianState(
+        rng.standard_normal(4), root @ root.T, np.zeros(4), np.eye(4), np.eye(4), np.ones(len(POSE_NAMES))
+    )
     covariance = first.covariance + np.eye(4)
-    led = Belief(first.mean, covariance, first.mean, covariance, np.eye(4), first.doubt)
+    led = GaussianState(first.mean, covariance, first.mean, covariance, np.eye(4), first.doubt)
     known = np.array([1, 3])
     after = led.released(known, np.array([5.0, 0.0]), np.array([0.2, 3.0]))
     np.testing.assert_array_equal(after.mean[known], [5.0, 0.0])
@@ -102,7 +104,7 @@ def test_the_past_says_nothing_of_what_leapt_and_all_of_the_rest():
     np.testing.assert_array_equal(after.covariance[np.ix_(rest, rest)], covariance[np.ix_(rest, rest)])
     moved = after.mean.copy()
     moved[known] += 10.0  # seen where it leapt to, which tells nothing of where it was
-    seen = Belief(
+    seen = GaussianState(
         moved, 0.5 * after.covariance, after.predicted, after.predicted_covariance, after.transition, led.doubt
     )
     back = smoothed([first, seen])[0]

@@ -10,12 +10,12 @@ from workbench.body.kinematics import joints
 from workbench.core.discrepancy import Discrepancy
 from workbench.core.frame import Frame
 from workbench.core.residual import SQUARED, Loss
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
 from workbench.inference.least_squares.frame_by_frame import fit_poses, pose_prior
 from workbench.inference.least_squares.least_squares import steps
 from workbench.inference.least_squares.motion_fit import fit_from, fit_sequence
 from workbench.inference.least_squares.residuals import joint_residual
-from workbench.inference.least_squares.shared import Shared
+from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, PoseDecoder
+from workbench.inference.least_squares.systematic_errors import Shared
 
 ROBUST = Loss("geman_mcclure", 3.0)
 

@@ -8,12 +8,12 @@ from least_squares_scenes import Knowing, SineModel
 from workbench.core.frame import Frame
 from workbench.core.observations import kinds_seen, observe
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder
+from workbench.inference.least_squares.all_frames import fit_problem
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.motion import fit_problem
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.residuals import views_residual
+from workbench.inference.least_squares.single_frame import FitData, MotionDecoder
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError
 

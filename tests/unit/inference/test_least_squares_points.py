@@ -14,10 +14,10 @@ from workbench.body.surface import person_surface
 from workbench.core.frame import Frame, View
 from workbench.core.prior import Smoothness
 from workbench.core.residual import surface_residual
-from workbench.inference.least_squares.decoding import MotionDecoder
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit
+from workbench.inference.least_squares.single_frame import MotionDecoder
 from workbench.inference.least_squares.smooth_fit import SmoothFit
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.likelihoods.product import Product

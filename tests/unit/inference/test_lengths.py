@@ -9,8 +9,8 @@ from view_scenes import CAMERAS, frames, observed, swinging
 
 from workbench.inference.initialization.limb_lengths import HEIGHT_SIGMA, measure
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.lengths import TOLD_SIGMA, Lengths, told_doubt
 from workbench.inference.least_squares.residuals import views_residual
+from workbench.inference.least_squares.systematic_errors import TOLD_SIGMA, Lengths, told_doubt
 from workbench.likelihoods.keypoints import KeypointLikelihood
 
 SKELETON = BODY.skeleton

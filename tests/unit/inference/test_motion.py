@@ -8,8 +8,8 @@ from least_squares_scenes import WALKER, SineModel, decoder, disturbed, joint_re
 
 from workbench.core.prior import Smoothness
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder
-from workbench.inference.least_squares.motion import fit_motion, fit_problem
+from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.single_frame import FitData, MotionDecoder
 from workbench.utils.errors import InputError
 
 T = 8

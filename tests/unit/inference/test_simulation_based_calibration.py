@@ -8,14 +8,12 @@ import pytest
 from scipy.stats import norm
 from simulated_posteriors import Simulated, arm_prior, filtered, fitted, walking_prior
 
-from workbench.inference.smc.annealed import Annealed
-from workbench.inference.smc.auxiliary import Auxiliary
-from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
-from workbench.inference.smc.tempered_smc import TemperedSMC
+from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 
 LEAST, MOST = 0.86, 0.93
 """Of the truths that the 90 % bands shall hold."""

@@ -16,10 +16,10 @@ from workbench.core.pose_prior import Postures
 from workbench.core.prior import Powers
 from workbench.core.residual import Loss, robust, stacked
 from workbench.inference.initialization.limb_lengths import LENGTHS, measure, of_keypoints, shape_of
-from workbench.inference.least_squares.decoding import FitData, PoseDecoder
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.residuals import limit_residual, views_residual
+from workbench.inference.least_squares.single_frame import FitData, PoseDecoder
 from workbench.inference.least_squares.smooth_fit import SmoothFit, smooth_problem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 from workbench.utils.errors import InputError

@@ -9,7 +9,7 @@ from view_scenes import CAMERAS, frames, observed
 
 from workbench.body.kinematics import joints
 from workbench.core.residual import SQUARED, stacked
-from workbench.inference.least_squares.decoding import FitData, PoseDecoder
+from workbench.inference.least_squares.all_frames import fit_motion
 from workbench.inference.least_squares.foot_contact import (
     LEAST_S,
     image_speeds,
@@ -18,8 +18,8 @@ from workbench.inference.least_squares.foot_contact import (
     ties_of_feet,
 )
 from workbench.inference.least_squares.least_squares import LeastSquares
-from workbench.inference.least_squares.motion import fit_motion
 from workbench.inference.least_squares.residuals import joint_residual, limit_residual
+from workbench.inference.least_squares.single_frame import FitData, PoseDecoder
 from workbench.inference.least_squares.smooth_fit import smooth_problem
 from workbench.likelihoods.keypoints import KeypointLikelihood
 

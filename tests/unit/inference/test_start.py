@@ -14,14 +14,14 @@ from workbench.core.dataset import Known
 from workbench.core.frame import MarkedFrames
 from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import Powers
-from workbench.inference.initialization.from_annotations import (
+from workbench.inference.initialization.from_keypoints import start_from_keypoints
+from workbench.inference.initialization.poses import (
     placed_costs,
     start_from_examples,
     start_from_marks,
+    start_poses,
     usable_marks,
 )
-from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.initialization.poses import start_poses
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.motion.synthetic.run_gait import builtin_runs
 from workbench.utils.errors import InputError

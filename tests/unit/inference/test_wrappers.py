@@ -21,16 +21,14 @@ from linear_gaussian import (
 
 from workbench.core.prior import Powers
 from workbench.core.state_space import StateSpace
-from workbench.inference.smc.annealed import Annealed
-from workbench.inference.smc.auxiliary import Auxiliary
-from workbench.inference.smc.bootstrap import Bootstrap
+from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
 from workbench.inference.smc.hybrid import UNGUIDED, Hybrid
 from workbench.inference.smc.particle_filter import DegenerateWeights, ParticleFilter
 from workbench.inference.smc.partitioned import Partitioned
 from workbench.inference.smc.reinitializing import REFERENCE_FRAMES, Restarting
 from workbench.inference.smc.smoothing import BackwardSimulation, FixedLag
-from workbench.inference.smc.tempered_smc import TemperedSMC
+from workbench.inference.smc.tempered_smc import Annealed, TemperedSMC
 from workbench.priors.density import apart, log_normal
 from workbench.utils.errors import InputError
 

@@ -1,4 +1,4 @@
-"""Alignment: cells against ray casting, slopes against differences, the scene and what passes against made-up clips."""
+"""Dense alignment: cells against ray casting, slopes against differences, scene and occluders against made-up clips."""
 
 from dataclasses import replace
 
@@ -16,19 +16,25 @@ from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Relearning, SlopedLook
 from workbench.datasets.rendering import render
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.dense.background_model import OWN, _lasting, _median, first_scene, tracked_scene
-from workbench.likelihoods.dense.contour_samples import beside
-from workbench.likelihoods.dense.dense_alignment import Alignment
-from workbench.likelihoods.dense.occluders import LEAST_PX, nothing_passing
-from workbench.likelihoods.dense.pyramid import picture
+from workbench.likelihoods.dense.background_model import (
+    LEAST_PX,
+    OWN,
+    _lasting,
+    _median,
+    first_scene,
+    nothing_passing,
+    tracked_scene,
+)
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.surface_elements import (
+    beside,
     motion_of,
     moved_by,
     placed,
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, person_mask, picture
 from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
@@ -281,7 +287,7 @@ def tracked(walker):
     """The likelihood after two frames seen in their true poses, and all frames."""
     clip = FrameCache(walker)
     frames = list(clip)
-    likelihood = Alignment(walker.body, clip)
+    likelihood = DenseAlignment(walker.body, clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
         likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
     return likelihood, frames
@@ -326,7 +332,7 @@ def test_a_limb_beside_its_image_is_a_misfit_of_what_carries_it_alone(tracked):
 
 def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
     frames = tracked[1]
-    likelihood = Alignment(walker.body, FrameCache(walker))
+    likelihood = DenseAlignment(walker.body, FrameCache(walker))
     assert isinstance(likelihood, Relearning)
     again = likelihood.relearned(frames[0], {frame.index: frame.truth.pose for frame in frames})
     assert again.look(None, frames[0]).judges
@@ -336,7 +342,6 @@ def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"blurs_px": (1.0, 2.0)}, "blurs_px must be positive and descending"),
         ({"sigma": 0.0}, "sigma must be positive"),
         ({"count": -1.0}, "count must be positive"),
         ({"n_frames": 2}, "n_frames must be at least 3"),
@@ -344,12 +349,12 @@ def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
 )
 def test_constants_out_of_range_are_refused(walker, wrong, sentence):
     with pytest.raises(InputError, match=sentence):
-        Alignment(walker.body, FrameCache(walker), **wrong)
+        DenseAlignment(walker.body, FrameCache(walker), **wrong)
 
 
 def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):
     other = replace(CAMERA, name="another")
     frame = Frame(0, 0.0, (View(other, np.zeros(SHAPE, np.uint8)),))
-    look = Alignment(walker.body, of_frames(tracked[1][:3])).look(None, frame)
+    look = DenseAlignment(walker.body, of_frames(tracked[1][:3])).look(None, frame)
     with pytest.raises(InputError, match="camera another was not in the clip"):
         look.remember(np.zeros(25))

@@ -112,7 +112,7 @@ def test_the_texture_is_best_explained_where_it_went():
     now = image.copy()
     now[90:150, 150:180] = image[90:150, 145:175]
     first = scenes.frame(0, (scenes.FRONT, image))
-    likelihood = scenes.begun(Appearance(ROD, blur_px=1.0), first, scenes.root()[0])
+    likelihood = scenes.begun(Appearance(ROD), first, scenes.root()[0])
     shifts = np.arange(-8, 9)
     poses = np.repeat(scenes.root(), len(shifts), axis=0)
     poses[:, 1] = shifts / 75.0
@@ -144,7 +144,7 @@ def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_on
 
 @pytest.mark.parametrize(
     ("constant", "value"),
-    [("k", 0.0), ("sigma", 0.0), ("epsilon", 1.0), ("rate", 1.5), ("n_samples", 0), ("blur_px", -1.0)],
+    [("k", 0.0), ("sigma", 0.0), ("epsilon", 1.0), ("rate", 1.5), ("n_samples", 0)],
 )
 def test_constants_out_of_range_are_named(constant, value):
     with pytest.raises(InputError, match=rf"appearance: {constant} must be .* found"):

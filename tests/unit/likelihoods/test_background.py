@@ -21,39 +21,45 @@ ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 def test_median_and_deviation_of_a_pixel_are_robust():
     """Of seven frames two show a person; the others lie about 100 by −4, −2, 0, 2, 4."""
     levels = np.array([96.0, 98.0, 230.0, 100.0, 102.0, 250.0, 104.0], np.float32)
-    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2, 1), 1.0)
+    found = still_scene(np.repeat(levels, 4).reshape(7, 2, 2, 1))
     np.testing.assert_array_equal(found.median, 102.0)
     np.testing.assert_allclose(found.sigma, 1.4826 * 4.0, rtol=1e-6)  # |deviations| 6 4 128 2 0 148 2
-    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2, 1), 7.0, np.float32), 2.5).sigma, 2.5)
+    np.testing.assert_array_equal(still_scene(np.full((3, 2, 2, 1), 7.0, np.float32)).sigma, 3.0)
+
+
+@pytest.fixture
+def sharp(monkeypatch):
+    """Images are not smoothed."""
+    monkeypatch.setattr("workbench.likelihoods.cues.background.BLUR_PX", 0.0)
 
 
 @pytest.mark.parametrize("difference", [0.0, 3.0, 60.0])
-def test_ratio_of_a_pixel(difference):
+def test_ratio_of_a_pixel(difference, sharp):
     still, frames = clip(*[scenes.flat(100)] * 3, scenes.flat(100 + int(difference)))
-    likelihood = Background(ROD, still, blur_px=0.0)
+    likelihood = Background(ROD, still)
     found = log_ratio(frames[-1].views[0], likelihood.scenes, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(difference), rtol=1e-5)
 
 
 @pytest.mark.parametrize("channels", [(80, 80, 80), (80, 0, 0), (3, 0, 6)])
-def test_channels_count_as_one(channels):
+def test_channels_count_as_one(channels, sharp):
     """Their deviations are averaged: three equal ones say what a grey image says."""
     empty = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 100, np.uint8)
     still, frames = clip(empty, empty, empty, empty + np.array(channels, np.uint8))
-    scene = Background(ROD, still, blur_px=0.0).scenes["front"]
+    scene = Background(ROD, still).scenes["front"]
     assert scene.median.shape == empty.shape
     found = log_ratio(frames[-1].views[0], {"front": scene}, 0.0, EPSILON)
     np.testing.assert_allclose(found, by_hand(np.sqrt(np.mean(np.square(channels)))), rtol=1e-5)
 
 
-def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside():
+def test_a_limb_that_fills_the_change_gets_the_ratio_inside_and_outside(sharp):
     """What changed is the rod's silhouette: inside r(80), about it −r(0); a rod elsewhere gets r(0) − r(0) = 0."""
     view = PosedView(scenes.FRONT, np.zeros((240, 320), np.float32), forward(ROD.skeleton, scenes.root()))
     corners = limb_patches(ROD.limbs, view).corners[0, 0].reshape(-1, 2)
     (left, top), (right, bottom) = np.ceil(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
     empty = scenes.flat(100)
     still, frames = clip(empty, empty, empty, with_block(empty, 180, slice(top, bottom), slice(left, right)))
-    likelihood = Background(ROD, still, blur_px=0.0, k=2.0)
+    likelihood = Background(ROD, still, k=2.0)
     poses = np.concatenate(
         [scenes.root(), scenes.root((0.0, 1.0, 0.0)), scenes.root((scenes.DISTANCE + 3.0, 0.0, 0.0))]
     )
@@ -102,7 +108,7 @@ def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
 
 @pytest.mark.parametrize(
     ("constant", "value"),
-    [("k", 0.0), ("epsilon", 0.0), ("least_sigma", 0.0), ("n_frames", 2), ("n_samples", 0), ("blur_px", -1.0)],
+    [("k", 0.0), ("epsilon", 0.0), ("n_frames", 2), ("n_samples", 0)],
 )
 def test_constants_out_of_range_are_named(constant, value):
     with pytest.raises(InputError, match=rf"background: {constant} must be .* found"):

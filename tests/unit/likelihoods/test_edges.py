@@ -18,8 +18,7 @@ from workbench.likelihoods.cues.edge_filters import (
     responses,
     smoothed,
 )
-from workbench.likelihoods.cues.edge_model import BINS, EdgeModel, learn_edges
-from workbench.likelihoods.cues.edges import Edges, response_log_ratio
+from workbench.likelihoods.cues.edges import BINS, EdgeModel, Edges, learn_edges, response_log_ratio
 from workbench.likelihoods.cues.limb_points import limb_points, looked_up
 from workbench.motion.models.store import Provenance, load, save
 from workbench.utils.errors import InputError

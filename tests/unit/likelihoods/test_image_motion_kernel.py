@@ -9,7 +9,7 @@ from tests.oracles import image_motion as oracle
 from tests.oracles.kinematics import forward as forward_oracle
 from workbench.body.camera import plain_camera
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.image_motion import ImageMotion
+from workbench.likelihoods.image_motion import BLUR_PX, ImageMotion
 from workbench.likelihoods.image_motion import kernel as image_motion_kernel
 
 
@@ -51,7 +51,7 @@ def scene(camera, n, seed=1):
 def by_reference(likelihood, previous, frame, previous_poses, poses):
     body, posed, packed = likelihood.body, [], []
     for f, p in ((previous, previous_poses), (frame, poses)):
-        camera, image = f.views[0].camera, grey_levels(f.views[0], likelihood.blur_px)
+        camera, image = f.views[0].camera, grey_levels(f.views[0], BLUR_PX)
         posed.append(oracle.PosedView(camera, image, forward_oracle(body.skeleton, p)))
         packed.append(image_motion_kernel.PackedView(camera, image_motion_kernel.packed(image), p))
     constants = likelihood.samples, likelihood.model
@@ -77,10 +77,10 @@ def test_kernel_agrees_with_the_reference(camera, exponent, occlusion):
         {"background": "still"},
         {"background": "still", "exponent": "sum", "occlusion": "limb", "n_samples": 10},
         {"background": "still", "epsilon": 0.0},
-        {"sigma": 2.0, "p_occluded": 1e-4},
+        {"sigma": 2.0},
         {"exponent": "sum", "occlusion": "limb", "points": "drawn"},
         {"n_samples": 1},
-        {"n_samples": 37, "blur_px": 0.0, "seed": 5},
+        {"n_samples": 37},
     ],
     ids=str,
 )

@@ -11,17 +11,16 @@ from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, world_axes
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.likelihoods.dense.background_model import Scene
-from workbench.likelihoods.dense.contour_samples import beside
-from workbench.likelihoods.dense.pyramid import picture, pictures
+from workbench.likelihoods.dense.background_model import BackgroundModel
 from workbench.likelihoods.dense.surface_elements import (
+    beside,
     motion_of,
     moved_by,
     placed,
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import THIN, Residuals, Sight
+from workbench.likelihoods.dense.view_likelihood import THIN, Residuals, Sight, picture, pictures
 
 BODY = person(from_height(1.75))
 FAR = plain_camera(320, 240, 330.0, (3.2, -0.9, 0.9), (0.0, 0.0, 0.9))
@@ -99,7 +98,7 @@ def test_values_and_slopes_between_pixels_are_those_of_scipy():
 def half_known(seed=0):
     rng = np.random.default_rng(seed)
     n = np.where(rng.random((100, 80)) < 0.3, 0.0, rng.integers(1, 25, (100, 80)))
-    return Scene(255.0 * rng.random((100, 80)), n, 4.0)
+    return BackgroundModel(255.0 * rng.random((100, 80)), n, 4.0)
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -13,9 +13,9 @@ from workbench.body.shape import from_height
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import LayeredLook
 from workbench.datasets.synthetic import Synthetic
-from workbench.likelihoods.dense.dense_alignment import Alignment
+from workbench.likelihoods.dense.dense_alignment import DenseAlignment
 from workbench.likelihoods.dense.layer_rendering import (
-    Shown,
+    LayerImage,
     drawn,
     log_ratios,
     surface_facets,
@@ -78,7 +78,7 @@ def shown(seed=0):
     n = np.where(rng.random(len(CELLS.joints)) < 0.2, 0.0, rng.integers(1, 9, len(CELLS.joints)))
     image = rng.uniform(0.0, 255.0, SHAPE).astype(np.float32)
     ratio = rng.uniform(-3.0, 3.0, SHAPE).astype(np.float32)
-    return Shown(image, ratio, rng.random(SHAPE) < 0.9, rng.uniform(0.0, 255.0, len(n)), n.astype(float), 10.0)
+    return LayerImage(image, ratio, rng.random(SHAPE) < 0.9, rng.uniform(0.0, 255.0, len(n)), n.astype(float), 10.0)
 
 
 def test_log_ratios_are_the_difference_of_two_layers_in_numpy():
@@ -115,7 +115,7 @@ def seen():
     """A rendered walker and the look of whoever knows them at their second frame, with the true pose there."""
     walker = Synthetic(motion="builtin", n_frames=6, exact=True, width=320, height=240, person_px=150.0, seed=3)
     clip = FrameCache(walker)
-    likelihood, frames = Alignment(walker.body, clip), list(clip)
+    likelihood, frames = DenseAlignment(walker.body, clip), list(clip)
     for before, frame in zip((None, frames[0]), frames[:2], strict=True):
         likelihood = likelihood.look(before, frame).remember(frame.truth.pose)
     return likelihood.look(frames[1], frames[2]), frames[2].truth.pose

@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from workbench.body.kinematics import forward
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge, evaluate_together
-from workbench.likelihoods.cues.limb_points import limb_points, limb_points_of_all
+from workbench.likelihoods.cues.limb_points import (
+    LimbLook,
+    ViewJudge,
+    evaluate_together,
+    limb_points,
+    limb_points_of_all,
+)
 from workbench.likelihoods.product import Product
 
 OTHER = scenes.distorted(scenes.FRONT)

@@ -32,13 +32,13 @@ def points_on(pose, n=50, seed=1):
 
 def test_it_is_the_mixture_of_every_points_distance():
     some, points = poses(4), points_on(poses(1)[0])
-    likelihood = SurfacePoints(BODY, sigma=0.03, epsilon=0.2, range_m=1.5, temper=0.4)
+    likelihood = SurfacePoints(BODY, sigma=0.03, epsilon=0.2, temper=0.4)
     found = log_prob(likelihood, frame(None), frame(points), some, some)
     surface = person_surface(BODY)
     for pose, value in zip(some, found, strict=True):
         parts = attach(surface, forward(BODY.skeleton, pose[None]), points)
         away = residuals(BODY.skeleton, surface, pose, points, "distance", parts)
-        density = 0.8 * np.exp(-(away**2) / (2 * 0.03**2)) / (np.sqrt(2 * np.pi) * 0.03) + 0.2 / 1.5
+        density = 0.8 * np.exp(-(away**2) / (2 * 0.03**2)) / (np.sqrt(2 * np.pi) * 0.03) + 0.2 / 2.0
         assert value == pytest.approx(0.4 * np.log(density).sum(), rel=1e-12)
 
 

@@ -58,8 +58,10 @@ def test_decoding_is_the_model_at_its_own_phases():
     assert prior.pose(state)[:, N_ROOT:] == pytest.approx(expected[:, 1:], abs=1e-9)
 
 
-def test_start_is_near_the_pose():
-    prior = Cyclic(model(), start_coefficients=0.0, start_phase=0.0, start_position=0.01, start_rotation=0.02)
+def test_start_is_near_the_pose(monkeypatch):
+    for name in ("COEFFICIENTS", "PHASE"):
+        monkeypatch.setattr(f"workbench.priors.cyclic.START_{name}", 0.0)
+    prior = Cyclic(model(), start_position=0.01, start_rotation=0.02)
     true = states(prior, 1)
     true[0, prior.space.slices["coefficients"]] = [0.4, -0.3, 0.2]
     pose = prior.pose(true)[0]
@@ -74,7 +76,7 @@ def test_start_is_near_the_pose():
 
 
 def test_the_sway_is_aside_of_the_even_heading_and_taken_off_a_starting_pose():
-    prior = Cyclic(model(channels=25), start_coefficients=0.0, start_phase=0.0, start_position=0.0, start_rotation=0.0)
+    prior = Cyclic(model(channels=25))
     state = states(prior, 1)
     state[0, prior.space.slices["coefficients"]] = 0.0
     state[0, prior.space.slices["phase"]] = 0.25

@@ -15,11 +15,9 @@ from workbench.priors import from_motions
 from workbench.priors.activity import Activity
 from workbench.priors.ar_offsets import SIGMA, Jitter
 from workbench.priors.density import apart
-from workbench.priors.factored import Partwise
 from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
 from workbench.priors.kinematic_flips import Flipping
-from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -28,7 +26,7 @@ N = 20_000
 ARM = ["left_arm"]
 KEPT = np.array([0.5, 0.95])
 TRAJECTORY = Trajectory(np.array([0.0, 1.0]), np.stack([np.full(25, 0.1), np.full(25, 0.2)]))
-NAMED = ["walking", "activity", "smooth", "jitter", "jitter smooth", "partwise", "following", "mixture"]
+NAMED = ["walking", "activity", "smooth", "jitter", "jitter smooth", "following"]
 
 
 @pytest.fixture(scope="module")
@@ -41,12 +39,7 @@ def priors(cache):
         "smooth": Smooth(parameters=ARM),
         "jitter": Jitter(walking, sigma=0.02, parameters=["left_arm"]),
         "jitter smooth": Jitter(Smooth(parameters=["right_arm"]), parameters=["left_elbow_flexion"]),
-        "partwise": Partwise({"arm": Smooth(parameters=ARM), "root": Smooth(parameters=["root"])}),
         "following": Following(Smooth(parameters=ARM), lambda: TRAJECTORY),
-        "mixture": Mixture(
-            {"calm": Smooth(parameters=ARM), "lively": Smooth(parameters=ARM, sigma_velocity={"elbow": 2.0})},
-            {"calm": 0.4, "lively": 0.6},
-        ),
     }
 
 
@@ -155,14 +148,7 @@ def test_offsets_move_the_pose_and_nothing_else(priors):
     assert np.count_nonzero(change) == 1
 
 
-def test_the_density_of_parts_is_the_product_and_that_of_a_following_one_the_bases(priors):
-    prior = priors["partwise"]
-    parent, _, children = family(prior)
-    expected = sum(
-        part.log_transition(parent[:, prior.space.slices[name]], children[:, prior.space.slices[name]], DT)
-        for name, part in prior.priors.items()
-    )
-    np.testing.assert_allclose(prior.powers.density.log_transition(parent, children, DT), expected)
+def test_the_density_of_a_following_prior_is_the_bases(priors):
     prior = priors["following"]
     parent, _, children = family(prior)
     found = prior.powers.density.log_transition(parent, children, DT)
@@ -176,17 +162,13 @@ def windows():
     return learn_windows(builtin_motions(n_subjects=2), angles=ARM, root=False, length=4)
 
 
-@pytest.mark.parametrize("wrapped", ["jitter", "partwise", "following", "mixture"])
+@pytest.mark.parametrize("wrapped", ["jitter", "following"])
 def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wrapped):
     """By steps and by completing steps that forgot: means and products, within five standard errors."""
     base = Implicit(windows, beta=0.5, sigma_angles=0.1)
     prior = {
         "jitter": Jitter(base, sigma=0.05),
-        "partwise": Partwise({"arm": base, "root": Smooth(parameters=["root"])}),
         "following": Following(base, lambda: TRAJECTORY),
-        "mixture": Mixture(
-            {"near": base, "far": Implicit(windows, beta=5.0, sigma_angles=0.2)}, {"near": 0.3, "far": 0.7}
-        ),
     }[wrapped]
     density, dt_s = prior.powers.density, 1 / 30
     parent = prior.start(builtin_motions()[0].resampled(30.0).poses[0], 1, np.random.default_rng(0))
@@ -194,7 +176,7 @@ def test_around_an_implicit_prior_memories_are_drawn_given_the_pose(windows, wra
     parents = np.repeat(parent, n, axis=0)
     stepped, forgotten = (prior.step(parents, dt_s, np.random.default_rng(seed)) for seed in (1, 2))
     follows = np.setdiff1d(np.arange(len(prior.space)), density.free)
-    assert len(follows) == len(base.space) - 25 + (wrapped == "mixture")
+    assert len(follows) == len(base.space) - 25
     forgotten[:, follows] = np.nan
     completed = density.complete(parents, forgotten, dt_s, np.random.default_rng(3))
     assert (completed[:, density.free] == forgotten[:, density.free]).all()
@@ -214,10 +196,7 @@ def test_who_has_no_density(windows):
         drawn,
         Jitter(drawn),
         Flipping(calm, camera),
-        Switching({"a": calm, "b": calm}, {"a": 0.5, "b": 0.5}),
-        Partwise({"arm": drawn, "root": Smooth(parameters=["root"])}),
         Following(drawn, lambda: TRAJECTORY),
-        Mixture({"a": Implicit(windows), "b": drawn}, {"a": 0.5, "b": 0.5}),
     ):
         assert prior.powers.density is None
 

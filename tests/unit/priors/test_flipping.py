@@ -9,7 +9,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import POSE_NAMES, person_skeleton
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.ar_offsets import Jitter
-from workbench.priors.kinematic_flips import LIMBS, Flipping, angles
+from workbench.priors.kinematic_flips import LIMBS, Flipping, angles, stratified_choice
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
 
@@ -100,3 +100,19 @@ def test_a_prior_without_angles_of_its_own_and_wrong_numbers_are_refused():
     for options in ({"probability": 0.0}, {"probability": 0.5, "share": 0.2}, {"share": 1.0}):
         with pytest.raises(InputError, match="probability <= share"):
             flipping(**options)
+
+
+@pytest.mark.parametrize("n", [1, 7, 10, 1000])
+def test_a_choice_is_made_as_often_as_it_is_likely_to_within_one(n):
+    for seed in range(20):
+        chosen = stratified_choice(np.array([0.5, 0.0, 0.3, 0.2]), n, np.random.default_rng(seed))
+        counts = np.bincount(chosen, minlength=4)
+        assert np.abs(counts - n * np.array([0.5, 0.0, 0.3, 0.2])).max() < 1.0 + 1e-9
+        assert counts[1] == 0
+
+
+def test_every_single_particle_chooses_by_the_probabilities():
+    """Else particles of the same parent, which lie next to each other after resampling, would all choose alike."""
+    rng = np.random.default_rng(0)
+    first = np.array([stratified_choice(np.array([0.7, 0.3]), 5, rng) for _ in range(20000)]).mean(axis=0)
+    assert np.abs(first - 0.3).max() <= 5 * np.sqrt(0.3 * 0.7 / 20000)

@@ -126,16 +126,23 @@ def test_an_arm_alone_leaves_the_rest_where_it_was(motions, poses):
     assert (result[:, moving].std(axis=0) > 0).all()
 
 
-def test_start_finds_windows_that_end_near_the_pose(windows, poses):
-    prior = Implicit(windows, start_beta=1e-4, start_position=0.0, start_rotation=0.0, start_angles=0.0)
+def start_constants(monkeypatch, **values):
+    for name, value in values.items():
+        monkeypatch.setattr(f"workbench.priors.implicit.START_{name}", value)
+
+
+def test_start_finds_windows_that_end_near_the_pose(windows, poses, monkeypatch):
+    start_constants(monkeypatch, BETA=1e-4, POSITION=0.0, ROTATION=0.0, ANGLES=0.0)
+    prior = Implicit(windows)
     state = prior.start(poses[40], 10, np.random.default_rng(0))
     assert (prior.pose(state) == poses[40]).all()
     own = prior.start_after(poses[30:41], 1)
     assert state[:, len(POSE_NAMES) :] == pytest.approx(np.repeat(own[:, len(POSE_NAMES) :], 10, axis=0), abs=1e-4)
 
 
-def test_start_spreads_as_asked(windows, poses):
-    prior = Implicit(windows, start_position=0.03, start_rotation=0.02, start_angles=0.04)
+def test_start_spreads_as_asked(windows, poses, monkeypatch):
+    start_constants(monkeypatch, POSITION=0.03, ROTATION=0.02, ANGLES=0.04)
+    prior = Implicit(windows)
     spread = prior.pose(prior.start(poses[40], 20000, np.random.default_rng(0))).std(axis=0)
     assert spread == pytest.approx([0.03] * 3 + [0.02] * 3 + [0.04] * 19, rel=0.03)
 

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare, norm
 
 from tests.oracles import implicit as oracle
-from workbench.priors.implicit_fidelity import fidelity, log_importance, total_variation
 from workbench.priors.implicit_search import (
     LANES,
     exact_log_prob,
@@ -16,7 +15,15 @@ from workbench.priors.implicit_search import (
     kd_tree,
     search,
 )
-from workbench.priors.implicit_tree import draw, log_proposal, median_tree, sign_tree
+from workbench.priors.implicit_tree import (
+    draw,
+    fidelity,
+    log_importance,
+    log_proposal,
+    median_tree,
+    sign_tree,
+    total_variation,
+)
 from workbench.utils.errors import InputError
 
 TREES = {"sign": sign_tree, "median": median_tree}

@@ -11,15 +11,11 @@ from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors import from_motions
 from workbench.priors.activity import Activity
 from workbench.priors.ar_offsets import Jitter
-from workbench.priors.factored import Partwise
 from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.priors.implicit import Implicit
 from workbench.priors.kinematic_flips import Flipping
-from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.smooth import Smooth
 from workbench.utils.errors import InputError
-
-HALVES = {"a": 0.5, "b": 0.5}
 
 
 @pytest.fixture(scope="module")
@@ -84,29 +80,3 @@ def test_wrappers_pass_on_what_still_holds(folder, windows):
     assert (Flipping(followed, lambda: None).powers.first_pose() == 1.0).all()
     arm = Implicit(windows)
     assert len(Jitter(arm).powers.examples()) == len(arm.powers.examples())
-
-
-def test_what_several_priors_have_in_common(windows):
-    calm, stiff, arm = Smooth(damping=1.0), Smooth(penalty={"angle": 0.1}), Implicit(windows)
-    for together in (Mixture, Switching):
-        assert together({"a": calm, "b": Smooth()}, HALVES).powers.smoothness == Smoothness()
-        assert together({"a": calm, "b": stiff}, HALVES).powers.smoothness is None
-        assert together({"a": calm, "b": stiff}, HALVES).powers.examples is None
-        examples = together({"a": arm, "b": Implicit(windows, beta=0.5)}, HALVES).powers.examples()
-        assert len(examples) == 2 * len(arm.powers.examples())
-    parts = {"arm": Smooth(parameters=["left_arm"]), "root": Smooth(parameters=["root"])}
-    assert Partwise(parts).powers.smoothness == Smoothness()
-    assert Partwise(parts).powers.examples is None
-
-
-def test_examples_of_parts_are_put_together(windows):
-    arm, legs = (
-        Implicit(windows),
-        Implicit(learn_windows(builtin_motions(n_subjects=1), angles=["lower_body"], root=False)),
-    )
-    poses = Partwise({"arm": arm, "legs": legs, "other": Smooth(parameters=["right_arm"])}).powers.examples()
-    mine, theirs = arm.powers.examples(), legs.powers.examples()
-    assert len(poses) == len(mine) > len(theirs)
-    own = np.isin(POSE_NAMES, legs.parameters)
-    np.testing.assert_array_equal(poses[:, ~own], mine[:, ~own])
-    assert {row.tobytes() for row in poses[:, own]} == {row.tobytes() for row in theirs[:, own]}

@@ -14,7 +14,6 @@ from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.cyclic import Cyclic
 from workbench.priors.implicit import Implicit
-from workbench.priors.mixture import Mixture, Switching
 from workbench.priors.smooth import Smooth
 from workbench.recording.read.reader import read
 from workbench.recording.write.posterior import Posterior
@@ -24,7 +23,6 @@ BODY = person(from_height(1.75))
 N_FRAMES, N_BINS = 4, 16
 LEGS = ("left_hip_flexion", "right_hip_flexion", "left_knee_flexion", "right_knee_flexion")
 ARM = PARTS["right_arm"]
-OTHERS = tuple(name for name in POSE_NAMES if name not in ARM)
 
 
 def steps(prior, n_particles=40):
@@ -48,32 +46,21 @@ def priors():
         Cyclic(learn_walking(builtin_motions(), variance=0.95, n_components=4, scaling="none")),
     )
     arm_windows = learn_windows(builtin_motions(n_subjects=2), angles=["right_arm"], root=False)
-    halves = {"a": 0.5, "b": 0.5}
     return {
         "walk": walk,
         "smooth": Smooth(),
         "arm": arm,
-        "mixture": Mixture({"a": arm, "b": arm}, halves),
-        "switching": Switching({"walk": walk, "arm": arm}, {"walk": 0.5, "arm": 0.5}),
         "database": Implicit(learn_windows(builtin_motions(n_subjects=2))),
         "arm database": Implicit(arm_windows),
     }
 
 
-@pytest.mark.parametrize("name", ["arm", "mixture"])
-def test_held_columns_are_left_out(priors, name):
-    prior = priors[name]
+def test_held_columns_are_left_out(priors):
+    prior = priors["arm"]
     collected = posterior(prior, steps(prior))
     velocities = tuple(f"{name}_velocity" for name in ARM)
-    assert collected.names == (*ARM, *velocities, *(["component"] if name == "mixture" else []))
+    assert collected.names == (*ARM, *velocities)
     assert collected.units[:8] == ("rad",) * 4 + ("rad/s",) * 4
-
-
-def test_held_columns_of_a_prior_in_a_mixture_are_left_out(priors):
-    names = posterior(priors["switching"], steps(priors["switching"])).names
-    assert "arm.right_elbow_flexion" in names
-    assert not {f"arm.{name}" for name in OTHERS} & {*names}
-    assert {*LEGS} <= {*names}  # as angles of the pose, which the other prior moves
 
 
 @pytest.mark.parametrize("name", ["database", "arm database"])
@@ -85,7 +72,7 @@ def test_memory_ahead_is_left_out(priors, name):
     assert len(prior.space) == len(expected) + b * (prior.windows.length - 1)  # there is such memory
 
 
-@pytest.mark.parametrize("name", ["walk", "smooth", "arm", "mixture", "switching", "database", "arm database"])
+@pytest.mark.parametrize("name", ["walk", "smooth", "arm", "database", "arm database"])
 def test_names_units_bands_and_marginals_belong_together(priors, name):
     """Each parameter's marginal and band are those of the column of its name, or of the pose's angle."""
     prior = priors[name]
@@ -113,15 +100,15 @@ def angle(name):
 
 @pytest.mark.parametrize(
     ("name", "favourites"),
-    [("walk", LEGS), ("smooth", LEGS), ("switching", LEGS), ("database", LEGS),
-     ("arm", ARM), ("mixture", ARM), ("arm database", ARM)],
+    [("walk", LEGS), ("smooth", LEGS), ("database", LEGS),
+     ("arm", ARM), ("arm database", ARM)],
 )  # fmt: skip
 def test_pictured_is_what_moves(priors, name, favourites):
     assert posterior(priors[name], steps(priors[name])).favourites == favourites
 
 
 def test_one_particle_or_a_start_without_spread_has_pictures_too(priors):
-    for prior, n in ((priors["walk"], 1), (priors["arm"], 1), (Smooth(start_pose=0.0, start_velocity=0.0), 30)):
+    for prior, n in ((priors["walk"], 1), (priors["arm"], 1), (Smooth(start_pose=0.0), 30)):
         favourites = posterior(prior, steps(prior, n)).favourites
         assert len(favourites) == 4
         assert {*favourites} <= {*Posterior(prior.space, BODY.skeleton, None, N_BINS).names}

@@ -13,9 +13,8 @@ from workbench.core.study import Bars, Curves, Sticks
 from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
-from workbench.priors.implicit_fidelity import total_variation
 from workbench.priors.implicit_search import exact_log_prob
-from workbench.priors.implicit_tree import log_proposal, sign_tree
+from workbench.priors.implicit_tree import log_proposal, sign_tree, total_variation
 from workbench.priors.smooth import Smooth
 from workbench.studies.database import HEIGHT_M, CoefficientHistograms, Temperature, left_out_probes
 from workbench.utils.errors import InputError

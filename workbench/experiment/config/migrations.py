@@ -10,15 +10,14 @@ from workbench.utils.errors import InputError
 _DATASETS = "workbench.datasets"
 _VIDEOS = (f"{_DATASETS}.video.Video", f"{_DATASETS}.multi_view.MultiView")
 _POINTS = f"{_DATASETS}.point_files.PointFiles"
-_PRODUCT = "workbench.likelihoods.product.Product"
 _MODULES = {
     "workbench.inference.fit.frame_by_frame": "workbench.inference.least_squares.frame_by_frame",
     "workbench.inference.fit.least_squares": "workbench.inference.least_squares.least_squares",
     "workbench.inference.fit.motion_fit": "workbench.inference.least_squares.motion_fit",
     "workbench.inference.fit.smooth_fit": "workbench.inference.least_squares.smooth_fit",
     "workbench.inference.kalman.filter": "workbench.inference.ekf.iterated_ekf",
-    "workbench.inference.particles.annealed": "workbench.inference.smc.annealed",
-    "workbench.inference.particles.auxiliary": "workbench.inference.smc.auxiliary",
+    "workbench.inference.particles.annealed": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.particles.auxiliary": "workbench.inference.smc.bootstrap",
     "workbench.inference.particles.bootstrap": "workbench.inference.smc.bootstrap",
     "workbench.inference.particles.filter": "workbench.inference.smc.particle_filter",
     "workbench.inference.particles.gauss_newton": "workbench.inference.smc.gauss_newton",
@@ -27,6 +26,8 @@ _MODULES = {
     "workbench.inference.particles.restarting": "workbench.inference.smc.reinitializing",
     "workbench.inference.particles.smoothing": "workbench.inference.smc.smoothing",
     "workbench.inference.particles.tempered_smc": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.smc.annealed": "workbench.inference.smc.tempered_smc",
+    "workbench.inference.smc.auxiliary": "workbench.inference.smc.bootstrap",
     "workbench.inference.start.limb_lengths": "workbench.inference.initialization.limb_lengths",
     "workbench.likelihoods.alignment.alignment": "workbench.likelihoods.dense.dense_alignment",
     "workbench.likelihoods.appearance": "workbench.likelihoods.cues.appearance",
@@ -44,13 +45,47 @@ _MODULES = {
     "workbench.priors.partwise": "workbench.priors.factored",
 }
 """Modules of targets that have moved."""
+_ALIGNMENT = "workbench.likelihoods.dense.dense_alignment.DenseAlignment"
+_CLASSES = {"workbench.likelihoods.dense.dense_alignment.Alignment": _ALIGNMENT}
+"""Targets that have another name today."""
+_REMOVED = (
+    "workbench.priors.mixture.Mixture", "workbench.priors.mixture.Switching", "workbench.priors.factored.Partwise",
+)  # fmt: skip
+_CYCLE = {"start_coefficients": 0.3, "start_phase": 0.015}
+_FIXED: dict[str, dict[str, Any]] = {
+    "workbench.inference.ekf.iterated_ekf.Kalman": {"steps": 3, "guesses": 40},
+    "workbench.inference.smc.tempered_smc.Annealed": {"power": 1.5, "shrink": 0.5},
+    "workbench.inference.smc.reinitializing.Restarting": {"drop": 4.0, "patience": 3},
+    "workbench.inference.synthesis.Synthesis": {"limit_deg": 25.0},
+    "workbench.likelihoods.cues.appearance.Appearance": {"blur_px": 2.0**0.5, "seed": 0},
+    "workbench.likelihoods.cues.background.Background": {"least_sigma": 3.0, "blur_px": 0.7, "seed": 0},
+    "workbench.likelihoods.cues.silhouette.Silhouette": {"least_sigma": 3.0},
+    _ALIGNMENT: {"blurs_px": [6.0, 3.0, 1.2], "outline": 0.25, "facing": 0.3},
+    "workbench.likelihoods.image_motion.ImageMotion": {"p_occluded": 0.01, "blur_px": 2.0**0.5, "seed": 0},
+    "workbench.likelihoods.keypoints.KeypointLikelihood": {"nu": 4.0},
+    "workbench.likelihoods.product.Product": {"device": "cpu"},
+    "workbench.likelihoods.surface_points.SurfacePoints": {"range_m": 2.0},
+    "workbench.priors.from_motions.activity": {
+        "most_per_clip": 4, "start_coefficients": 0.5, "start_phase": 0.03, "start_position": 0.02,
+        "start_rotation": 0.03, "start_velocity": 2.0,
+    },
+    "workbench.priors.from_motions.cyclic": _CYCLE,
+    "workbench.priors.from_motions.gait": _CYCLE,
+    "workbench.priors.from_motions.implicit": {
+        "start_beta": 0.05, "start_position": 0.01, "start_rotation": 0.02, "start_angles": 0.02,
+    },
+    "workbench.priors.from_motions.linear": {"start_position": 0.03, "start_angles": 0.05},
+    "workbench.priors.from_motions.walking": _CYCLE,
+    "workbench.priors.smooth.Smooth": {"start_velocity": 3.0},
+}  # fmt: skip
+"""Keys that components no longer have, by target, with the value that is fixed today."""
 
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration with today's keys; a warning names each key whose value changes.
 
-    Targets get the modules they are in today, a video's `last_frame` becomes `n_frames`, the `first_frame` of files of
-    points becomes `truth_first`, and a product's `device` is removed.
+    Targets get the names they have today, a video's `last_frame` becomes `n_frames`, the `first_frame` of files of
+    points becomes `truth_first`, and keys whose values are fixed today are removed.
 
     Parameters
     ----------
@@ -59,23 +94,35 @@ def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises
     ------
-    InputError : a product computed on another device than the CPU.
+    InputError : a component that is none any more, or another value than the one that is fixed today.
     """
-    today = {key: _on_the_cpu(path, key, _moved_targets(value)) for key, value in settings.items()}
+    today = {key: _today(path, key, value) for key, value in settings.items()}
     if isinstance(dataset := today.get("dataset"), Mapping):
         today["dataset"] = _dataset(dataset)
     return today
 
 
-def _moved_targets(value: Any) -> Any:
-    """Replace the modules of all targets in a part of a configuration by today's."""
+def _today(path: Path, place: str, value: Any) -> Any:
+    """Return a part of a configuration with today's targets and keys."""
     if isinstance(value, list):
-        return [_moved_targets(item) for item in value]
+        return [_today(path, f"{place}.{k}", item) for k, item in enumerate(value)]
     if not isinstance(value, Mapping):
         return value
-    moved = {key: _moved_targets(item) for key, item in value.items()}
-    module, _, name = str(moved.get("_target_", "")).rpartition(".")
-    return moved | ({"_target_": f"{_MODULES[module]}.{name}"} if module in _MODULES else {})
+    today = {key: _today(path, f"{place}.{key}", item) for key, item in value.items()}
+    if not isinstance(recorded := today.get("_target_"), str):
+        return today
+    module, _, name = recorded.rpartition(".")
+    target = f"{_MODULES.get(module, module)}.{name}"
+    today["_target_"] = target = _CLASSES.get(target, target)
+    if target in _REMOVED:
+        raise InputError(f"{path}: {place}._target_: {recorded} is no component any more; choose another one")
+    for key, fixed in _FIXED.get(target, {}).items():
+        if (found := today.pop(key, None)) not in (fixed, None):
+            raise InputError(
+                f"{path}: {place}.{key}: expected {fixed}, which is fixed today, found {found!r}; run its experiment "
+                "again without this key"
+            )
+    return today
 
 
 def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,16 +140,3 @@ def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:
         if first:
             warnings.warn(f"dataset.first_frame={first} is dataset.truth_first={-first} today", stacklevel=3)
     return dataset
-
-
-def _on_the_cpu(path: Path, place: str, value: Any) -> Any:
-    """Remove `device` from every product in a part of a configuration."""
-    if not isinstance(value, Mapping):
-        return value
-    found = {key: _on_the_cpu(path, f"{place}.{key}", item) for key, item in value.items()}
-    if found.get("_target_") == _PRODUCT and (device := found.pop("device", None)) not in ("cpu", None):
-        raise InputError(
-            f"{path}: {place}.device: expected cpu, the only device of the workbench's own likelihoods, found "
-            f"{device!r}; run its experiment again without this key"
-        )
-    return found

@@ -1,5 +1,4 @@
-"""The iterated extended Kalman filter (Bell & Cathey 1993) and the smoother of Rauch, Tung & Striebel (1965), for
-likelihoods that are only known by their values."""
+"""The iterated extended Kalman filter (Bell & Cathey 1993) and the smoother of Rauch, Tung & Striebel (1965)."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -11,76 +10,62 @@ import numpy as np
 
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES
-from workbench.core.capabilities import EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
+from workbench.core.capabilities import DERIVATIVES, EVEN_WEIGHTS, GAUSSIAN, START, Traits, offering
 from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.filter_state import Memory, Past, recalled, streams_now
 from workbench.core.frame import Frame
 from workbench.core.gaussian import condition_block
-from workbench.core.likelihood import LayeredLook, Likelihood, Look, Relearning, SlopedLook
+from workbench.core.likelihood import LayeredLook, Likelihood, Relearning, SlopedLook
 from workbench.core.prior import Prior
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.ekf.dense_refinement import settle
-from workbench.inference.ekf.gaussian_state import Belief, gaussian_of, predict, smoothed
-from workbench.inference.ekf.levenberg_marquardt import FARTHER, Climbed, climb, peak_at, tails
+from workbench.inference.ekf.gaussian_state import GaussianState, gaussian_of, of_both, predict, shares, smoothed
+from workbench.inference.ekf.levenberg_marquardt import Peak, climb, peak_at, tails
 from workbench.inference.ekf.limb_reinitialization import is_better, leap
-from workbench.inference.ekf.mode_search import Peak, find_peak
-from workbench.inference.ekf.pass_fusion import of_both, shares
 from workbench.inference.smc.move import Streams
 from workbench.inference.smc.target import Stopwatch
 from workbench.inference.smc.weights import even_log_weights
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 
-BLOCKS = (
-    ("root", "left_hip", "left_knee", "right_hip", "right_knee", "neck"), ("root",), ("left_hip", "left_knee"),
-    ("right_hip", "right_knee"), ("left_shoulder", "left_elbow"), ("right_shoulder", "right_elbow"), ("root", "neck"),
-)  # fmt: skip
-"""What parameters that are guessed together begin with, in turn."""
 LEAPT_RAD, LEAPT_RAD_S = 0.2, 3.0
 """How far angles and their speeds may be off where a limb is found anew."""
 BASE_DOUBT = 0.3
 """By how much wider the draws are told at a perfect fit, before `widen`; by this and the misfit elsewhere."""
 
 
-Filtered: TypeAlias = tuple[Frame, Belief, dict[str, Any]]
+Filtered: TypeAlias = tuple[Frame, GaussianState, dict[str, Any]]
 """A frame, what is believed of it, and what else its step tells."""
 
 
 @dataclass(frozen=True, eq=False)
 class Kalman:
-    """Represent each frame's posterior by a Gaussian about its peak, and tell it as draws.
+    """Approximate each frame's posterior by a Gaussian at its mode (Laplace) and report it as samples.
 
-    The prior leads the Gaussian of the frame before on to N(m, P), by its mean's derivatives and its noise. The frame's
-    peak is then looked for by Newton steps on log N(pose; m, P) + log p(frame | pose) (`peak.find_peak`), from the best
-    of m and `guesses` changes of one limb after the other, and P is narrowed by the likelihood's curvature there.
-    Unlike particles this has no need to be lucky in 25 numbers at once, so that likelihoods may be sharp. A likelihood
-    that knows its derivatives is climbed by these instead, from m, with heavier tails (`climb`); one that can also tell
-    apart poses that are far from each other is asked whether an arm or a leg is somewhere else (`leap`), and climbed on
-    by all its pixels (`settle`).
+    The prior leads the Gaussian of the frame before on to N(m, P), by its mean's derivatives and its noise. The mode of
+    N(pose; m, P), with heavier tails, times p(frame | pose) is found from m by the likelihood's derivatives (`climb`),
+    and P is narrowed by its curvature there. A likelihood that can also tell apart poses that are far from each other
+    is asked whether an arm or a leg is somewhere else (`leap`), and climbed on by all its pixels (`settle`).
 
-    second_pass: when all frames are seen, go back over them, so that each is told what followed; before that, a
-    likelihood that learns from tracked clips (`Relearning`) looks at all of them again; what is told then lies between
-    both looks, nearer to the second the more they differ, and of each limb to the one that the pixels speak for
-    (`both.shares`), and is as much less sure as they differ (`both.of_both`). Else every frame is told as soon as it is
-    seen. steps: of Newton. sudden: how likely a limb moves as m does not say. flatten: power of the likelihood that
-    narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: by how much wider the draws
-    are than the Gaussian, which knows nothing of what model and cues have in common from frame to frame; where the
-    likelihood tells its misfit, times BASE_DOUBT and this, joint by joint: curvature alone does not know a loss.
-    postures: power of the prior's density of postures, where it knows one, by which what is told of each frame, but not
-    the tracking, is drawn to what people do: of a limb that hides, images say little. n_particles: draws, with even
-    weights. Raises InputError for a prior without Gaussian noise and numbers out of range.
+    n_particles: samples, with even weights. sudden: probability that a limb moves as m does not predict. flatten: power
+    of the likelihood that narrows P: below 1, bands are wider, and the next frame's search goes farther. widen: factor
+    of the samples' deviations, for what model and cues have in common from frame to frame; it is multiplied, joint by
+    joint, by BASE_DOUBT plus the likelihood's misfit: curvature alone does not know a loss. postures: power of the
+    prior's density of postures, where it has one, which draws the reported Gaussian, but not the tracking, to what
+    people do. second_pass: after the last frame smooth backwards; before that, a likelihood that learns from tracked
+    clips (`Relearning`) is filtered by again, and both passes are fused (`pass_fusion`). Else every frame is reported
+    as soon as it is filtered. Raises InputError for a prior without Gaussian noise, a likelihood without derivatives
+    and numbers out of range.
     """
 
-    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=())
+    traits: ClassVar[Traits] = offering(EVEN_WEIGHTS, dataset=START, prior=GAUSSIAN, likelihood=DERIVATIVES)
 
     prior: Prior
     likelihood: Likelihood
     body: Body
     _: KW_ONLY
     n_particles: int = 500
-    steps: int = 3
-    guesses: int = 40
     sudden: float = 0.05
     flatten: float = 0.05
     widen: float = 1.0
@@ -90,8 +75,8 @@ class Kalman:
     finds_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check("inference", self, n_particles=at_least(2), steps=at_least(1), guesses=at_least(0), flatten=UNIT)
-        check("inference", self, sudden=INSIDE_UNIT, widen=POSITIVE, postures=UNIT)
+        check("inference", self, n_particles=at_least(2), flatten=UNIT, sudden=INSIDE_UNIT)
+        check("inference", self, widen=POSITIVE, postures=UNIT)
 
     @property
     def space(self) -> StateSpace:
@@ -127,7 +112,7 @@ class Kalman:
             yield self._step(frame, beliefs, rng_streams["prior"], extra)
 
     def _again(
-        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[Belief], start: FloatArray,
+        self, likelihood: Relearning, seen: list[Filtered], beliefs: list[GaussianState], start: FloatArray,
         rng_streams: Streams,
     ) -> list[Filtered]:  # fmt: skip
         """Look at all frames again, knowing more, and where the person was believed to be; each tells what both looks
@@ -158,11 +143,14 @@ class Kalman:
             mean, covariance = start.memory.array("mean", size), start.memory.array("covariance", size, size)
         else:
             mean, covariance = model.start_moments(np.atleast_2d(start)[0])
-        belief = Belief(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
+        belief = GaussianState(mean, covariance, mean, covariance, np.eye(len(mean)), np.ones(len(POSE_NAMES)))
         for frame in frames:
             clock, evaluations = Stopwatch(), 0.0
             look = likelihood.look(previous, frame)
-            if previous is not None or (isinstance(look, SlopedLook) and look.judges):
+            if not isinstance(look, SlopedLook):
+                name = type(self.likelihood).__name__
+                raise InputError(f"inference: a Kalman filter needs a likelihood with {DERIVATIVES}, found {name}")
+            if previous is not None or look.judges:
                 before = self.prior.pose(belief.mean[None])
                 predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
@@ -181,24 +169,19 @@ class Kalman:
             previous = frame
 
     def _updated(
-        self, belief: Belief, look: Look, before: FloatArray, leaps: bool, rng: np.random.Generator
-    ) -> tuple[Belief, Peak]:
+        self, belief: GaussianState, look: SlopedLook, before: FloatArray, leaps: bool, rng: np.random.Generator
+    ) -> tuple[GaussianState, Peak]:
         """Take in what a frame shows; the person was in the pose `before` (1, P). leaps: whether a limb may leap."""
-        n = before.shape[1]
-        peak: Peak
-        if isinstance(look, SlopedLook):
-            climbed = self._climbed(look, belief, belief.mean[:n])
-            if isinstance(look, LayeredLook):
-                if leaps:
-                    belief, climbed = self._leapt(look, belief, climbed, before[0], rng)
-                climbed = self._settled(look, belief, climbed)
-            peak, doubt = climbed, BASE_DOUBT + look.misfit(climbed.pose)[self.body.skeleton.dof_joints]
-        else:
-            peak, doubt = self._searched(look, belief.mean[:n], belief.covariance[:n, :n], before, rng), np.ones(n)
+        peak = self._climbed(look, belief, belief.mean[: before.shape[1]])
+        if isinstance(look, LayeredLook):
+            if leaps:
+                belief, peak = self._leapt(look, belief, peak, before[0], rng)
+            peak = self._settled(look, belief, peak)
+        doubt = BASE_DOUBT + look.misfit(peak.pose)[self.body.skeleton.dof_joints]
         mean, covariance = condition_block(belief.mean, belief.covariance, peak.pose, peak.covariance)
         return replace(belief, mean=mean, covariance=covariance, doubt=doubt), peak
 
-    def _climbed(self, look: SlopedLook, belief: Belief, start: FloatArray) -> Climbed:
+    def _climbed(self, look: SlopedLook, belief: GaussianState, start: FloatArray) -> Peak:
         """Climb from a pose (P,) to the peak of a likelihood that knows its derivatives."""
         n = len(start)
         return climb(
@@ -207,8 +190,8 @@ class Kalman:
         )  # fmt: skip
 
     def _leapt(
-        self, look: LayeredLook, belief: Belief, peak: Climbed, before: FloatArray, rng: np.random.Generator
-    ) -> tuple[Belief, Climbed]:
+        self, look: LayeredLook, belief: GaussianState, peak: Peak, before: FloatArray, rng: np.random.Generator
+    ) -> tuple[GaussianState, Peak]:
         """Look for each arm and leg elsewhere; who leaps is where they are now, at no known speed."""
         skeleton = self.body.skeleton
         for limb in self._leaping:
@@ -221,7 +204,7 @@ class Kalman:
                 belief, peak = released, again
         return belief, peak
 
-    def _settled(self, look: LayeredLook, belief: Belief, peak: Climbed) -> Climbed:
+    def _settled(self, look: LayeredLook, belief: GaussianState, peak: Peak) -> Peak:
         """Climb on by all pixels of the frame."""
         n, skeleton = len(peak.pose), self.body.skeleton
         prior = tails(belief.mean[:n], belief.covariance[:n, :n], self._limbs, self.sudden)
@@ -236,20 +219,6 @@ class Kalman:
         columns = np.array([*limb, *speeds], dtype=np.int64)
         expected = np.append(pose[limb], np.zeros(len(speeds)))
         return columns, expected, np.repeat([LEAPT_RAD, LEAPT_RAD_S], [len(limb), len(speeds)])
-
-    def _searched(
-        self, look: Look, mean: FloatArray, covariance: FloatArray, before: FloatArray, rng: np.random.Generator
-    ) -> Peak:
-        """Find the peak of a likelihood that is only known by its values."""
-
-        def log_likelihood(poses: FloatArray) -> FloatArray:
-            return look.evaluate(np.repeat(before, len(poses), axis=0), poses).log_prob
-
-        guesses = [self._changes(covariance, own, rng) for own in self._blocks]
-        limits = self.body.skeleton.limits
-        return find_peak(
-            log_likelihood, mean, covariance, limits, guesses=guesses, steps=self.steps, flatten=self.flatten
-        )
 
     @cached_property
     def _everything(self) -> BoolArray:
@@ -273,23 +242,8 @@ class Kalman:
         columns = [np.flatnonzero(limbs == k) for k in range(1, int(limbs.max()) + 1)]
         return [own for own in columns if len(np.unique(joints[own])) > 1]
 
-    @cached_property
-    def _blocks(self) -> list[IntArray]:
-        """The columns of poses that are guessed together, of BLOCKS."""
-        names = self.body.skeleton.dof_names
-        found = [[k for k, name in enumerate(names) if name.startswith(words)] for words in BLOCKS]
-        return [np.array(own, dtype=np.int64) for own in found if own]
-
-    def _changes(self, covariance: FloatArray, own: IntArray, rng: np.random.Generator) -> FloatArray:
-        """Draw changes (G, P) of some columns, from the prediction's covariance and, half of them, FARTHER."""
-        root = np.linalg.cholesky(covariance[np.ix_(own, own)] + 1e-12 * np.eye(len(own)))
-        changes = np.zeros((self.guesses, len(covariance)))
-        changes[:, own] = rng.standard_normal((self.guesses, len(own))) @ root.T
-        changes[::2] *= FARTHER
-        return changes
-
     def _step(
-        self, frame: Frame, beliefs: Sequence[Belief], rng: np.random.Generator, extra: Mapping[str, Any]
+        self, frame: Frame, beliefs: Sequence[GaussianState], rng: np.random.Generator, extra: Mapping[str, Any]
     ) -> Step:
         """Tell what one look at the clip, or two, made of a frame."""
         belief = beliefs[-1]

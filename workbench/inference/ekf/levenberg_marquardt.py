@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.likelihood import Slope, SlopedLook
-from workbench.inference.ekf.mode_search import Peak
 from workbench.utils.arrays import FloatArray, IntArray
 
 STEPS = 5
@@ -13,16 +12,22 @@ STEPS = 5
 ENOUGH, ENOUGH_YET = 0.05, 0.5
 """A step that gains less ends the climb at the last smoothing, and at one before it, nats."""
 _LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
-
-
 FARTHER = 3.0
 """How many times as far a limb goes that moves as nobody foresaw."""
 
 
 @dataclass(frozen=True, eq=False)
-class Climbed(Peak):
-    """A peak that derivatives led to. slope: of the likelihood there, at the last smoothing."""
+class Peak:
+    """The posterior's mode and the Gaussian about it.
 
+    pose: (P,). covariance: (P, P). log_evidence: Laplace's approximation. evaluations: of the likelihood. slope: of the
+    likelihood there, at the last smoothing.
+    """
+
+    pose: FloatArray
+    covariance: FloatArray
+    log_evidence: float
+    evaluations: int
     slope: Slope
 
 
@@ -72,13 +77,13 @@ def tails(mean: FloatArray, covariance: FloatArray, limbs: IntArray, sudden: flo
 def climb(
     look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
     start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
-) -> Climbed:  # fmt: skip
+) -> Peak:  # fmt: skip
     """Climb from a pose `start` (P,), within limits (P, 2), by damped Gauss–Newton steps (Levenberg 1944, Marquardt
     1963), at one smoothing of the image after the other. mean: (P,), what was predicted.
 
     limbs: (P,), which limb each number moves; sudden: how likely one moves as nobody foresaw, see `Tails`. flatten:
-    power of the likelihood that narrows the covariance (P, P), as in `find_peak`. Where a limb is far from what was
-    predicted, the covariance is wider by as much as that was unlikely.
+    power of the likelihood that narrows the covariance (P, P): cues err together, from pixel to pixel and frame to
+    frame. Where a limb is far from what was predicted, the covariance is wider by as much as that was unlikely.
     """
     prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
     for level in range(look.levels):
@@ -87,13 +92,13 @@ def climb(
     return peak_at(prior, pose, slope, flatten, count)
 
 
-def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Climbed:
+def peak_at(prior: Tails, pose: FloatArray, slope: Slope, flatten: float, count: int) -> Peak:
     """The Gaussian about a pose (P,) where the likelihood's slope is given, after `count` evaluations, see `climb`."""
     precision = prior.precision(pose)
     narrowed = np.linalg.inv(precision + flatten * slope.curvature)
     _, volume = np.linalg.slogdet(np.eye(len(pose)) + slope.curvature @ np.linalg.inv(precision))
     height = slope.log_prob + prior.height(pose) - 0.5 * volume
-    return Climbed(pose, 0.5 * (narrowed + narrowed.T), float(height), count, slope)
+    return Peak(pose, 0.5 * (narrowed + narrowed.T), float(height), count, slope)
 
 
 def _climb_at(

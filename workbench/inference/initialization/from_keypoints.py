@@ -11,9 +11,9 @@ from workbench.core.frame import Frame
 from workbench.core.observations import Keypoints, observe, person_px
 from workbench.core.prior import PACE_HZ, RECORDED
 from workbench.core.residual import Loss
-from workbench.inference.least_squares.decoding import FitData, PoseDecoder
 from workbench.inference.least_squares.hypotheses import enough_keypoints, first_keypoints
 from workbench.inference.least_squares.residuals import views_residual
+from workbench.inference.least_squares.single_frame import FitData, PoseDecoder
 from workbench.inference.least_squares.smooth_fit import (
     FAR_LOSS,
     LEANING_SIGMA_RAD,

@@ -18,10 +18,9 @@ from workbench.core.observations import Keypoints, Observed, frame_keypoints, pe
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import projection_jacobian
 from workbench.core.side_information import FIRST_FRAMES, HEIGHT
-from workbench.inference.least_squares.decoding import PoseDecoder
-from workbench.inference.least_squares.frame import fit_frame
 from workbench.inference.least_squares.hypotheses import KEYPOINT_LOSS, enough_keypoints, likely_poses
 from workbench.inference.least_squares.residuals import posture_prior, views_residual
+from workbench.inference.least_squares.single_frame import PoseDecoder, fit_frame
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -45,7 +44,7 @@ each other, so that eight say little more than one."""
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class _MeasuredLengths:
     """shape: the person's. poses: (T, P) in the frames looked at. error_px: root mean square distance to the marks.
     doubt: (J, 3, G) by how much the skeleton's offsets may be off, see `Body.length_doubt`."""
 
@@ -88,7 +87,7 @@ def of_keypoints(clip: FrameCache, *, height_m: float | None = None, n_frames: i
 
 def measure(
     seen: Sequence[Sequence[Keypoints]], height_m: float | None = None, keypoint_sigma: float = KEYPOINT_SIGMA
-) -> Measured:
+) -> _MeasuredLengths:
     """Return lengths and poses that fit the keypoints of T frames best, all views of a frame together.
 
     The logarithms of the height and of every length over it are normal, see AVERAGE_M, PROPORTION_SIGMA and
@@ -124,7 +123,7 @@ def measure(
     lengths, slope = x[: len(start)], slopes(x)
     covariance = np.linalg.pinv(slope.T @ slope, hermitian=True)[: len(start), : len(start)]  # Laplace's
     doubt = _by_length(lengths) @ np.linalg.cholesky(covariance)
-    return Measured(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, doubt)
+    return _MeasuredLengths(shape_of(lengths), x[len(start) :].reshape(poses.shape), error_px, doubt)
 
 
 def shape_of(lengths: FloatArray) -> Shape:

@@ -12,7 +12,7 @@ from workbench.body.kinematics import joint_jacobian, joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.observations import Keypoints, Observed, person_px
 from workbench.core.residual import Loss, robust
-from workbench.inference.least_squares.motion import Tie
+from workbench.inference.least_squares.all_frames import Tie
 from workbench.utils.arrays import BoolArray, FloatArray
 
 ANKLES = ("left_ankle", "right_ankle")

@@ -12,12 +12,11 @@ from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.capabilities import MOTION, Traits, offering
 from workbench.core.prior import MotionModel
 from workbench.core.state_space import StateSpace
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.frame import Gaussian, fit_frame
+from workbench.inference.least_squares.all_frames import FLAT
 from workbench.inference.least_squares.hypotheses import first_pose
-from workbench.inference.least_squares.motion import FLAT
 from workbench.inference.least_squares.motion_fit import needed
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
+from workbench.inference.least_squares.single_frame import FitData, GaussianPrior, MotionDecoder, PoseDecoder, fit_frame
 from workbench.inference.least_squares.solver import Minimum
 from workbench.inference.least_squares.task import Fit, Task, fit_of
 from workbench.utils.arrays import FloatArray
@@ -30,12 +29,12 @@ PRIOR_RAD = 0.05
 
 @dataclass(frozen=True)
 class FrameByFrame:
-    """Fit the pose of every frame from that of the frame before, without a motion model. pose_prior: under the Gaussian
-    of the poses that the prior's motion model makes, see `pose_prior`."""
+    """Fit the pose of every frame from that of the frame before, without a motion model. pose_prior: under the
+    GaussianPrior of the poses that the prior's motion model makes, see `pose_prior`."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of a motion model for the Gaussian of its poses, where that is asked for."""
+        """Declare the need of a motion model for the GaussianPrior of its poses, where that is asked for."""
         return offering(prior=MOTION) if keys.get("pose_prior") else offering()
 
     pose_prior: bool = False
@@ -54,11 +53,11 @@ class FrameByFrame:
         return fit_poses(PoseDecoder(task.skeleton), task.data(UPRIGHT_SIGMA_RAD), start, prior)
 
 
-def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gaussian | None = None) -> Fit:
+def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: GaussianPrior | None = None) -> Fit:
     """Fit each frame from the pose of the frame before (paper D, section 4.1), the first from a pose `start` (P,), with
-    a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither points
-    nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their limits: a
-    straight arm's twist, which no point tells, may have gone round."""
+    a GaussianPrior prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither
+    points nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their
+    limits: a straight arm's twist, which no point tells, may have gone round."""
     clock, poses, covariances, searches = working_s(), [start], [], list[Minimum]()
     middle = decoder.skeleton.limits[N_ROOT:].mean(axis=1)
     for residual in tqdm(data.residuals, desc="frame by frame", unit="frame", disable=None, leave=False):
@@ -71,9 +70,9 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
     return replace(fit, timing_s={"least_squares": working_s() - clock})
 
 
-def pose_prior(decoder: MotionDecoder) -> Gaussian:
-    """Return the Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root is
-    free. Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
+def pose_prior(decoder: MotionDecoder) -> GaussianPrior:
+    """Return the GaussianPrior of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root
+    is free. Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
     phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
     states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))
     poses, by_style = decoder.poses(states), decoder.jacobian(states)[:, :, : decoder.n_style]
@@ -82,4 +81,4 @@ def pose_prior(decoder: MotionDecoder) -> Gaussian:
     angles = spread[N_ROOT:, N_ROOT:] + PRIOR_RAD**2 * np.eye(len(mean) - N_ROOT)
     whitening = np.zeros((len(mean) - N_ROOT, len(mean)))
     whitening[:, N_ROOT:] = np.linalg.inv(np.linalg.cholesky(angles))
-    return Gaussian(mean, whitening)
+    return GaussianPrior(mean, whitening)

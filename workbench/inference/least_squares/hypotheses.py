@@ -9,10 +9,9 @@ from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.observations import Keypoints, Observed, kinds_seen
 from workbench.core.residual import Loss, ResidualFunction, stacked, surface_residual
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.frame import Gaussian, fit_frame
 from workbench.inference.least_squares.phase_grid import N_HEADINGS, N_PHASES, roots_from_points
 from workbench.inference.least_squares.residuals import views_residual
+from workbench.inference.least_squares.single_frame import FitData, GaussianPrior, MotionDecoder, PoseDecoder, fit_frame
 from workbench.inference.least_squares.task import Task
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
@@ -51,7 +50,7 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
     free, own, fits = PoseDecoder(decoder.skeleton), np.arange(N_ROOT), []
     phases = np.arange(N_PHASES) / N_PHASES
     for pose in decoder.poses(decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))):
-        for root in upright_roots(decoder.skeleton, seen, pose):
+        for root in _upright_roots(decoder.skeleton, seen, pose):
             guess = np.concatenate([root, pose[N_ROOT:]])
             fits.append(fit_frame(free, residual, KEYPOINT_LOSS, guess, free=own, max_iterations=8, tolerance=1e-2))
     kept: list[FloatArray] = []
@@ -64,7 +63,7 @@ def likely_roots(decoder: MotionDecoder, seen: Sequence[Keypoints], residual: Re
 
 
 def likely_poses(
-    skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: Gaussian | None, most: int
+    skeleton: Skeleton, seen: Sequence[Keypoints], residual: ResidualFunction, prior: GaussianPrior | None, most: int
 ) -> FloatArray:
     """Find the poses (n ≤ most, P) that fit one frame of keypoints best without a motion, the best first: minima found
     from N_HEADINGS headings whose joints are APART_M or more from each other in the mean. prior: over poses, else of no
@@ -73,7 +72,7 @@ def likely_poses(
     upright[:N_ROOT] = 0.0
     fits = [
         fit_frame(PoseDecoder(skeleton), residual, KEYPOINT_LOSS, np.concatenate([root, upright[N_ROOT:]]), prior=prior)
-        for root in upright_roots(skeleton, seen, upright)
+        for root in _upright_roots(skeleton, seen, upright)
     ]
     fits.sort(key=lambda fit: fit.costs[-1])
     return distinct_poses(skeleton, np.array([fit.x for fit in fits]), most, APART_M)
@@ -89,7 +88,7 @@ def distinct_poses(skeleton: Skeleton, poses: FloatArray, most: int, apart_m: fl
     return poses[kept]
 
 
-def upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
+def _upright_roots(skeleton: Skeleton, seen: Sequence[Keypoints], pose: FloatArray) -> FloatArray:
     """Return roots (N_HEADINGS, 6) all around, placed so that a pose (P,) has the keypoints' size and middle in the
     image of the view that shows most of them."""
     fullest = max(seen, key=lambda keypoints: len(keypoints.joints))
@@ -124,7 +123,7 @@ def first_roots(task: Task, decoder: MotionDecoder) -> FloatArray:
     return likely_roots(decoder, keypoints, views_residual(task.skeleton, keypoints, task.sigma_px))
 
 
-def first_pose(task: Task, prior: Gaussian | None) -> FloatArray:
+def first_pose(task: Task, prior: GaussianPrior | None) -> FloatArray:
     """Find a pose (P,) of the person there without a motion model; prior: over poses, see `likely_poses`. Raises
     InputError where points alone are seen and do not tell where the person faces."""
     keypoints = first_keypoints(task.seen)

@@ -20,9 +20,9 @@ from workbench.core.residual import ResidualLikelihood
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.inference.least_squares.lengths import told_doubt
 from workbench.inference.least_squares.motion_fit import MotionFit
 from workbench.inference.least_squares.smooth_fit import SmoothFit
+from workbench.inference.least_squares.systematic_errors import told_doubt
 from workbench.inference.least_squares.task import Fit, Problem, Task
 from workbench.motion.models.activities import classify
 from workbench.utils.arrays import FloatArray, IntArray

@@ -14,14 +14,12 @@ from workbench.core.observations import kinds_seen
 from workbench.core.prior import MotionModel
 from workbench.core.side_information import PHASE_ENDS
 from workbench.core.state_space import StateSpace
-from workbench.inference.least_squares.correlation import effective_share, error_correlation
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder
-from workbench.inference.least_squares.frame import follow, global_motion
+from workbench.inference.least_squares.all_frames import absorbed, fit_motion, fit_problem, misled
 from workbench.inference.least_squares.hypotheses import coarse_data, first_roots
-from workbench.inference.least_squares.motion import absorbed, fit_motion, fit_problem, misled
 from workbench.inference.least_squares.phase_grid import find_phase
 from workbench.inference.least_squares.residuals import UPRIGHT_SIGMA_RAD
-from workbench.inference.least_squares.shared import Shared
+from workbench.inference.least_squares.single_frame import FitData, MotionDecoder, follow, global_motion
+from workbench.inference.least_squares.systematic_errors import Shared, effective_share, error_correlation
 from workbench.inference.least_squares.task import Fit, Task, fit_of
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError

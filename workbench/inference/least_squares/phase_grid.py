@@ -14,9 +14,15 @@ from tqdm import tqdm
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import N_ROOT, Skeleton
 from workbench.core.prior import MotionModel
-from workbench.inference.least_squares.decoding import FitData, MotionDecoder, PoseDecoder
-from workbench.inference.least_squares.frame import WIDENED, fit_frame, fit_root
-from workbench.inference.least_squares.motion import fit_motion, fit_problem
+from workbench.inference.least_squares.all_frames import fit_motion, fit_problem
+from workbench.inference.least_squares.single_frame import (
+    WIDENED,
+    FitData,
+    MotionDecoder,
+    PoseDecoder,
+    fit_frame,
+    fit_root,
+)
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -43,7 +49,7 @@ def find_phase(decoder: MotionDecoder, data: FitData, root: FloatArray) -> Float
     lines: list[tuple[float, FloatArray]] = []
     tried = list(product(_activity_styles(decoder.model), np.atleast_2d(root)))
     for (alpha, rates_hz), guess in tqdm(tried, desc="phase", unit="grid", disable=None, leave=False):
-        costs, roots = phase_table(decoder, data, alpha, guess)
+        costs, roots = _phase_table(decoder, data, alpha, guess)
         for cost, phases in best_lines(costs, times_s, _fine_enough(rates_hz, times_s)):
             cells = np.round(phases * N_PHASES).astype(int) % N_PHASES
             lines.append((cost, decoder.states(alpha, phases, roots[frames, cells])))
@@ -53,7 +59,7 @@ def find_phase(decoder: MotionDecoder, data: FitData, root: FloatArray) -> Float
     return min(refined, key=lambda fit: fit[2].costs[-1])[0]
 
 
-def phase_table(
+def _phase_table(
     decoder: MotionDecoder, data: FitData, alpha: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Tabulate costs (F, N_PHASES) and roots (F, N_PHASES, 6) of every frame at phases 0, 1/N_PHASES, …, root fitted.

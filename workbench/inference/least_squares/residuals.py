@@ -15,7 +15,7 @@ from workbench.body.skeleton import JOINT_NAMES, Skeleton
 from workbench.core.observations import Keypoints
 from workbench.core.pose_prior import Postures
 from workbench.core.residual import ResidualFunction, keypoint_residual, nothing, stacked
-from workbench.inference.least_squares.frame import Gaussian
+from workbench.inference.least_squares.single_frame import GaussianPrior
 from workbench.utils.arrays import FloatArray, IntArray
 
 UPRIGHT = slice(4, 6)
@@ -89,12 +89,12 @@ def limit_residual(skeleton: Skeleton, sigma_rad: float) -> ResidualFunction:
     return residual
 
 
-def posture_prior(skeleton: Skeleton) -> Gaussian:
+def posture_prior(skeleton: Skeleton) -> GaussianPrior:
     """Return independent normal joint angles, pitch and roll; the root may be anywhere and face anywhere."""
     sides = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.dof_names]
     mean, deviation = np.array([USUAL_RAD.get(name, UNKNOWN_RAD) for name in sides]).T
     mean[: UPRIGHT.start], deviation[: UPRIGHT.start] = 0.0, np.inf
-    return Gaussian.independent(mean, deviation)
+    return GaussianPrior.independent(mean, deviation)
 
 
 def usual_residual(skeleton: Skeleton) -> ResidualFunction:

@@ -19,12 +19,9 @@ from workbench.core.prior import PACE_HZ, MotionModel
 from workbench.core.residual import SQUARED, Loss, ResidualFunction, robust, stacked
 from workbench.core.side_information import GROUND_HEIGHT
 from workbench.core.state_space import StateSpace
-from workbench.inference.least_squares.decoding import FitData, PoseDecoder
+from workbench.inference.least_squares.all_frames import FitProblem, fit_motion, misled, second_differences
 from workbench.inference.least_squares.foot_contact import standing_feet, standing_height, ties_of_feet
-from workbench.inference.least_squares.frame import Gaussian, fit_frame
 from workbench.inference.least_squares.hypotheses import first_keypoints, first_pose, likely_poses
-from workbench.inference.least_squares.lengths import Lengths
-from workbench.inference.least_squares.motion import FitProblem, fit_motion, misled, second_differences
 from workbench.inference.least_squares.residuals import (
     balance_residual,
     ground_residual,
@@ -35,7 +32,9 @@ from workbench.inference.least_squares.residuals import (
     usual_residual,
     views_residual,
 )
+from workbench.inference.least_squares.single_frame import FitData, GaussianPrior, PoseDecoder, fit_frame
 from workbench.inference.least_squares.solver import Minimum
+from workbench.inference.least_squares.systematic_errors import Lengths
 from workbench.inference.least_squares.task import Fit, Task, fit_of
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.timing import working_s
@@ -228,7 +227,7 @@ def _follow(decoder: PoseDecoder, data: FitData, start: FloatArray) -> FloatArra
     """Fit poses (T, P), each near the one before."""
     poses, gaps = [start], np.diff(data.times_s, prepend=data.times_s[0] - 1.0 / PACE_HZ)
     for t in tqdm(range(len(gaps)), desc="following", unit="frame", disable=None, leave=False):
-        prior = Gaussian.independent(poses[-1], np.full(len(start), FOLLOW_SIGMA * np.sqrt(PACE_HZ * gaps[t])))
+        prior = GaussianPrior.independent(poses[-1], np.full(len(start), FOLLOW_SIGMA * np.sqrt(PACE_HZ * gaps[t])))
         poses.append(fit_frame(decoder, data.residuals[t], data.loss, poses[-1], prior=prior).x)
     return np.array(poses[1:])
 

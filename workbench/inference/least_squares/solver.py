@@ -39,15 +39,15 @@ class Pattern:
         row = np.where(rows < self.n_band, rows - columns, self.width + 1 + rows - self.n_band)
         return np.where(rows >= columns, row * n_columns + columns, n_rows * n_columns)
 
-    def fill(self, places: IntArray, values: FloatArray) -> "Arrowhead":
+    def fill(self, places: IntArray, values: FloatArray) -> "_Arrowhead":
         """Return the matrix whose entries are the sums of the values (...) at their `places` (...)."""
         n_rows, n_columns = self.shape
         cells = np.bincount(places.ravel(), values.ravel(), minlength=n_rows * n_columns + 1)[:-1]
-        return Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
+        return _Arrowhead(self, np.asarray(cells, dtype=np.float64).reshape(n_rows, n_columns))
 
 
 @dataclass(frozen=True, eq=False)
-class Arrowhead:
+class _Arrowhead:
     """A symmetric matrix of the pattern `pattern`. cells: its lower triangle as stored there."""
 
     pattern: Pattern
@@ -62,7 +62,7 @@ class Arrowhead:
         matrix[rows[kept], columns[kept]] = self.cells.ravel()[self.pattern.place(rows[kept], columns[kept])]
         return matrix + np.tril(matrix, -1).T
 
-    def factor(self, damping: FloatArray | float = 0.0) -> "Factor":
+    def factor(self, damping: FloatArray | float = 0.0) -> "_Factor":
         """Return the factors of the matrix with `damping` (n,) added to its diagonal. Raises numpy.linalg.LinAlgError
         when that is not positive definite."""
         n_band, width = self.pattern.n_band, self.pattern.width
@@ -72,15 +72,15 @@ class Arrowhead:
         root = scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
         border = self.cells[width + 1 :, :n_band]
         if not self.pattern.n_border:
-            return Factor(self.pattern, root, border.T, border)
+            return _Factor(self.pattern, root, border.T, border)
         reduced = scipy.linalg.cho_solve_banded((root, True), border.T, check_finite=False)
         schur = self.cells[width + 1 :, n_band:] + np.diag(added[n_band:]) - border @ reduced
         corner = np.tril(scipy.linalg.cho_factor(schur, lower=True, check_finite=False)[0])
-        return Factor(self.pattern, root, reduced, corner)
+        return _Factor(self.pattern, root, reduced, corner)
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
+class _Factor:
     """Cholesky factors. root: (width + 1, n_band) of the band B. reduced: (n_band, n_border) B⁻¹Cᵀ of the border C.
     corner: (n_border, n_border) of the Schur complement D − C B⁻¹ Cᵀ, lower triangular."""
 
@@ -104,7 +104,7 @@ class Factor:
         """Return the blocks (T, D, D) of A⁻¹ that belong to the unknowns `columns` (T, D) of each of T frames. Unknowns
         of one frame must meet in the pattern."""
         n_band, width = self.pattern.n_band, self.pattern.width
-        near = selected_inverse(self.root)
+        near = _selected_inverse(self.root)
         banded = columns < n_band
         i, j = columns[:, :, None], columns[:, None, :]
         both = banded[:, :, None] & banded[:, None, :]
@@ -119,7 +119,7 @@ class Factor:
         return blocks
 
 
-def selected_inverse(root: FloatArray) -> FloatArray:
+def _selected_inverse(root: FloatArray) -> FloatArray:
     """Return the band (w + 1, n) of A⁻¹ from A's banded Cholesky factor `root` (w + 1, n), both as lower diagonals.
 
     Block of w + 1 columns by block from the last one, without the rest of the inverse (Takahashi, Fagan & Chen 1973):
@@ -157,7 +157,7 @@ class Quadratic:
 
     cost: float
     gradient: FloatArray
-    normal: Arrowhead
+    normal: _Arrowhead
     trust: FloatArray
 
 

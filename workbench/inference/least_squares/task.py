@@ -14,8 +14,8 @@ from workbench.core.pose_prior import Postures
 from workbench.core.prior import MotionModel, Smoothness
 from workbench.core.residual import ResidualLikelihood, stacked
 from workbench.core.state_space import StateSpace
-from workbench.inference.least_squares.decoding import Decoder, FitData
 from workbench.inference.least_squares.residuals import upright_residual
+from workbench.inference.least_squares.single_frame import Decoder, FitData
 from workbench.utils.arrays import FloatArray
 
 

@@ -1,16 +1,17 @@
-"""The bootstrap filter's move: resample, draw from the prior, weigh (Gordon, Salmond & Smith 1993)."""
+"""Moves with one draw a particle: bootstrap (Gordon, Salmond & Smith 1993), auxiliary (Pitt & Shephard 1999)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import scipy
 
 from workbench.core.capabilities import Traits, offering
 from workbench.core.checks import UNIT, check, one_of
 from workbench.core.prior import Prior
-from workbench.inference.smc.move import First, Streams
+from workbench.inference.smc.move import DensityMove, First, Streams
 from workbench.inference.smc.target import Moved, Particles, Target
-from workbench.inference.smc.weights import RESAMPLING, even_log_weights
+from workbench.inference.smc.weights import RESAMPLING, even_log_weights, lookahead_log_weight, systematic
 
 
 @dataclass(frozen=True)
@@ -52,3 +53,38 @@ class Bootstrap:
         poses = target.prior.pose(state)
         log_weights, log_gain = target.weigh(log_weights, target.log_prob(poses, ancestors), correction)
         return target.moved(Particles(state, poses, log_weights, ancestors), log_gain)
+
+
+@dataclass(frozen=True)
+class Auxiliary(DensityMove):
+    """Choose parents by how likely the frame is where each of them leads without noise.
+
+        λ_i ∝ w_i p(frame_t | μ_i)^flatten,  a ~ λ,  s_t ~ p(s_t | s_t−1^a),
+        w ∝ p(frame_t | s_t) / p(frame_t | μ_a)^flatten
+
+    μ_i is the prior's mean. Exact for every flatten: 0 is the plain filter; 1 (Pitt & Shephard) trusts the look ahead
+    fully, which makes weights heavy-tailed where the likelihood is sharper than the prior's noise. The likelihood is
+    evaluated twice for each particle. A prior's own proposal is drawn from, and its correction enters the weights.
+    Raises InputError for a prior without a density and a flatten out of range.
+    """
+
+    flatten: float = 0.5
+
+    proposes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check("inference", self, flatten=UNIT)
+
+    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+        """Look ahead, choose the parents, propagate, weigh."""
+        parents = target.parents
+        ahead = target.evaluate(target.density.mean(parents.state, target.dt_s), np.arange(target.n))
+        bonus = lookahead_log_weight(ahead.log_prob, self.flatten)
+        first_stage = parents.log_weights + bonus
+        log_sum = float(scipy.special.logsumexp(first_stage))
+        chosen = systematic(np.exp(first_stage - log_sum), rng_streams["resampling"])
+        target.clock.lap("resampling")
+        state, correction = target.propose(chosen, rng_streams["prior"])
+        drawn = target.evaluate(state, chosen)
+        correction = log_sum - bonus[chosen] + correction
+        return target.settle(drawn, *target.weigh(even_log_weights(target.n), drawn.log_prob, correction))

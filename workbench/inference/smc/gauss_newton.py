@@ -61,8 +61,8 @@ class GaussNewton(DensityMove):
         """Climb, draw from the mixture, weigh."""
         parents, n, rng = target.parents, target.n, rng_streams["prior"]
         prediction = predict(target, rng)
-        quadratic = newton_ascent(target, prediction, self.steps)
-        guide = Guide(prediction, quadratic, parents.log_weights, self.flatten)
+        quadratic = _newton_ascent(target, prediction, self.steps)
+        guide = _Guide(prediction, quadratic, parents.log_weights, self.flatten)
         n_guided = round(self.share * n)
         counts = (guide.log_parents, n_guided), (parents.log_weights, n - n_guided)
         chosen = np.concatenate([systematic(np.exp(log_w), rng_streams["resampling"], k) for log_w, k in counts])
@@ -78,7 +78,7 @@ class GaussNewton(DensityMove):
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class _PredictedStates:
     """What the prior predicts of a frame, of N parents and the D' columns that have noise.
 
     space: of the D columns. means: (N, D), where the parents lead without noise. middle: (D,), their weighted mean.
@@ -104,7 +104,7 @@ class Prediction:
         return apart(self.space, middle, states)[:, self.noisy]
 
 
-def predict(target: Target, rng: np.random.Generator) -> Prediction:
+def predict(target: Target, rng: np.random.Generator) -> _PredictedStates:
     """Predict from the target's parents; deviations of the noise are those of one draw for each parent."""
     space, parents = target.prior.space, target.parents
     means = target.density.mean(parents.state, target.dt_s)
@@ -114,11 +114,11 @@ def predict(target: Target, rng: np.random.Generator) -> Prediction:
     middle = heaviest + weights @ apart(space, heaviest, means)  # phases have no mean but beside one of them
     sigma = np.sqrt((noise[:, noisy] ** 2).mean(axis=0))
     off = apart(space, middle, means)[:, noisy]
-    return Prediction(space, means, middle, noisy, sigma, (weights * off.T) @ off + np.diag(sigma**2))
+    return _PredictedStates(space, means, middle, noisy, sigma, (weights * off.T) @ off + np.diag(sigma**2))
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
+class _PosteriorModel:
     """log p(frame | s) ≈ … + gᵀ(s − x) − ½ (s − x)ᵀ H (s − x): x (D,), and of the columns that have noise gradient
     (D',) and curvature H (D', D'), which is not negative."""
 
@@ -127,19 +127,19 @@ class Quadratic:
     curvature: FloatArray
 
 
-def newton_ascent(target: Target, prediction: Prediction, steps: int) -> Quadratic:
+def _newton_ascent(target: Target, prediction: _PredictedStates, steps: int) -> _PosteriorModel:
     """Take so many Newton steps from the prediction's middle, all but the last with a diagonal H."""
     x, precision = prediction.middle, np.linalg.inv(prediction.covariance)
     for _ in range(steps - 1):
-        quadratic = fit_quadratic(target, prediction, x, pairs=False)
+        quadratic = _fit_quadratic(target, prediction, x, pairs=False)
         uphill = quadratic.gradient - precision @ prediction.difference(prediction.middle, x[None])[0]
         step = np.linalg.solve(precision + quadratic.curvature, uphill)
         longest = np.abs(step / np.sqrt(np.diag(prediction.covariance))).max()
         x = prediction.move(x[None], step[None] * min(1.0, FARTHEST / max(longest, STILL)))[0]
-    return fit_quadratic(target, prediction, x, pairs=True)
+    return _fit_quadratic(target, prediction, x, pairs=True)
 
 
-def fit_quadratic(target: Target, prediction: Prediction, x: FloatArray, pairs: bool) -> Quadratic:
+def _fit_quadratic(target: Target, prediction: _PredictedStates, x: FloatArray, pairs: bool) -> _PosteriorModel:
     """Approximate the log likelihood at x (D,), by differences over one deviation of the prediction. What is impossible
     counts as the least of what is not. pairs: all of H, not just its diagonal."""
     widths = np.sqrt(np.diag(prediction.covariance))
@@ -162,14 +162,16 @@ def fit_quadratic(target: Target, prediction: Prediction, x: FloatArray, pairs: 
     gradient, whole = np.zeros(len(widths)), np.zeros((len(widths), len(widths)))
     gradient[seen] = 0.5 * (above - below) / widths[seen]
     whole[np.ix_(seen, seen)] = (vectors * np.maximum(values, 0.0)) @ vectors.T / np.outer(widths[seen], widths[seen])
-    return Quadratic(x, gradient, whole)
+    return _PosteriorModel(x, gradient, whole)
 
 
-class Guide:
+class _Guide:
     """The density q of `GaussNewton`: a Gaussian for each of the N parents, of one covariance, and their log weights.
     flatten: power that the quadratic is taken to. log_parents: (N,)."""
 
-    def __init__(self, prediction: Prediction, quadratic: Quadratic, log_weights: FloatArray, flatten: float) -> None:
+    def __init__(
+        self, prediction: _PredictedStates, quadratic: _PosteriorModel, log_weights: FloatArray, flatten: float
+    ) -> None:
         self._prediction, self._x = prediction, quadratic.x
         precision = 1.0 / prediction.sigma**2
         covariance = np.linalg.inv(np.diag(precision) + flatten * quadratic.curvature)

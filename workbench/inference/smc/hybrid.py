@@ -11,9 +11,8 @@ from workbench.core.checks import BELOW_1, POSITIVE, check
 from workbench.core.frame import Frame
 from workbench.core.prior import Prior
 from workbench.core.step import Step
-from workbench.inference.smc.move import Move, Streams, Surrounded
+from workbench.inference.smc.move import Move, Streams, Surrounded, Wrapper
 from workbench.inference.smc.target import Moved, Target
-from workbench.inference.smc.wrapper import Wrapper
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -22,7 +21,7 @@ UNGUIDED = "hybrid: the filter's move draws from no proposal; the fit gave the s
 
 
 @runtime_checkable
-class Driven(Prior, Protocol):
+class _Driven(Prior, Protocol):
     """A prior of a motion that can be fitted: a Gaussian over the columns that its poses depend on.
 
     driven: those D' columns, {coefficients, phase, root position, root rotation}, as the fit's states have them. The
@@ -37,7 +36,7 @@ class Driven(Prior, Protocol):
         phase is counted on, without wrapping."""
 
 
-class Fitter(Protocol):
+class _Fitter(Protocol):
     """What fits all frames at once; `fit.least_squares.LeastSquares` is one."""
 
     def fit_frames(self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator) -> Any:
@@ -68,7 +67,7 @@ class Hybrid(Wrapper):
         needs = needs_of_all(parts)
         return Traits(needs={**needs, "dataset": needs["dataset"] - {START}})  # which the fit finds
 
-    fitter: Fitter
+    fitter: _Fitter
     _: KW_ONLY
     share: float = 0.7
     widen: float = 6.0
@@ -77,7 +76,7 @@ class Hybrid(Wrapper):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        driven_prior(self.prior)
+        _driven_prior(self.prior)
         check("inference", self, share=BELOW_1, widen=POSITIVE)
 
     @property
@@ -90,7 +89,7 @@ class Hybrid(Wrapper):
         rng_streams: as for the filter. Raises InputError when there is nothing to fit."""
         frames = list(frames)
         fit, _, warnings = self.fitter.fit_frames(frames, start, rng_streams["start"])
-        prior, times_s = driven_prior(self.prior), np.array([frame.time_s for frame in frames])
+        prior, times_s = _driven_prior(self.prior), np.array([frame.time_s for frame in frames])
         guides = guides_of(prior, fit.states, self.widen**2 * fit.state_covariance, times_s, self.share)
         by_frame = {frame.index: guide for frame, guide in zip(frames, guides, strict=True)}
 
@@ -105,9 +104,9 @@ class Hybrid(Wrapper):
             yield replace(step, warnings=step.warnings + more, evaluations=more_evaluations, memory=None)
 
 
-def driven_prior(prior: Prior) -> Driven:
+def _driven_prior(prior: Prior) -> _Driven:
     """Return the prior itself; raises InputError where it has no motion to fit."""
-    if prior.powers.motion is None or not isinstance(prior, Driven):
+    if prior.powers.motion is None or not isinstance(prior, _Driven):
         raise InputError(
             f"inference: hybrid needs a prior with a motion model to fit, such as prior=activity, "
             f"found {type(prior).__name__.lower()}"
@@ -115,12 +114,12 @@ def driven_prior(prior: Prior) -> Driven:
     return prior
 
 
-class Guided:
+class _Guided:
     """A prior, with a proposal for one frame that is drawn towards a Gaussian over its driven columns. mean: (D',).
     covariance: (D', D'). speeds: (D',), a second, with which states start."""
 
     def __init__(
-        self, prior: Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
+        self, prior: _Driven, mean: FloatArray, covariance: FloatArray, speeds: FloatArray, share: float
     ) -> None:
         self.prior, self.mean, self.covariance, self.speeds, self.share = prior, mean, covariance, speeds, share
         self.space, self.parameters, self.powers = prior.space, prior.parameters, prior.powers
@@ -169,12 +168,14 @@ class Guided:
 
 
 def guides_of(
-    prior: Driven, means: FloatArray, covariances: FloatArray, times_s: FloatArray, share: float
-) -> list[Guided]:
+    prior: _Driven, means: FloatArray, covariances: FloatArray, times_s: FloatArray, share: float
+) -> list[_Guided]:
     """Guide the prior in each of T frames at times (T,), s, towards means (T, D') with covariances (T, D', D')."""
     dt_s = float(times_s[1] - times_s[0]) if len(times_s) > 1 else 1.0
     speeds = (means[min(1, len(means) - 1)] - means[0]) / dt_s
-    return [Guided(prior, mean, covariance, speeds, share) for mean, covariance in zip(means, covariances, strict=True)]
+    return [
+        _Guided(prior, mean, covariance, speeds, share) for mean, covariance in zip(means, covariances, strict=True)
+    ]
 
 
 def _log_gaussian(white: FloatArray, scales: FloatArray) -> FloatArray:

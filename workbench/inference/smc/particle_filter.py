@@ -17,7 +17,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
 from workbench.inference.smc.bootstrap import Bootstrap
 from workbench.inference.smc.move import Move, Streams
-from workbench.inference.smc.target import Moved, Particles, Room, Stopwatch, Target
+from workbench.inference.smc.target import Moved, Particles, Stopwatch, Target, Workspace
 from workbench.inference.smc.weights import DegenerateWeights as DegenerateWeights
 from workbench.inference.smc.weights import even_log_weights, systematic
 from workbench.utils.arrays import AnyArray, FloatArray, IntArray
@@ -76,7 +76,7 @@ class ParticleFilter:
         rng_streams: generators named "start", "resampling" and "prior". Raises InputError without a start, and
         DegenerateWeights as configured.
         """
-        likelihood, log_evidence, frames, room = self.likelihood, 0.0, iter(frames), Room()
+        likelihood, log_evidence, frames, room = self.likelihood, 0.0, iter(frames), Workspace()
         origins: AnyArray = np.empty((0, self.n_particles), dtype=np.int32)
         previous: Frame | None = None
         if isinstance(start, Past):
@@ -99,7 +99,7 @@ class ParticleFilter:
             diagnostics, warnings = {**look.diagnostics, **moved.diagnostics, **counted}, (*look.notes, *moved.warnings)
             moved = replace(moved, warnings=warnings, diagnostics=diagnostics)
             log_evidence += moved.log_gain
-            step = particle_step(frame, self.space, moved, log_evidence, clock)
+            step = _particle_step(frame, self.space, moved, log_evidence, clock)
             likelihood = look.remember(step.expected_pose)
             clock.lap("likelihood")
             memory = self._memory(moved.particles, origins, log_evidence, step.expected_pose, rng_streams)
@@ -159,7 +159,7 @@ def start_around(prior: Prior, poses: FloatArray, n_particles: int, rng: np.rand
     return np.concatenate([prior.start(pose, int(n), rng) for pose, n in zip(poses, shares, strict=True) if n])
 
 
-def particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
+def _particle_step(frame: Frame, space: StateSpace, moved: Moved, log_evidence: float, clock: Stopwatch) -> Step:
     """Sum up one frame's particles, with the expected pose and that of the best particle."""
     particles = moved.particles
     best = int(np.argmax(particles.log_weights)) if moved.best is None else moved.best

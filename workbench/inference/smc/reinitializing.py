@@ -11,19 +11,20 @@ import numpy as np
 from workbench.body.limbs import Body
 from workbench.body.mirror import exchanged
 from workbench.core.capabilities import KEYPOINTS, Traits, needs_of_all, offering
-from workbench.core.checks import INSIDE_UNIT, POSITIVE, at_least, check
+from workbench.core.checks import INSIDE_UNIT, check
 from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.step import Step
 from workbench.inference.initialization.from_keypoints import start_from_keypoints
-from workbench.inference.smc.move import Move, Streams, Surrounded
+from workbench.inference.smc.move import Kind, Move, Streams, Surrounded, Wrapper
 from workbench.inference.smc.particle_filter import start_around
 from workbench.inference.smc.target import Moved, Particles, Target
 from workbench.inference.smc.weights import even_log_weights, systematic
-from workbench.inference.smc.wrapper import Kind, Wrapper
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
+DROP, PATIENCE = 4.0, 3
+"""By how many robust deviations the evidence of how many last frames must lie below that of the frames before."""
 REFERENCE_FRAMES = 30
 """So many frames must have been tracked before one can tell that the evidence falls: it rises and falls in every cycle
 of a walk, which takes about a second."""
@@ -33,14 +34,14 @@ of a walk, which takes about a second."""
 class Restarting(Wrapper):
     """A filter for a person who may get lost.
 
-    Lost is who has been explained badly for `patience` frames: each one's log p(frame | frames before) lies more than
-    `drop` robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them.
+    Lost is who has been explained badly for PATIENCE frames: each one's log p(frame | frames before) lies more than
+    DROP robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them.
     Then a share of the previous frame's particles is replaced by draws from the prior's start distribution: around the
     poses that joints detected in that frame allow (`start_from_keypoints`), wherever they are, or without joints half
     of them around the expected pose and half around its mirror image, since one camera easily takes left for right.
     The filter's move goes on from there. The diagnostic restarted is 1 in such a frame.
 
-    While they are explained no better, particles start anew every `patience` frames.
+    While they are explained no better, particles start anew every PATIENCE frames.
 
     It sees only what the likelihood can tell. Bare image motion cannot: a body that has come to rest on a still
     background predicts the next image better than the person did, and the evidence rises when the person is lost. With
@@ -63,14 +64,12 @@ class Restarting(Wrapper):
     body: Body | None = None
     _: KW_ONLY
     share: float = 0.2
-    drop: float = 4.0
-    patience: int = 3
 
     kind: ClassVar[Kind] = "restarted"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("inference", self, share=INSIDE_UNIT, drop=POSITIVE, patience=at_least(1))
+        check("inference", self, share=INSIDE_UNIT)
 
     def run(self, frames: Iterable[Frame], start: FloatArray | Past | None, rng_streams: Streams) -> Iterator[Step]:
         """Yield one step per frame, see `ParticleFilter.run`; restarts draw from "start" and "resampling"."""
@@ -84,11 +83,11 @@ class Restarting(Wrapper):
     def _around(self, gains: list[float], move: Move, target: Target, rng_streams: Streams) -> Moved:
         """Renew the parents if need be and move; the evidence joins the `gains`, those of a loss are forgotten."""
         origins, warning = np.arange(target.n), tuple[str, ...]()
-        if lost(gains, self.patience, self.drop):
+        if lost(gains):
             starts, where = self._starts(target.parents, target.previous)
             parents = self._renewed(target.parents, starts, rng_streams)
             target, origins = replace(target, parents=parents), parents.ancestors
-            del gains[-self.patience :]  # no measure for those who are found
+            del gains[-PATIENCE:]  # no measure for those who are found
             target.clock.lap("start")
             lament = f"frame {target.frame.index}: the person seems lost; {self.share:.0%} of the particles start anew"
             warning = (f"{lament} {where}",)
@@ -117,11 +116,11 @@ class Restarting(Wrapper):
         return Particles(state, self.prior.pose(state), even_log_weights(n), origins)
 
 
-def lost(gains: list[float], patience: int, drop: float) -> bool:
-    """Tell whether the last `patience` frames were explained much worse than those before, see `Restarting`."""
-    before, last = gains[:-patience], gains[-patience:]
+def lost(gains: list[float]) -> bool:
+    """Return whether the last PATIENCE frames were explained much worse than those before, see `Restarting`."""
+    before, last = gains[:-PATIENCE], gains[-PATIENCE:]
     if len(before) < REFERENCE_FRAMES:
         return False
     middle = np.median(before)
     deviation = 1.4826 * np.median(np.abs(np.array(before) - middle))
-    return max(last) < float(middle - drop * deviation)
+    return max(last) < float(middle - DROP * deviation)

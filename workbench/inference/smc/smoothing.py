@@ -16,10 +16,9 @@ from workbench.core.filter_state import Past
 from workbench.core.frame import Frame
 from workbench.core.likelihood import Look
 from workbench.core.step import Step
-from workbench.inference.smc.move import Move, Streams, Surrounded
+from workbench.inference.smc.move import Kind, Move, Streams, Surrounded, Wrapper
 from workbench.inference.smc.target import Moved, Target, density_of
 from workbench.inference.smc.weights import drop_undefined, effective_number, even_log_weights, systematic
-from workbench.inference.smc.wrapper import Kind, Wrapper
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.timing import working_s
 

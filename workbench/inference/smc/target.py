@@ -33,7 +33,7 @@ class Stopwatch:
         self._last = now
 
 
-class Room:
+class Workspace:
     """Memory for parents, N rows each, that every frame writes anew: fresh memory takes longer than what is written."""
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class Target:
     frame: Frame
     clock: Stopwatch
     stop: bool = False
-    room: Room = field(default_factory=Room)
+    room: Workspace = field(default_factory=Workspace)
     evaluations: float = field(default=0.0, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
     diagnostics: Mapping[str, float] = field(default_factory=dict, init=False)

@@ -1,5 +1,6 @@
-"""Tempered sequential Monte Carlo: from the prior's prediction to a frame's posterior by degrees (Neal 2001;
-Del Moral, Doucet & Jasra 2006; temperatures as in Jasra, Stephens, Doucet & Tsagaris 2011)."""
+"""Moves by degrees from the prior's prediction to a frame's posterior: tempered SMC (Neal 2001; Del Moral, Doucet &
+Jasra 2006; temperatures as in Jasra, Stephens, Doucet & Tsagaris 2011) and the annealed particle filter (Deutscher &
+Reid, Articulated Body Motion Capture by Stochastic Search, IJCV 2005)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,9 +28,9 @@ class TemperedSMC(DensityMove):
     from 0 to 1 by steps so small that the effective sample size falls to ess_threshold · N at most; after each, the
     particles are resampled and then moved by `moves` Metropolis steps that leave the density of this φ as it is. So
     particles that share a parent come apart again, and a sharp likelihood needs no lucky particle. Steps are in turn
-    draws from the prior mixed with the state (`mix_with_prior`), whose length does not depend on how many columns there
-    are, and random walks with the particles' covariance (`random_walk`), which are better where the likelihood is
-    sharp.
+    draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on how many columns
+    there are, and random walks with the particles' covariance (`_random_walk`), which are better where the likelihood
+    is sharp.
 
     The posterior and the evidence are consistent as N grows. The temperatures, the random walk's covariance and the
     scales of the steps come from the particles themselves, so that the evidence is not strictly unbiased (Beskos,
@@ -64,15 +65,15 @@ class TemperedSMC(DensityMove):
             following = self._following(target, candidates.log_prob, phi, count)
             log_weights, gained = target.weigh(even, (following - phi) * candidates.log_prob)
             log_gain, phi = log_gain + gained, following
-            root = walk_root(target, candidates, noisy, np.exp(log_weights))
+            root = _walk_root(target, candidates, noisy, np.exp(log_weights))
             candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
             target.clock.lap("resampling")
             for move in range(self.moves):
                 if move % 2 == 0:
-                    candidates, rate = mix_with_prior(target, candidates, phi, sigma, share, noisy, rng)
+                    candidates, rate = _mix_with_prior(target, candidates, phi, sigma, share, noisy, rng)
                     share = min(1.0, share * float(np.exp(rate - WANTED_ACCEPTANCE)))
                 else:
-                    candidates, rate = random_walk(target, candidates, phi, scale * root, noisy, rng)
+                    candidates, rate = _random_walk(target, candidates, phi, scale * root, noisy, rng)
                     scale *= float(np.exp(rate - WANTED_ACCEPTANCE))
                 rates.append(rate)
         settled = target.complete(candidates, rng)
@@ -104,7 +105,7 @@ def next_temperature(log_prob: FloatArray, phi: float, ess_threshold: float) -> 
     return high
 
 
-def walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights: FloatArray) -> FloatArray:
+def _walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights: FloatArray) -> FloatArray:
     """Return a matrix R (D', D'), R Rᵀ being 2.38² / D' times the covariance of weighted states given their parents, in
     the columns noisy (D,) (Roberts, Gelman & Gilks 1997).
 
@@ -119,7 +120,7 @@ def walk_root(target: Target, candidates: Candidates, noisy: BoolArray, weights:
     return vectors * (2.38 * np.sqrt(np.maximum(values, 0.0) / max(1, len(values))))
 
 
-def random_walk(
+def _random_walk(
     target: Target, candidates: Candidates, phi: float, root: FloatArray, noisy: BoolArray, rng: np.random.Generator
 ) -> tuple[Candidates, float]:
     """Take one Metropolis step at temperature φ by N(0, R Rᵀ), R being the root (D', D'), in the columns noisy (D,).
@@ -128,7 +129,7 @@ def random_walk(
     return _accept(candidates, target.shift(candidates, noisy, walk), phi, 0.0, rng)
 
 
-def mix_with_prior(
+def _mix_with_prior(
     target: Target, candidates: Candidates, phi: float, sigma: FloatArray, share: float, noisy: BoolArray,
     rng: np.random.Generator,
 ) -> tuple[Candidates, float]:  # fmt: skip
@@ -153,3 +154,54 @@ def _accept(
     log_ratio = proposed.log_prior - candidates.log_prior + phi * (proposed.log_prob - candidates.log_prob) + correction
     accepted = np.log1p(-rng.random(len(log_ratio))) < log_ratio
     return candidates.merge(proposed, accepted), float(accepted.mean())
+
+
+_POWER, _SHRINK = 1.5, 0.5  # of the schedules of weights and of scatter
+NO_POSTERIOR = (
+    "annealed: the particles were gathered about the best pose they found; their spread is no posterior, bands and "
+    "coverage say nothing about uncertainty, and there is no evidence"
+)
+
+
+@dataclass(frozen=True)
+class Annealed(DensityMove):
+    """Search for the best pose in layers, each with a sharper likelihood and smaller noise: an optimiser.
+
+    In layer l of L the particles are weighted by likelihood^(l / L)^_POWER and resampled; in the next one they scatter
+    with the deviation of the prior's noise, column by column, times _SHRINK^l. Layer 1 is drawn by the prior; the last
+    one is weighted by the likelihood itself and not resampled.
+
+    The scatter is not corrected for, so that nothing but the first layer keeps to the prior: the weighted particles
+    stand for no posterior. The first step says so, and every step's diagnostic is_posterior is 0; its log_evidence
+    stays 0. Tempered SMC makes this idea exact.
+
+    Deviations. Deutscher & Reid choose the exponents by the survival rate and scatter by the particles' covariance;
+    here both are schedules that are given. What scatters beyond the prior's limits stays where it was.
+
+    layers: L, of N particles each. Raises InputError for a prior without a density and numbers out of range.
+    """
+
+    layers: int = 5
+
+    first_diagnostics: ClassVar[Mapping[str, float]] = {"is_posterior": 0.0}
+    first_warnings: ClassVar[tuple[str, ...]] = (NO_POSTERIOR,)
+
+    def __post_init__(self) -> None:
+        check("inference", self, layers=at_least(1))
+
+    def __call__(self, target: Target, rng_streams: Streams) -> Moved:
+        """Take the weighted particles of the previous frame through all layers."""
+        even = even_log_weights(target.n)
+        resampling, rng = rng_streams["resampling"], rng_streams["prior"]
+        candidates = target.predict(systematic(np.exp(target.parents.log_weights), resampling), rng)
+        noisy = target.noisy(candidates)
+        innovations, _ = target.innovations(candidates, noisy)
+        for layer in range(1, self.layers):
+            log_weights, _ = target.weigh(even, (layer / self.layers) ** _POWER * candidates.log_prob)
+            candidates = candidates.pick(systematic(np.exp(log_weights), resampling))
+            target.clock.lap("resampling")
+            noise = rng.standard_normal(innovations.shape)
+            scattered = target.shift(candidates, noisy, _SHRINK**layer * innovations.std(axis=0) * noise)
+            candidates = candidates.merge(scattered, np.isfinite(scattered.log_prior))
+        log_weights, _ = target.weigh(even, candidates.log_prob)
+        return target.settle(target.complete(candidates, rng), log_weights, np.nan, is_posterior=0.0)

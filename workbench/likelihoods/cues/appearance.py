@@ -19,13 +19,21 @@ from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame
 from workbench.likelihoods.base import Remembering
 from workbench.likelihoods.cues.image_levels import grey_levels
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, bilinear, levels_at, limb_points, patch_grid
+from workbench.likelihoods.cues.limb_points import (
+    LimbLook,
+    LimbPoints,
+    ViewJudge,
+    bilinear,
+    levels_at,
+    limb_points,
+    patch_grid,
+)
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.utils.arrays import Float32Array, FloatArray, IntArray
 from workbench.utils.kernel_cache import kernel
 from workbench.utils.rng import stream
 
+BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
 ALONG, AROUND = 10, 24  # cells of a limb's template: along it, and once around it
 _PER_CELL = 3  # points looked at along a cell, and as many across, when the template learns
 
@@ -40,7 +48,7 @@ class Template:
 
 
 @dataclass(frozen=True, eq=False)
-class Templates:
+class _Templates:
     """All that was learned so far. by_camera: by the camera's name. notes: what went wrong when it last learned."""
 
     by_camera: Mapping[str, Template] = field(default_factory=dict)
@@ -63,7 +71,7 @@ class Appearance:
     the probability that the point is no outlier. So the first 1/rate frames are averaged, and later ones slowly
     replace them. A template learned from wrong poses is wrong: what drifts into it stays for about 1/rate frames.
 
-    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n. blur_px: of the smoothing. seed: of the points.
+    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n.
     Raises InputError when a constant is out of range.
     """
 
@@ -75,17 +83,15 @@ class Appearance:
     epsilon: float = 0.1
     rate: float = 0.1
     n_samples: int = 16
-    blur_px: float = 2.0**0.5
-    seed: int = 0
 
     def __post_init__(self) -> None:
         check("appearance", self, k=POSITIVE, sigma=POSITIVE, epsilon=INSIDE_UNIT, rate=UNIT)
-        check("appearance", self, n_samples=at_least(1), blur_px=at_least(0))
+        check("appearance", self, n_samples=at_least(1))
 
     @cached_property
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch."""
-        return patch_samples(self.n_samples, stream(self.seed, "appearance samples"))
+        return patch_samples(self.n_samples, stream(0, "appearance samples"))
 
     @cached_property
     def learned_from(self) -> FloatArray:
@@ -97,10 +103,10 @@ class Appearance:
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person still unknown."""
-        return self._look(Templates(), previous, frame)
+        return self._look(_Templates(), previous, frame)
 
-    def _look(self, known: Templates, previous: Frame | None, frame: Frame) -> LimbLook:
-        images = [grey_levels(view, self.blur_px) for view in frame.views]
+    def _look(self, known: _Templates, previous: Frame | None, frame: Frame) -> LimbLook:
+        images = [grey_levels(view, BLUR_PX) for view in frame.views]
         judges, notes = [], known.notes
         for view, image in zip(frame.views, images, strict=True):
             template = known.by_camera.get(view.camera.name)
@@ -116,8 +122,8 @@ class Appearance:
         return self.k * ratios.sum(axis=1)
 
     def _learn(
-        self, known: Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
-    ) -> Remembering[Templates]:
+        self, known: _Templates, frame: Frame, images: Sequence[Float32Array], pose: FloatArray
+    ) -> Remembering[_Templates]:
         """Learn from a frame and its expected pose (P,); one that is not finite teaches nothing."""
         if not np.isfinite(pose).all():
             note = f"appearance: frame {frame.index} has no finite expected pose to learn from"
@@ -125,9 +131,9 @@ class Appearance:
         frames, by_camera = forward(self.body.skeleton, pose[None]), dict(known.by_camera)
         for view, image in zip(frame.views, images, strict=True):
             points = limb_points(self.body, self.learned_from, view.camera, frames)
-            seen, before = cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
+            seen, before = _cell_levels(image, points, self.learned_from), by_camera.get(view.camera.name)
             by_camera[view.camera.name] = learned(before, seen, self.sigma, self.epsilon, self.rate)
-        return Remembering(Templates(by_camera), self._look)
+        return Remembering(_Templates(by_camera), self._look)
 
 
 def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:
@@ -138,7 +144,7 @@ def cells(samples: FloatArray, turns: FloatArray) -> tuple[IntArray, IntArray]:
     return along, np.minimum(around, AROUND - 1)
 
 
-def cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -> FloatArray:
+def _cell_levels(image: Float32Array, points: LimbPoints, samples: FloatArray) -> FloatArray:
     """The mean grey level (L, ALONG, AROUND) that one pose's points show of every cell, NaN of those not seen."""
     along, around = cells(samples, points.turns)
     limb, i = np.nonzero(points.counts[0])

@@ -14,12 +14,12 @@ from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.cues.image_levels import StillScene, log_ratio, still_scenes
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, mean_at
+from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, mean_at
 from workbench.likelihoods.image_motion import patch_samples
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.rng import stream
 
+BLUR_PX = 0.7  # standard deviation of the smoothing
 BESIDE, BEYOND = (1.15, 1.6), (1.25, 1.5)
 """Places of the points about a limb: in half widths from its axis, and beyond its end in lengths; off its outline."""
 
@@ -42,8 +42,7 @@ class Background:
     The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part
     of the background; there this likelihood says nothing or, where the person leaves in the end, the wrong thing.
 
-    n_frames: as many of the clip's frames, evenly spread, are used. least_sigma: a lower bound of σ, grey
-    levels. epsilon: ε. n_samples: n. blur_px: of the smoothing. seed: of the points.
+    n_frames: as many of the clip's frames, evenly spread, are used. epsilon: ε. n_samples: n.
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
@@ -53,31 +52,28 @@ class Background:
     clip: FrameCache
     k: float = 0.5
     epsilon: float = 0.05
-    least_sigma: float = 3.0
     n_frames: int = 60
     n_samples: int = 16
-    blur_px: float = 0.7
-    seed: int = 0
 
     def __post_init__(self) -> None:
-        check("background", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
-        check("background", self, n_frames=at_least(3), n_samples=at_least(1), blur_px=at_least(0))
+        check("background", self, k=POSITIVE, epsilon=INSIDE_UNIT)
+        check("background", self, n_frames=at_least(3), n_samples=at_least(1))
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
         """The points (n, 2) of every patch and those about it."""
-        inside = patch_samples(self.n_samples, stream(self.seed, "background samples"))
+        inside = patch_samples(self.n_samples, stream(0, "background samples"))
         return inside, points_about(inside)
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.clip, self.n_frames, self.blur_px, self.least_sigma)
+        return still_scenes(self.clip, self.n_frames, BLUR_PX)
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Tell foreground from background in every view; raises InputError for a camera that was not in the clip."""
         inside, beside = self.samples
-        ratios = [(view.camera, log_ratio(view, self.scenes, self.blur_px, self.epsilon)) for view in frame.views]
+        ratios = [(view.camera, log_ratio(view, self.scenes, BLUR_PX, self.epsilon)) for view in frame.views]
         judges = [ViewJudge(camera, inside, partial(self._log_prob, ratio), beside) for camera, ratio in ratios]
         return LimbLook("background", self.body, judges, lambda expected_pose: self)
 

@@ -19,6 +19,8 @@ DIFFERENT = 3.5
 """Deviations of noise by which a pixel must change to show something else."""
 LEFT, AGREE = 0.15, 0.6
 """What part of the images must show something else where a person was, and what part of these agree on it."""
+LEAST_SIGMA = 3.0
+"""A lower bound of the background's deviation, grey levels."""
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 _STRIP = 64  # rows of an image that are worked on together
 
@@ -72,11 +74,11 @@ class StillScene:
         return np.asarray(np.log(256.0 / (np.sqrt(2.0 * np.pi) * self.sigma)))
 
 
-def still_scenes(clip: FrameCache, n_frames: int, blur_px: float, least_sigma: float) -> dict[str, StillScene]:
+def still_scenes(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, StillScene]:
     """Find the median, and 1.4826 times the median absolute deviation, of every camera's smoothed levels over
     `n_frames` frames of the clip, evenly spread."""
     seen = spaced_images(clip, n_frames, blur_px)
-    return {camera: still_scene(images, least_sigma) for camera, images in seen.items()}
+    return {camera: still_scene(images) for camera, images in seen.items()}
 
 
 def spaced_images(clip: FrameCache, n_frames: int, blur_px: float) -> dict[str, list[Float32Array]]:
@@ -105,9 +107,7 @@ class Uncovered:
     unknown: BoolArray
 
 
-def uncovered_scene(
-    images: Sequence[Float32Array], inside: BoolArray, near: BoolArray, least_sigma: float
-) -> Uncovered:
+def uncovered_scene(images: Sequence[Float32Array], inside: BoolArray, near: BoolArray) -> Uncovered:
     """Find what is behind a person who may stay where they are for most of F images (height, width, C).
 
     inside: (height, width), what they cover in the first image; near: what they may, as nobody knows so exactly.
@@ -117,7 +117,7 @@ def uncovered_scene(
     """
     stack = np.stack(images)
     noise = float(MAD_TO_SIGMA * np.median(np.abs(stack[1] - stack[0])) / np.sqrt(2.0))
-    apart = np.float32(DIFFERENT * np.sqrt(2.0) * max(noise, 0.5 * least_sigma))
+    apart = np.float32(DIFFERENT * np.sqrt(2.0) * max(noise, 0.5 * LEAST_SIGMA))
     alike = (np.abs(stack - stack[0]) <= apart).all(axis=3)
     levels = (stack * alike[..., None]).sum(axis=0) / alike.sum(axis=0)[..., None]
     rows, columns = np.nonzero(near)
@@ -132,18 +132,18 @@ def uncovered_scene(
     unknown = near & (inside | ~still)
     unknown[rows[agreed], columns[agreed]] = False
     person = inside & unknown & still
-    scene = StillScene(levels.astype(np.float32), np.full(levels.shape, max(noise, least_sigma), dtype=np.float32))
+    scene = StillScene(levels.astype(np.float32), np.full(levels.shape, max(noise, LEAST_SIGMA), dtype=np.float32))
     return Uncovered(scene, person, unknown & ~person)
 
 
-def still_scene(images: Sequence[Float32Array], least_sigma: float) -> StillScene:
+def still_scene(images: Sequence[Float32Array]) -> StillScene:
     """The scene that F images (height, width, C) have in common."""
     median, sigma = np.empty_like(images[0]), np.empty_like(images[0])
     for rows in np.array_split(np.arange(len(median)), 16):  # in strips, which take less memory
         strip = np.stack([image[rows] for image in images])
         median[rows] = np.median(strip, axis=0)
         sigma[rows] = MAD_TO_SIGMA * np.median(np.abs(strip - median[rows]), axis=0)
-    return StillScene(median, np.maximum(sigma, np.float32(least_sigma)))
+    return StillScene(median, np.maximum(sigma, np.float32(LEAST_SIGMA)))
 
 
 def log_ratio(view: View, scenes: Mapping[str, StillScene], blur_px: float, epsilon: float) -> Float32Array:

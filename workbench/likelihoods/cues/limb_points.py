@@ -1,7 +1,8 @@
-"""Points on the limbs as one camera sees them: what the cues that look at single frames have in common."""
+"""Points on and beside the limbs as a camera sees them, the images there, and likelihoods that look at them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -9,9 +10,11 @@ import numba
 import numpy as np
 
 from workbench.body.camera import Camera
-from workbench.body.kinematics import JointFrames
+from workbench.body.kinematics import JointFrames, forward
 from workbench.body.limbs import Body
 from workbench.body.simd_kinematics import FAST, LANES, inlined
+from workbench.core.likelihood import Evaluation, Likelihood
+from workbench.likelihoods.base import among_finite, finite_rows, those
 from workbench.likelihoods.image_motion.kernel import limb_table, place_points, sample_rows
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
@@ -126,3 +129,65 @@ def bilinear(image: Any, x: float, y: float) -> Any:
     top = image[row, column] + fx * (image[row, right] - image[row, column])
     bottom = image[below, column] + fx * (image[below, right] - image[below, column])
     return top + fy * (bottom - top)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewJudge:
+    """What judges poses by one view. samples: points (n, 2) of every patch. judge: gives log likelihoods (N,) from
+    where these lie in N poses and, where there are some, from `beside`, points (n, 2) about the patches."""
+
+    camera: Camera
+    samples: FloatArray
+    judge: Callable[..., FloatArray]
+    beside: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LimbLook:
+    """A `PoseLook` by which the views of a frame judge where the limbs are seen; their log likelihoods add up."""
+
+    name: str
+    body: Body
+    judges: Sequence[ViewJudge]
+    then: Callable[[FloatArray], Likelihood]
+    notes: tuple[str, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+    def evaluate(self, previous_pose: FloatArray, pose: FloatArray) -> Evaluation:
+        """Log likelihoods (N,) of poses (N, P), −∞ and a note for those not finite; the previous ones do not matter."""
+        return evaluate_together([self], pose)[0]
+
+    def remember(self, expected_pose: FloatArray) -> Likelihood:
+        """The likelihood of the next frame."""
+        return self.then(expected_pose)
+
+
+def evaluate_together(looks: Sequence[LimbLook], pose: FloatArray) -> list[Evaluation]:
+    """What each look at one body finds of poses (N, P) by itself."""
+    finite = finite_rows(pose)
+    frames = forward(looks[0].body.skeleton, those(pose, finite))
+    judges = [judge for look in looks for judge in look.judges]
+    placed = dict(zip(map(id, judges), _placed(looks[0].body, judges, frames), strict=True))
+    n, evaluations = len(frames.positions), []
+    for look in looks:
+        log_prob = sum((judge.judge(*placed[id(judge)]) for judge in look.judges), np.zeros(n))
+        evaluations.append(among_finite(look.name, finite, log_prob))
+    return evaluations
+
+
+def _placed(body: Body, judges: Sequence[ViewJudge], frames: JointFrames) -> list[list[LimbPoints]]:
+    """The points that each judge asks for, placed in one pass a camera, and another beside the limbs."""
+    asked: dict[tuple[int, bool], list[tuple[int, ViewJudge, FloatArray]]] = defaultdict(list)
+    for i, judge in enumerate(judges):
+        asked[id(judge.camera), False].append((i, judge, judge.samples))
+        if judge.beside is not None:
+            asked[id(judge.camera), True].append((i, judge, judge.beside))
+    placed: list[list[LimbPoints]] = [[] for _ in judges]
+    for beside in (False, True):
+        for (_, aside), wanted in asked.items():
+            if aside == beside:
+                camera = wanted[0][1].camera
+                points = limb_points_of_all(body, [samples for *_, samples in wanted], camera, frames, beside)
+                for (i, *_), each in zip(wanted, points, strict=True):
+                    placed[i].append(each)
+    return placed

@@ -25,8 +25,7 @@ from workbench.likelihoods.cues.image_levels import (
     still_scenes,
     uncovered_scene,
 )
-from workbench.likelihoods.cues.limb_base import LimbLook, ViewJudge
-from workbench.likelihoods.cues.limb_points import LimbPoints, limb_points
+from workbench.likelihoods.cues.limb_points import LimbLook, LimbPoints, ViewJudge, limb_points
 from workbench.likelihoods.cues.outlines import CORNERS, areas, covered, outline_sums, running_sums
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.errors import InputError
@@ -36,7 +35,7 @@ BESIDE_PX = 17
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class _SeenPerson:
     """What one camera saw of the person. area: of the outline, px². uncovered: the scene, see `Silhouette.standing`."""
 
     area: float
@@ -61,7 +60,7 @@ class Silhouette:
     behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
     r, where that is above zero), and where nobody knows r is zero.
 
-    epsilon, least_sigma, n_frames: of r, see `Background`; images are not smoothed.
+    epsilon, n_frames: of r, see `Background`; images are not smoothed.
     Raises InputError when a constant is out of range or a camera was not in the clip.
     """
 
@@ -71,25 +70,23 @@ class Silhouette:
     clip: FrameCache
     k: float = 40.0
     epsilon: float = 0.05
-    least_sigma: float = 3.0
     n_frames: int = 60
     rim_px: float = 0.4
     standing: bool = False
 
     def __post_init__(self) -> None:
-        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, least_sigma=POSITIVE)
-        check("silhouette", self, n_frames=at_least(3), rim_px=at_least(0))
+        check("silhouette", self, k=POSITIVE, epsilon=INSIDE_UNIT, n_frames=at_least(3), rim_px=at_least(0))
 
     @cached_property
     def scenes(self) -> Mapping[str, StillScene]:
         """The still scene of every camera of the clip, by the camera's name."""
-        return still_scenes(self.clip, self.n_frames, 0.0, self.least_sigma)
+        return still_scenes(self.clip, self.n_frames, 0.0)
 
     def look(self, previous: Frame | None, frame: Frame) -> LimbLook:
         """Look at a frame, the person's size still unknown; raises InputError for a camera that was not in the clip."""
         return self._look({}, previous, frame)
 
-    def _look(self, seen: Mapping[str, "Seen"], previous: Frame | None, frame: Frame) -> LimbLook:
+    def _look(self, seen: Mapping[str, "_SeenPerson"], previous: Frame | None, frame: Frame) -> LimbLook:
         judges, notes = [], []
         for view in frame.views:
             known = seen.get(view.camera.name)
@@ -102,7 +99,7 @@ class Silhouette:
                 notes.append(f"silhouette: how large {name} sees the person is not known; it says nothing yet")
         return LimbLook("silhouette", self.body, judges, partial(self._measure, seen, frame), tuple(notes))
 
-    def _ratio(self, known: "Seen | None", view: View) -> Float32Array:
+    def _ratio(self, known: "_SeenPerson | None", view: View) -> Float32Array:
         if not self.standing:
             return log_ratio(view, self.scenes, 0.0, self.epsilon)
         if known is None or known.uncovered is None:  # in the first frame, in which nothing is judged
@@ -115,7 +112,9 @@ class Silhouette:
     def _log_prob(self, reached: FloatArray, area: float, corners: LimbPoints) -> FloatArray:
         return self.k / area * self._sums(reached, corners)
 
-    def _measure(self, seen: Mapping[str, "Seen"], frame: Frame, pose: FloatArray) -> Remembering[Mapping[str, "Seen"]]:
+    def _measure(
+        self, seen: Mapping[str, "_SeenPerson"], frame: Frame, pose: FloatArray
+    ) -> Remembering[Mapping[str, "_SeenPerson"]]:
         """Measure the area of the expected pose (P,); one not finite, or out of the image, leaves it as it was."""
         measured = dict(seen)
         if np.isfinite(pose).all():
@@ -126,7 +125,7 @@ class Silhouette:
                 if area >= 1.0:
                     known = seen.get(view.camera.name)
                     uncovered = self._uncovered(view, frames) if known is None else known.uncovered
-                    measured[view.camera.name] = Seen(float(area), uncovered)
+                    measured[view.camera.name] = _SeenPerson(float(area), uncovered)
         return Remembering(measured, self._look)
 
     def _uncovered(self, view: View, frames: JointFrames) -> Uncovered | None:
@@ -139,7 +138,7 @@ class Silhouette:
         images = spaced_images(self.clip, self.n_frames, 0.0).get(view.camera.name)
         if images is None:
             raise InputError(f"likelihood: camera {view.camera.name} was not in the clip that it was learned from")
-        return uncovered_scene(images, inside, near, self.least_sigma)
+        return uncovered_scene(images, inside, near)
 
     def _sums(self, reached: FloatArray, corners: LimbPoints) -> FloatArray:
         return outline_sums(reached, corners.pixels, self.body.limbs.spheres, self.rim_px)

@@ -11,18 +11,22 @@ import numpy as np
 from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants, forward
 from workbench.body.limbs import Body
-from workbench.core.capabilities import IMAGES, Traits, offering
-from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, Range, at_least, check
+from workbench.core.capabilities import DERIVATIVES, IMAGES, Traits, offering
+from workbench.core.checks import INSIDE_UNIT, POSITIVE, UNIT, at_least, check
 from workbench.core.frame import Frame, View
 from workbench.core.frame_cache import FrameCache
 from workbench.core.likelihood import Evaluation, Likelihood, Slope
 from workbench.core.side_information import STILL_BACKGROUND
 from workbench.likelihoods.base import Remembering, among_finite, finite_rows
 from workbench.likelihoods.cues.image_levels import grey_levels, spaced_frames
-from workbench.likelihoods.dense.appearance_update import Seen, newly_seen
-from workbench.likelihoods.dense.background_model import Scene, first_scene, tracked_scene
-from workbench.likelihoods.dense.layer_rendering import Facets, Shown, drawn, log_ratios, surface_facets
-from workbench.likelihoods.dense.pyramid import pictures
+from workbench.likelihoods.dense.background_model import (
+    BackgroundModel,
+    ViewState,
+    first_scene,
+    newly_seen,
+    tracked_scene,
+)
+from workbench.likelihoods.dense.layer_rendering import Facets, LayerImage, drawn, log_ratios, surface_facets
 from workbench.likelihoods.dense.surface_elements import (
     Cells,
     motion_of,
@@ -31,13 +35,16 @@ from workbench.likelihoods.dense.surface_elements import (
     surface_cells,
     visible,
 )
-from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask
+from workbench.likelihoods.dense.view_likelihood import Residuals, Sight, at, person_mask, pictures
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray
 from workbench.utils.errors import InputError
 
-_DESCENDING = Range(
-    "positive and descending", lambda sizes: len(sizes) > 0 and min(sizes) > 0 and [*sizes] == sorted({*sizes})[::-1]
-)
+BLURS_PX = (6.0, 3.0, 1.2)
+"""Smoothings of the image, b, one after the other."""
+OUTLINE = 0.25
+"""Deviation s of how likely a pixel shows no scene, 0 to 1."""
+FACING = 0.3
+"""Cosine of the angle to the line of sight below which a cell is not looked at."""
 OUTLINE_SHARE = 0.25
 """Of the outline's loss in a misfit: it bends late, so that it says less of what is wrong than of what is unknown."""
 PIXEL_SHARE = 1.0 / 10.0
@@ -47,7 +54,7 @@ FEW = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Alignment:
+class DenseAlignment:
     """Compare the person with the image, smoothed more and then less:
 
         log p = − λ Σ_i ρ_2( (I_b(x_i) − T_b,i) / (σ √(1 + 1/n_i)) ) − λ Σ_j ρ_10( (F_b(x_j) − M_b(x_j)) / s )
@@ -63,28 +70,24 @@ class Alignment:
     the person is followed and left out (`passing`). Poses far apart are compared by all pixels of every THIN-th row and
     column (`layers`).
 
-    blurs_px: b, descending. sigma: σ, grey levels. outline: s. count: λ. rate: as above. facing: cosine of the angle to
-    the line of sight below which a cell is not looked at. epsilon: share of outliers in the scene. n_frames: of the
+    sigma: σ, grey levels. count: λ. rate: as above. epsilon: share of outliers in the scene. n_frames: of the
     clip, evenly spread, that what is behind the person is learned from. Raises InputError when a constant is out of
     range and for a camera that was not in the clip.
     """
 
-    traits: ClassVar[Traits] = offering(dataset=IMAGES, given=STILL_BACKGROUND)
+    traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STILL_BACKGROUND)
 
     body: Body
     clip: FrameCache
-    blurs_px: tuple[float, ...] = (6.0, 3.0, 1.2)
     sigma: float = 10.0
-    outline: float = 0.25
     count: float = 1.0 / 12.0
     rate: float = 0.1
-    facing: float = 0.3
     epsilon: float = 0.05
     n_frames: int = 60
 
     def __post_init__(self) -> None:
-        check("alignment", self, blurs_px=_DESCENDING, sigma=POSITIVE, outline=POSITIVE, count=POSITIVE, rate=UNIT)
-        check("alignment", self, facing=UNIT, epsilon=INSIDE_UNIT, n_frames=at_least(3))
+        check("alignment", self, sigma=POSITIVE, count=POSITIVE, rate=UNIT)
+        check("alignment", self, epsilon=INSIDE_UNIT, n_frames=at_least(3))
 
     @cached_property
     def cells(self) -> Cells:
@@ -132,11 +135,11 @@ class Alignment:
             known[view.camera.name] = self._newly_seen(scene, grey_levels(view, 0.0), person)
         return Remembering(known, self._look)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "AlignmentLook":
+    def look(self, previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         """Look at a frame, the person still unknown."""
         return self._look({}, previous, frame)
 
-    def _look(self, known: Mapping[str, Seen], previous: Frame | None, frame: Frame) -> "AlignmentLook":
+    def _look(self, known: Mapping[str, ViewState], previous: Frame | None, frame: Frame) -> "_AlignmentLook":
         sights, notes = [], []
         for view in frame.views:
             seen = known.get(view.camera.name)
@@ -144,39 +147,39 @@ class Alignment:
                 sights.append(self._sight(seen, view))
             elif previous is not None:
                 notes.append(f"alignment: nothing is known yet of how {view.camera.name} sees the person")
-        return AlignmentLook(self, known, frame, tuple(sights), tuple(notes))
+        return _AlignmentLook(self, known, frame, tuple(sights), tuple(notes))
 
-    def _sight(self, seen: Seen, view: View) -> tuple[Sight, Seen]:
+    def _sight(self, seen: ViewState, view: View) -> tuple[Sight, ViewState]:
         """Look at a view, and find what passes there, before the person is found."""
         image = grey_levels(view, 0.0)
         ratio = seen.scene.log_ratio(image, self.epsilon)
         seen = seen.followed(image, ratio)
         foreground = (1.0 / (1.0 + np.exp(-2.0 * ratio))).astype(np.float32)
-        levels, shown = pictures([image, foreground], self.blurs_px)
+        levels, shown = pictures([image, foreground], BLURS_PX)
         return Sight(view.camera, levels, shown, seen.scene.known, ~seen.hidden, ratio), seen
 
-    def residuals(self, sight: Sight, seen: Seen, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
+    def residuals(self, sight: Sight, seen: ViewState, level: int, frames: JointFrames) -> tuple[Residuals, Residuals]:
         """Measure how far a pose, whose joints' frames are given, is from what one camera shows."""
         cells = placed(self.cells, frames, sight.camera)
-        shown = visible(cells, sight.shape, self.facing)
+        shown = visible(cells, sight.shape, FACING)
         known = shown[seen.n[shown] > 0.0]
         sigma = self.sigma * np.sqrt(1.0 + 1.0 / seen.n[known])
         joints = self.cells.joints
         texture = sight.texture(level, cells, known, joints[known], seen.texture[level, known], sigma)
-        blur = self.blurs_px[level]
-        outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], self.outline)
+        blur = BLURS_PX[level]
+        outline = sight.outline(level, blur, self.body, frames, cells, shown, joints[shown], OUTLINE)
         return texture, outline
 
-    def learned(self, seen: Seen | None, view: View, pose: FloatArray, sight: Sight | None = None) -> Seen:
+    def learned(self, seen: ViewState | None, view: View, pose: FloatArray, sight: Sight | None = None) -> ViewState:
         """Learn from a view, at which one has looked or not, and its expected pose (P,)."""
         image, person = grey_levels(view, 0.0), self._person(view, pose)
         if seen is None:
             scene = first_scene([*self._images_of(view.camera).values()], person)
             seen = self._newly_seen(scene, image, person)
         cells = placed(self.cells, forward(self.body.skeleton, pose[None]), view.camera)
-        shown = visible(cells, (image.shape[0], image.shape[1]), self.facing)
+        shown = visible(cells, (image.shape[0], image.shape[1]), FACING)
         shown = shown[at(~seen.hidden, cells.pixels[shown]) > 0.0]
-        levels = pictures([image], self.blurs_px)[0] if sight is None else sight.levels
+        levels = pictures([image], BLURS_PX)[0] if sight is None else sight.levels
         seen = seen.with_texture(levels, shown, cells.pixels[shown], self.sigma, self.rate)
         return seen.with_person(image, person)
 
@@ -189,18 +192,18 @@ class Alignment:
         shape = view.image.shape[0], view.image.shape[1]
         return person_mask(self.body, view.camera, forward(self.body.skeleton, pose[None]), shape)
 
-    def _newly_seen(self, scene: Scene, image: Float32Array, person: BoolArray) -> Seen:
-        return newly_seen(scene, image, person, len(self.blurs_px), len(self.cells.limbs))
+    def _newly_seen(self, scene: BackgroundModel, image: Float32Array, person: BoolArray) -> ViewState:
+        return newly_seen(scene, image, person, len(BLURS_PX), len(self.cells.limbs))
 
 
 @dataclass(frozen=True, eq=False)
-class AlignmentLook:
+class _AlignmentLook:
     """A look at one frame by an alignment: what the cameras show of whom they know."""
 
-    likelihood: Alignment
-    known: Mapping[str, Seen]
+    likelihood: DenseAlignment
+    known: Mapping[str, ViewState]
     frame: Frame
-    sights: tuple[tuple[Sight, Seen], ...]
+    sights: tuple[tuple[Sight, ViewState], ...]
     notes: tuple[str, ...] = ()
 
     @property
@@ -212,7 +215,7 @@ class AlignmentLook:
     @property
     def levels(self) -> int:
         """How many smoothings there are, from most to least."""
-        return len(self.likelihood.blurs_px)
+        return len(BLURS_PX)
 
     @property
     def judges(self) -> bool:
@@ -246,7 +249,7 @@ class AlignmentLook:
         own, frames, total = self.likelihood, forward(self.likelihood.body.skeleton, poses), np.zeros(len(poses))
         for sight, seen in self.sights:
             camera, image, ratio, free = sight.thinned
-            shown = Shown(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
+            shown = LayerImage(image, ratio, free, seen.texture[-1], seen.n, own.sigma)
             behind = drawn(own.facets_on(~moved), frames, camera, image.shape)
             total += PIXEL_SHARE * log_ratios(behind, own.facets_on(moved), frames, camera, shown)
         return total
@@ -266,7 +269,7 @@ class AlignmentLook:
         texture, outline = (sums[:, 0] + FEW * whole) / (sums[:, 1] + FEW)
         return np.asarray(texture + OUTLINE_SHARE * outline)
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[Mapping[str, Seen]]:
+    def remember(self, expected_pose: FloatArray) -> Remembering[Mapping[str, ViewState]]:
         """The likelihood of the next frame; a pose that is not finite teaches nothing."""
         own, known = self.likelihood, {**self.known, **{sight.camera.name: seen for sight, seen in self.sights}}
         if np.isfinite(expected_pose).all():

@@ -1,6 +1,6 @@
 """The image as layers: every pixel shows the nearest cell of the person that lies there, or else the scene. This judges
-the same pixels for every pose, so that poses far apart can be compared: the points that `Alignment` judges move along,
-and limbs that hide behind others cost it nothing."""
+the same pixels for every pose, so that poses far apart can be compared: the points that `DenseAlignment` judges move
+along, and limbs that hide behind others cost it nothing."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,7 +55,7 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class LayerImage:
     """What one camera shows and what is known of it. image: (height, width) grey levels, a little smoothed. ratio: log
     ratio of a person of any grey level to the scene. free: where nothing passes. texture, n: (S,) the cells' levels and
     how many frames they stand for. sigma: grey levels."""
@@ -108,7 +108,7 @@ def drawn(facets: Facets, frames: JointFrames, camera: Camera, shape: tuple[int,
     return cells, depths
 
 
-def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camera, shown: Shown) -> FloatArray:
+def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camera, shown: LayerImage) -> FloatArray:
     """By how much (N,) likelier an image is with facets in N poses, given by their joints' frames, among what is drawn
     already, `behind`, than without: the sum over the pixels on which they are the nearest."""
     found = np.zeros(len(frames.positions))
@@ -121,7 +121,7 @@ def log_ratios(behind: Layer, facets: Facets, frames: JointFrames, camera: Camer
     return found
 
 
-def _values(shown: Shown) -> tuple[Any, ...]:
+def _values(shown: LayerImage) -> tuple[Any, ...]:
     """What is shown as the kernel takes it: of every cell its deviation and its density's peak, 0 for one not known."""
     sigma = shown.sigma * np.sqrt(1.0 + 1.0 / np.maximum(shown.n, 1e-300))
     peak = np.where(shown.n > 0.0, 256.0 / (np.sqrt(2.0 * np.pi) * sigma), 0.0)

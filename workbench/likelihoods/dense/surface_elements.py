@@ -1,4 +1,5 @@
-"""Cells of the limbs' surfaces: where they are in a pose, which of them a camera sees, and how they move with it."""
+"""Elements of the limbs' surfaces and points beside their contours: where a pose has them, which of them a camera
+sees."""
 
 from dataclasses import dataclass
 
@@ -8,7 +9,7 @@ from workbench.body.camera import Camera
 from workbench.body.kinematics import JointFrames, descendants
 from workbench.body.limbs import Limbs
 from workbench.body.skeleton import Skeleton
-from workbench.likelihoods.dense.kernels import MARGIN_PX, place, see, turn_axes
+from workbench.likelihoods.dense.kernels import MARGIN_PX, place, place_beside, see, turn_axes
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 ALONG, AROUND = 12, 24
@@ -95,7 +96,7 @@ def visible(cells: Placed, shape: tuple[int, int], least_facing: float) -> IntAr
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PointMotion:
     """How points of the body move with one pose of P numbers: a turn about the axis a through o moves x by a × (x − o).
     axes, moments: (P, 3), a and a × o of every turn. moves: (J, P), 1 where a number moves what hangs on a joint."""
 
@@ -116,8 +117,41 @@ def moved_by(skeleton: Skeleton) -> FloatArray:
     return (np.eye(len(skeleton.names), dtype=np.bool_) | descendants(skeleton))[joint].T.astype(np.float64)
 
 
-def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: JointFrames) -> Motion:
+def motion_of(skeleton: Skeleton, moves: FloatArray, pose: FloatArray, frames: JointFrames) -> PointMotion:
     """Return how points move with a pose (P,), whose joints' frames are given."""
     axes = np.empty((len(pose), 3))
     turn_axes(pose, skeleton.parents, skeleton.dof_joints, skeleton.dof_axes, frames.rotations[0], axes)
-    return Motion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
+    return PointMotion(axes, _cross(axes, frames.positions[0][skeleton.dof_joints]), moves)
+
+
+PLACES = 12
+"""Places along a limb, at either side; around a sphere twice as many."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """points: (K, 3) in the world, m. joints: (K,) they hang on. pixels: (K, 2)."""
+
+    points: FloatArray
+    joints: IntArray
+    pixels: FloatArray
+
+
+def beside(limbs: Limbs, frames: JointFrames, camera: Camera, distances_px: tuple[float, ...]) -> Beside:
+    """Place points so many pixels beside the outlines of limbs in the first of some poses, at their axes' depth. A
+    limb's section counts as a circle of its mean radius."""
+    starts, ends = _axes(limbs, frames)
+    points = np.empty((len(starts), 2 * PLACES * len(distances_px), 3))
+    place_beside(
+        starts, ends, limbs.mean_radii, limbs.spheres, camera.position, float(camera.matrix[0, 0]),
+        np.array(distances_px), PLACES, points,
+    )  # fmt: skip
+    flat = points.reshape(-1, 3)
+    return Beside(flat, np.repeat(limbs.joints, points.shape[1]), camera.project(flat))
+
+
+def _axes(limbs: Limbs, frames: JointFrames) -> tuple[FloatArray, FloatArray]:
+    """Where the limbs begin and end, (L, 3) m each."""
+    turned, origins = frames.rotations[0][limbs.joints], frames.positions[0][limbs.joints]
+    starts, ends = (np.einsum("lij,lj->li", turned, each) + origins for each in (limbs.starts, limbs.ends))
+    return starts, ends

@@ -1,8 +1,10 @@
-"""One camera's image of one frame, and how well a pose agrees with it."""
+"""One camera's image of one frame at several smoothings, and how well a pose agrees with it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from workbench.body.camera import Camera
@@ -10,11 +12,42 @@ from workbench.body.kinematics import JointFrames
 from workbench.body.limbs import Body
 from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.cues.outlines import CORNERS, covered
-from workbench.likelihoods.dense.contour_samples import beside
-from workbench.likelihoods.dense.kernels import add_normal
-from workbench.likelihoods.dense.pyramid import Picture, picture
-from workbench.likelihoods.dense.surface_elements import Motion, Placed, inside
+from workbench.likelihoods.dense.kernels import add_normal, sample
+from workbench.likelihoods.dense.surface_elements import Placed, PointMotion, beside, inside
 from workbench.utils.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from workbench.utils.parallel import over_threads
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedImage:
+    """(height, width) values."""
+
+    values: Float32Array
+
+    def at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return values (K,) and gradients (K, 2), 1/px, between the centres of pixels (K, 2), which lie at least 2 px
+        inside: half the differences of what is a pixel to either side."""
+        values, gradients = np.empty(len(pixels)), np.empty((len(pixels), 2))
+        sample(self.values, pixels, values, gradients)
+        return values, gradients
+
+
+def picture(image: Float32Array, blur_px: float) -> SmoothedImage:
+    """Smooth an image (height, width)."""
+    return SmoothedImage(np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), dtype=np.float32))
+
+
+def pictures(images: Sequence[Float32Array], blurs_px: Sequence[float]) -> list[tuple[SmoothedImage, ...]]:
+    """Return every image at every smoothing."""
+    wanted = [(image, blur) for image in images for blur in blurs_px]
+    found: dict[int, SmoothedImage] = {}
+
+    def smooth(first: int, last: int) -> None:
+        found.update({k: picture(*wanted[k]) for k in range(first, last)})
+
+    over_threads(smooth, len(wanted), 1)
+    return [tuple(found[k * len(blurs_px) + level] for level in range(len(blurs_px))) for k in range(len(images))]
+
 
 TEXTURE_BEND, OUTLINE_BEND = 2.0, 10.0
 """Where the losses bend, in deviations: anything may lie on a person, but hardly anything is as dark as a scene."""
@@ -48,7 +81,7 @@ class Residuals:
         """Their sum."""
         return float(self.losses.sum())
 
-    def normal(self, motion: Motion, camera: Camera) -> tuple[FloatArray, FloatArray]:
+    def normal(self, motion: PointMotion, camera: Camera) -> tuple[FloatArray, FloatArray]:
         """Gradient (P,) and Gauss–Newton curvature (P, P) of the loss."""
         gradient, curvature = np.zeros(len(motion.axes)), np.zeros((len(motion.axes), len(motion.axes)))
         add_normal(
@@ -65,8 +98,8 @@ class Sight:
     ratio of a person of any grey level to the scene."""
 
     camera: Camera
-    levels: tuple[Picture, ...]
-    foreground: tuple[Picture, ...]
+    levels: tuple[SmoothedImage, ...]
+    foreground: tuple[SmoothedImage, ...]
     known: BoolArray
     free: BoolArray
     ratio: Float32Array

@@ -21,6 +21,10 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
+P_OCCLUDED = 0.01
+"""Likelihood of a point that another limb hides, p_occluded."""
+BLUR_PX = 2.0**0.5  # standard deviation of the smoothing
+
 Points = Literal["spread", "drawn"]
 
 
@@ -38,7 +42,7 @@ class ImageMotion:
     exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k multiplies either, and is 1
     in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other limbs'
     patches; "limb" is A's rule, which silences every limb that a nearer one covers in part: in a side view the near
-    arm silences the torso; "none" does without. blur_px: standard deviation of the smoothing. seed: of the points.
+    arm silences the torso; "none" does without.
 
     background: "none" as in the paper, under which a limb at rest on a still background explains the images as well
     as the true limb that moves. "still" explains what no limb covers by a background that does not move, for cameras
@@ -64,20 +68,17 @@ class ImageMotion:
     body: Body
     sigma: float = 10.0
     epsilon: float = 0.05
-    p_occluded: float = 0.01
     n_samples: int = 48
     exponent: kernel.Exponent = "mean"
     k: float = 1.0
     occlusion: kernel.Occlusion = "sample"
     background: kernel.Background = "none"
-    blur_px: float = 2.0**0.5
-    seed: int = 0
     points: Points = "spread"
     taper: bool = True
 
     def __post_init__(self) -> None:
-        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, p_occluded=POSITIVE, n_samples=at_least(1))
-        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE, blur_px=at_least(0))
+        check("image motion", self, sigma=POSITIVE, epsilon=BELOW_1, n_samples=at_least(1))
+        check("image motion", self, exponent=one_of(*get_args(kernel.Exponent)), k=POSITIVE)
         check("image motion", self, occlusion=one_of(*get_args(kernel.Occlusion)))
         check("image motion", self, background=one_of(*get_args(kernel.Background)), points=one_of(*get_args(Points)))
 
@@ -85,7 +86,7 @@ class ImageMotion:
     def samples(self) -> FloatArray:
         """The points (n, 2) of every patch, see `patch_samples` and `drawn_samples`."""
         make = patch_samples if self.points == "spread" else drawn_samples
-        return make(self.n_samples, stream(self.seed, "image motion samples"))
+        return make(self.n_samples, stream(0, "image motion samples"))
 
     @cached_property
     def compared(self) -> Body:
@@ -95,18 +96,18 @@ class ImageMotion:
     @property
     def model(self) -> kernel.LimbModel:
         """Return the constants of the limbs' likelihood, as the kernel takes them."""
-        constants = (self.sigma, self.epsilon, self.p_occluded, self.exponent, self.k, self.occlusion, self.background)
+        constants = (self.sigma, self.epsilon, P_OCCLUDED, self.exponent, self.k, self.occlusion, self.background)
         return kernel.LimbModel(*constants)
 
-    def look(self, previous: Frame | None, frame: Frame) -> "MotionLook":
+    def look(self, previous: Frame | None, frame: Frame) -> "_MotionLook":
         """Smooth and pack the images of a frame and of the one before; raises InputError when they share no camera or,
         under a still background, an image size, and when an image has not the size that its camera states."""
         return self._look(None, previous, frame)
 
-    def _look(self, known: "PackedFrame | None", previous: Frame | None, frame: Frame) -> "MotionLook":
+    def _look(self, known: "_PackedFrame | None", previous: Frame | None, frame: Frame) -> "_MotionLook":
         now = self._packed(frame)
         if previous is None:
-            return MotionLook(self, now, {}, ())
+            return _MotionLook(self, now, {}, ())
         before = known if known is not None and known.frame is previous else self._packed(previous)
         pairs = {name: (before.views[name], view) for name, view in now.views.items() if name in before.views}
         if not pairs:
@@ -116,18 +117,18 @@ class ImageMotion:
                 raise InputError(f"image motion: background=still needs images of one size from camera {name}")
         missing = sorted({*before.views, *now.views} - set(pairs))
         where = f"is missing in frame {previous.index} or {frame.index}"
-        return MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
+        return _MotionLook(self, now, pairs, tuple(f"image motion: camera {name} {where}" for name in missing))
 
-    def _packed(self, frame: Frame) -> "PackedFrame":
-        images = ((view.camera, kernel.packed(grey_levels(view, self.blur_px))) for view in frame.views)
-        return PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
+    def _packed(self, frame: Frame) -> "_PackedFrame":
+        images = ((view.camera, kernel.packed(grey_levels(view, BLUR_PX))) for view in frame.views)
+        return _PackedFrame(frame, {camera.name: (camera, image) for camera, image in images})
 
 
 PackedImage: TypeAlias = tuple[Camera, kernel.Packed]  # what a camera saw, as the kernel looks it up
 
 
 @dataclass(frozen=True, eq=False)
-class PackedFrame:
+class _PackedFrame:
     """A frame and its packed images, by the camera's name."""
 
     frame: Frame
@@ -135,12 +136,12 @@ class PackedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionLook:
+class _MotionLook:
     """A look of `ImageMotion`, the `cue`, at a frame `now`. pairs: the images before and now of every camera that
     both frames have; none in the first frame of a run."""
 
     cue: ImageMotion
-    now: PackedFrame
+    now: _PackedFrame
     pairs: Mapping[str, tuple[PackedImage, PackedImage]]
     notes: tuple[str, ...]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -160,7 +161,7 @@ class MotionLook:
                 notes.append(f"image motion: {share:.0%} of the sample points lay outside the images of {name}")
         return among_finite("image motion", finite, log_prob, tuple(notes))
 
-    def remember(self, expected_pose: FloatArray) -> Remembering[PackedFrame]:
+    def remember(self, expected_pose: FloatArray) -> Remembering[_PackedFrame]:
         """The likelihood, which keeps this frame's images for the next look."""
         return Remembering(self.now, self.cue._look)
 

@@ -12,10 +12,9 @@ from tqdm import tqdm
 from workbench.body.skeleton import N_ROOT
 from workbench.core.prior import PACE_HZ
 from workbench.core.residual import Loss, ResidualFunction
-from workbench.inference.least_squares.decoding import Decoder, FitData, MotionDecoder
-from workbench.inference.least_squares.lengths import Lengths
-from workbench.inference.least_squares.shared import Shared
+from workbench.inference.least_squares.single_frame import Decoder, FitData, MotionDecoder
 from workbench.inference.least_squares.solver import Minimum, Pattern, Quadratic, minimise
+from workbench.inference.least_squares.systematic_errors import Lengths, Shared
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
