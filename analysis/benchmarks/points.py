@@ -23,7 +23,7 @@ from tqdm import tqdm
 from analysis.benchmarks.machine import processor, versions
 from workbench.body.limbs import Body, person
 from workbench.datasets.points import Points
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.pose_errors import step_errors
 from workbench.inference.least_squares.frame_by_frame import FrameByFrame
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.motion_fit import MotionFit

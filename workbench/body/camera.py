@@ -68,8 +68,8 @@ class Camera:
 
     def directions(self, places: FloatArray) -> FloatArray:
         """Return unit directions (..., 3) in the world of the rays to places (..., 2), x/z and y/z."""
-        ahead = np.concatenate([places, np.ones((*places.shape[:-1], 1))], axis=-1)
-        return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True) @ self.rotation
+        ahead = np.concatenate([places, np.ones((*places.shape[:-1], 1))], axis=-1) @ self.rotation
+        return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
 
     def scaled(self, factor: float) -> "Camera":
         """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
