@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from least_squares_scenes import Knowing
 
-from workbench.body.flexion import flexions
+from workbench.body.angles import flexions
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
 from workbench.evaluation.pose_errors import step_errors

@@ -11,9 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.camera import Camera, load_cameras
-from workbench.body.extremities import with_neck_and_feet
 from workbench.body.kinematics import joints
-from workbench.body.limbs import Body, person
+from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import Range, at_least, one_of

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.body.angles import N_POSITION
+from workbench.body.angles import N_POSITION, flexions, wrapped_deg
 from workbench.body.camera import Camera
-from workbench.body.flexion import flexions, wrapped_deg
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import POSE_NAMES, Skeleton

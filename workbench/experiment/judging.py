@@ -5,7 +5,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from workbench.body.flexion import FLEXIONS
+from workbench.body.angles import FLEXIONS
 from workbench.core.capabilities import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
 from workbench.evaluation.verdict import RunInputs
 from workbench.experiment.config.compatibility import traits_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 
-from workbench.body.flexion import FLEXIONS, flexions
+from workbench.body.angles import FLEXIONS, flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height

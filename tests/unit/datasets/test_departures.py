@@ -24,6 +24,8 @@ MADE = {
     "stereo": lambda **more: Stereo(n_frames=2, width=320, height=240, focal_px=350.0, baseline_m=0.4, **more),
 }
 
+NONE = dict.fromkeys(USUAL, 0.0)
+
 
 def only(**sizes):
     return {"exact": True, "departures": sizes}
@@ -69,7 +71,7 @@ def test_every_departure_is_seen_where_it_should_be_and_only_there():
 def test_the_subject_is_as_tall_with_other_bones_and_girths():
     body = person(from_height(1.8))
     for seed in range(20):
-        subject = subject_of(body, {**dict.fromkeys(USUAL, 0.0), "lengths": 0.03, "radii": 0.1}, seed)
+        subject = subject_of(body, {**NONE, "lengths": 0.03, "radii": 0.1}, seed)
         assert height_of(subject.body.shape) == pytest.approx(height_of(body.shape), abs=1e-12)
         bones = [subject.factors[f"length_{name}"][0] for name in ("thigh", "calf", "torso", "forearm")]
         assert np.ptp(bones) > 0.001
@@ -83,19 +85,19 @@ def test_the_subject_is_as_tall_with_other_bones_and_girths():
 
 def test_one_departure_does_not_change_with_another():
     body = person(from_height(1.7))
-    alone, both = (subject_of(body, {**dict.fromkeys(USUAL, 0.0), "radii": 0.1, **more}, 3) for more in ({}, {"lengths": 0.03}))
+    alone, both = (subject_of(body, {**NONE, "radii": 0.1, **more}, 3) for more in ({}, {"lengths": 0.03}))
     assert np.array_equal(alone.factors["radius_calf"], both.factors["radius_calf"])
     assert np.array_equal(alone.body.limbs.radii, both.body.limbs.radii)
 
 
 def test_without_departures_the_subject_is_the_body_itself():
     body = person(from_height(1.7))
-    assert subject_of(body, dict.fromkeys(USUAL, 0.0), 5).at(0.3) is body
+    assert subject_of(body, NONE, 5).at(0.3) is body
 
 
 def test_clothes_move_smoothly_and_as_far_as_asked():
     body = person(from_height(1.7))
-    subject = subject_of(body, {**dict.fromkeys(USUAL, 0.0), "clothes_m": 0.005}, 2)
+    subject = subject_of(body, {**NONE, "clothes_m": 0.005}, 2)
     slow, times = np.random.default_rng(0).uniform(0.0, 2000.0, 3000), np.arange(300) / 30.0  # waves beat slowly
     radii, following = (np.stack([subject.at(t).limbs.radii.mean(axis=2) for t in each]) for each in (slow, times))
     clothed = np.array(["head" not in name and "hand" not in name for name in body.limbs.names])
@@ -156,7 +158,7 @@ def test_any_skeleton_departs_bone_by_bone_with_its_limbs_and_stands_as_tall():
     usual = person_skeleton(from_height(1.7))
     skeleton = replace(usual, names=tuple(f"joint_{k}" for k in range(len(usual.names))))
     body = Body(skeleton, from_height(1.7), skeleton_limbs(skeleton))
-    subject = subject_of(body, {**dict.fromkeys(USUAL, 0.0), "lengths": 0.03}, 4)
+    subject = subject_of(body, {**NONE, "lengths": 0.03}, 4)
     other = subject.body.skeleton
     lengths = np.linalg.norm(other.offsets[1:], axis=1) / np.linalg.norm(skeleton.offsets[1:], axis=1)
     assert lengths.std() > 0.005

@@ -1,10 +1,9 @@
-"""The person whom a scene really shows: of other proportions than a tracker is told, rounder, and softly dressed.
+"""The person whom a scene shows: of other proportions than the tracker assumes, rounder, and softly dressed.
 
-A tracker's body is twelve truncated cones and spheres (`body.limbs`), or these with a plain neck and plain feet
-(`body.extremities`). The subject has the same joints and angles and about the same height, but bones and girths of
-their own, drawn by seed; limbs that bulge and taper, built of short cones; a neck and feet; and clothes that slide and
-swing a few millimetres. How much of each is said by `sequence.Scene.departure`; where all are zero the subject is the
-tracker's own body, to the bit.
+The subject has the joints, the angles and about the height of the tracker's body, but bones and girths of its own,
+drawn by seed; limbs that bulge and taper, built of short cones; a neck and feet; and clothes that slide and swing a
+few millimetres. `sequence.Scene.departure` has the sizes; where all are zero the subject is the tracker's own body,
+bitwise.
 """
 
 from collections.abc import Mapping
@@ -14,8 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.extremities import with_neck_and_feet
-from workbench.body.limbs import Body, Limbs, person
+from workbench.body.limbs import Body, Limbs, person, with_neck_and_feet
 from workbench.body.shape import Shape
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.rendering.render import VOXEL_M, RenderedScene

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import rerun as rr
 
+from workbench.body.angles import flexions
 from workbench.body.camera import Camera
-from workbench.body.flexion import flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES

@@ -10,9 +10,9 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from workbench.body.angles import exchanged
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
-from workbench.body.mirror import exchanged
 from workbench.core.filter_state import Memory, Past
 from workbench.core.prior import Prior
 from workbench.core.step import Step
