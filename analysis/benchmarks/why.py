@@ -18,7 +18,7 @@ import numpy as np
 from hydra import compose, initialize_config_module
 from scipy.stats import binomtest
 
-from workbench.datasets.rendering import occluder
+from workbench.datasets.rendering import surroundings
 from workbench.datasets.synthetic import Synthetic
 from workbench.experiment.branch import branched
 from workbench.experiment.config.schema import prepare_hydra
@@ -117,19 +117,19 @@ def _run(folder: Path, overrides: tuple[str, ...]) -> Run:
 @contextmanager
 def _scenes(swapped: bool) -> Iterator[None]:
     """Let boards hide the whole person, as narrower ones lose nobody here, and scenes tell a swapped first pose."""
-    start, sizes = Synthetic.__dict__["_start"], (occluder.WIDTH, occluder.HEIGHT)
+    start, sizes = Synthetic.__dict__["_start"], (surroundings.BOARD_WIDTH, surroundings.BOARD_HEIGHT)
 
     def mirrored_start(self: Synthetic) -> FloatArray:
         return mirrored(np.asarray(start.func(self)))
 
     told = cached_property(mirrored_start)
     told.__set_name__(Synthetic, "_start")
-    occluder.WIDTH, occluder.HEIGHT = (1.0, 1.2), (1.1, 1.2)
+    surroundings.BOARD_WIDTH, surroundings.BOARD_HEIGHT = (1.0, 1.2), (1.1, 1.2)
     setattr(Synthetic, "_start", told if swapped else start)  # noqa: B010 (a method may not be assigned to)
     try:
         yield
     finally:
-        occluder.WIDTH, occluder.HEIGHT = sizes
+        surroundings.BOARD_WIDTH, surroundings.BOARD_HEIGHT = sizes
         setattr(Synthetic, "_start", start)  # noqa: B010
 
 

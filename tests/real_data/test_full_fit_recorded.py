@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from least_squares_scenes import Knowing
 
-from workbench.body.flexion import flexions
+from workbench.body.angles import flexions
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.pose_errors import step_errors
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.motion.full_skeleton import full_poses, full_skeleton

@@ -8,7 +8,7 @@ from least_squares_scenes import Knowing
 
 from workbench.body.limbs import person
 from workbench.datasets.points import Points
-from workbench.evaluation.errors import step_errors
+from workbench.evaluation.pose_errors import step_errors
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.likelihoods.surface_points import SurfacePoints
 from workbench.priors.from_motions import activity

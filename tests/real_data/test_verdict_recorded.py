@@ -19,7 +19,7 @@ from workbench.datasets.association.keypoint_kalman import exchanged
 from workbench.datasets.association.target_selection import follow
 from workbench.datasets.files.joint_annotations import read_people
 from workbench.evaluation.evidence import Evidence
-from workbench.evaluation.verdict import Told, verdict
+from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.inference.initialization.limb_lengths import of_keypoints
 from workbench.inference.least_squares.least_squares import LeastSquares
 from workbench.inference.least_squares.smooth_fit import SmoothFit
@@ -69,7 +69,7 @@ def said(dataset, height_m=1.69, **told):
     evidence, streams = Evidence(body, SCALE), {name: np.random.default_rng(0) for name in ("start", "prior")}
     for step in fit.run(clip, None, streams):
         evidence.add(step, {})
-    known = Told(height_m=height_m, max_iterations=40, rate_hz=dataset.known.rate_hz, **told)
+    known = RunInputs(height_m=height_m, max_iterations=40, rate_hz=dataset.known.rate_hz, **told)
     found = verdict(evidence.measured(), known)
     print(found.sentence)
     return found

@@ -9,7 +9,7 @@ from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.detections import eye_of, meeting
+from workbench.datasets.association.detections import detector_view, triangulate_places
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.motion.formats.openpose import People
 
@@ -125,9 +125,9 @@ def copies(cameras, own, motions, rate_hz):
     m, velocity (2,), m/s, frames by which the time of poses is shifted; they run on to the last one and back again).
     """
     people = {name: People(name, "COCO_17", np.arange(len(rows)), tuple(rows[:, None])) for name, rows in own.items()}
-    eyes = [eye_of(people[name], camera) for name, camera in cameras.items()]
+    eyes = [detector_view(people[name], camera) for name, camera in cameras.items()]
     places = np.array([[e.detection(one).places for one in own[name]] for e, name in zip(eyes, cameras, strict=True)])
-    world, _ = meeting(eyes, places)
+    world, _ = triangulate_places(eyes, places)
     middle = np.nanmean(world, axis=(0, 1))
     found = {name: [rows] for name, rows in own.items()}
     for turn, shift, velocity, later in motions:

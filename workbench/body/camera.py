@@ -58,6 +58,19 @@ class Camera:
         bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
         return np.stack([bent_x, bent_y], axis=-1) * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
 
+    def undistorted(self, pixels: FloatArray) -> FloatArray:
+        """Return x/z, y/z (..., 2) in the camera's frame of pixels (..., 2), NaN where these are."""
+        places, known = np.full(pixels.shape, np.nan), np.asarray(np.isfinite(pixels).all(axis=-1), bool)
+        if known.any():
+            flat = np.ascontiguousarray(pixels[known][:, None])
+            places[known] = cv2.undistortPoints(flat, self.matrix, self.distortion)[:, 0]
+        return places
+
+    def directions(self, places: FloatArray) -> FloatArray:
+        """Return unit directions (..., 3) in the world of the rays to places (..., 2), x/z and y/z."""
+        ahead = np.concatenate([places, np.ones((*places.shape[:-1], 1))], axis=-1) @ self.rotation
+        return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+
     def scaled(self, factor: float) -> "Camera":
         """The camera of the same picture resized by `factor` (pixel centres stay aligned, as cv2.resize does)."""
         matrix = self.matrix.copy()
@@ -81,6 +94,23 @@ def plain_camera(
     matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
     translation = -rotation @ np.asarray(position, dtype=np.float64)
     return Camera(name, width, height, matrix, rotation, translation, np.zeros(5))
+
+
+def nearest_points(rays: FloatArray, origins: FloatArray) -> FloatArray:
+    """Return the points (..., 3), m, nearest in the mean square to V rays of unit directions (V, ..., 3), NaN for none.
+
+    origins: (V, 3), m. Points are NaN where fewer than two rays are given or these are parallel.
+    """
+    known = np.asarray(np.isfinite(rays).all(axis=-1), bool)
+    across = np.where(known[..., None, None], np.eye(3) - rays[..., :, None] * rays[..., None, :], 0.0)
+    normal, right = np.zeros(across.shape[1:]), np.zeros(across.shape[1:-1])
+    for each, origin in zip(across, origins, strict=True):
+        normal += each
+        right += each @ origin
+    points = np.full(right.shape, np.nan)
+    meet = (known.sum(axis=0) > 1) & (np.abs(np.linalg.det(normal)) > 1e-9)
+    points[meet] = np.linalg.solve(normal[meet], right[meet, :, None])[..., 0]
+    return points
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from workbench.body.camera import Camera
@@ -192,8 +191,7 @@ def stand_upright(camera: Camera, feet: FloatArray, heads: FloatArray, length_m:
 
     With the rays a to the feet and b to the head, s a + length up = t b in the least-squares sense.
     """
-    pixels = np.concatenate([feet, heads])[:, None]
-    flat = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
+    flat = camera.undistorted(np.concatenate([feet, heads]))
     a, b = np.split(np.column_stack([flat, np.ones(len(flat))]) @ camera.rotation, 2)
     s = np.linalg.pinv(np.stack([a, -b], axis=-1))[:, 0] @ (-length_m * UP)
     return camera.position + s[:, None] * a

@@ -5,8 +5,7 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
-from workbench.body.extremities import with_neck_and_feet
-from workbench.body.limbs import Body, person
+from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.shape import Shape, from_height
 from workbench.core.capabilities import Traits, declaring, offering
 from workbench.core.dataset import Known

@@ -14,8 +14,15 @@ from workbench.core.checks import BELOW_1, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
 from workbench.datasets.rendering import render
-from workbench.datasets.rendering.scene_camera import take_camera, told_camera
-from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.datasets.rendering.sequence import (
+    Scene,
+    Take,
+    find_take,
+    given_start,
+    offered_start,
+    take_camera,
+    told_camera,
+)
 from workbench.datasets.rendering.surroundings import (
     Surroundings,
     bar,
@@ -140,10 +147,10 @@ class Points(Scene):
         return render.with_noise(render.render(shown, self.take.motion.poses[i]), _NOISE_GREY, noise)
 
     @cached_property
-    def _scene(self) -> render.Scene:
+    def _scene(self) -> render.RenderedScene:
         body, camera = self.take.subject.body, self.view_camera
         wall = render.background(camera.height, camera.width, stream(self.seed, "background"))
-        return render.Scene(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
+        return render.RenderedScene(body, camera, render.clothes(body, stream(self.seed, "clothes")), wall)
 
 
 def with_depth_noise(

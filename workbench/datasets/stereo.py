@@ -14,12 +14,18 @@ from workbench.core.capabilities import IMAGES, ONE_CAMERA, POINTS, START, Trait
 from workbench.core.checks import POSITIVE, at_least
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, View
-from workbench.datasets.rendering import render
-from workbench.datasets.rendering import room as stereo_room
-from workbench.datasets.rendering import scene_camera as placing
+from workbench.datasets.rendering import render, sequence, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
-from workbench.datasets.rendering.sequence import Scene, Take, find_take, given_start, offered_start
+from workbench.datasets.rendering.sequence import (
+    Scene,
+    Take,
+    find_take,
+    given_start,
+    offered_start,
+    take_camera,
+    told_camera,
+)
 from workbench.utils.arrays import ByteArray, FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
@@ -99,12 +105,12 @@ class Stereo(Scene):
     @cached_property
     def cameras(self) -> tuple[Camera, Camera]:
         """The left and the right camera; rows of one image are rows of the other."""
-        return self._pair(placing.take_camera(self, self.take, self.distance_m, "left"))
+        return self._pair(take_camera(self, self.take, self.distance_m, "left"))
 
     @cached_property
     def told_cameras(self) -> tuple[Camera, Camera]:
         """Both cameras as a calibration found them: the pair as a whole is off."""
-        left = placing.told_camera(self, self.take, self.cameras[0])
+        left = told_camera(self, self.take, self.cameras[0])
         return self.cameras if left is self.cameras[0] else self._pair(left)
 
     def _pair(self, left: Camera) -> tuple[Camera, Camera]:
@@ -141,9 +147,9 @@ class Stereo(Scene):
         outfit, wall, sensor = (stream(self.seed, name) for name in ("clothes", "background", "sensor"))
         body = self.take.subject.body
         texture = render.clothes(body, outfit, self.contrast)
-        room = stereo_room.room(self.take, self.cameras[0], wall, self.clutter)
-        views = ((camera, texture, stereo_room.empty_view(room, camera)) for camera in self.cameras)
-        scenes = [render.Scene(body, *view) for view in views]
+        room = surroundings.room(self.take, self.cameras[0], wall, self.clutter)
+        views = ((camera, texture, surroundings.empty_view(room, camera)) for camera in self.cameras)
+        scenes = [render.RenderedScene(body, *view) for view in views]
         images = []
         poses = tqdm(self.take.motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
@@ -154,7 +160,7 @@ class Stereo(Scene):
 
     def _key(self) -> str:
         unseen = ("data", "cache", "start", "n_points")
-        return image_key(self, unseen, code_digest(render, stereo_room, placing, subjects), self.take.motion)
+        return image_key(self, unseen, code_digest(render, sequence, subjects, surroundings), self.take.motion)
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:

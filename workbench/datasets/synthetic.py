@@ -11,24 +11,29 @@ import numpy as np
 from tqdm import tqdm
 
 from workbench.body.camera import Camera, load_cameras
-from workbench.body.extremities import with_neck_and_feet
 from workbench.body.kinematics import joints
-from workbench.body.limbs import Body, person
+from workbench.body.limbs import Body, person, with_neck_and_feet
 from workbench.body.skeleton import POSE_NAMES, parameters
 from workbench.core.capabilities import IMAGES, KEYPOINTS, ONE_CAMERA, START, Traits, offering
 from workbench.core.checks import Range, at_least, one_of
 from workbench.core.dataset import Known
 from workbench.core.frame import Frame, Truth, View
 from workbench.core.side_information import START_POSE
-from workbench.datasets.rendering import occluder, render
+from workbench.datasets.rendering import render, surroundings
 from workbench.datasets.rendering import subject as subjects
 from workbench.datasets.rendering.cache import cached_images, image_key
 from workbench.datasets.rendering.concatenation import splice
-from workbench.datasets.rendering.miscalibration import calibrated, calibration_error
-from workbench.datasets.rendering.occluder import passing_board
-from workbench.datasets.rendering.scene_camera import automatic_camera, standing_height
-from workbench.datasets.rendering.sequence import Scene, motion_names, rough_pose, start_error
-from workbench.datasets.rendering.subject import Subject, subject_of
+from workbench.datasets.rendering.perturbations import calibrated, calibration_error
+from workbench.datasets.rendering.sequence import (
+    Scene,
+    automatic_camera,
+    motion_names,
+    rough_pose,
+    standing_height,
+    start_error,
+)
+from workbench.datasets.rendering.subject import SceneSubject, subject_of
+from workbench.datasets.rendering.surroundings import passing_board
 from workbench.motion.pose_sequence import Motion
 from workbench.motion.sources import find_motion
 from workbench.motion.synthetic.gait import PATHS
@@ -177,7 +182,7 @@ class Synthetic(Scene):
         return with_neck_and_feet(plain) if self.feet else plain
 
     @cached_property
-    def _subject(self) -> Subject:
+    def _subject(self) -> SceneSubject:
         body = person(self._used_motion.shape) if self._own_feet else self.body
         return subject_of(body, self.departure, self.seed)
 
@@ -197,7 +202,7 @@ class Synthetic(Scene):
         camera, body = self.view_camera, self._subject.body
         texture = render.clothes(body, outfit, self.contrast)
         background = render.background(camera.height, camera.width, wall, self.clutter)
-        scene, images = render.Scene(body, camera, texture, background), []
+        scene, images = render.RenderedScene(body, camera, texture, background), []
         board = passing_board(self._seen, self.rate_hz, stream(self.seed, "occluder")) if self.occluder else None
         poses = tqdm(self._used_motion.poses, desc=f"rendering {self.motion}", unit="frame", disable=None)
         for i, pose in enumerate(poses):
@@ -217,7 +222,9 @@ class Synthetic(Scene):
         unseen += ["feet"] if self._own_feet else []
         calibration = (seen_by.matrix, seen_by.rotation, seen_by.translation, seen_by.distortion)
         size = np.array([seen_by.width, seen_by.height])
-        return image_key(self, unseen, code_digest(render, subjects, occluder), self._used_motion, *calibration, size)
+        return image_key(
+            self, unseen, code_digest(render, subjects, surroundings), self._used_motion, *calibration, size
+        )
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:

@@ -1,27 +1,23 @@
-"""What calibrated cameras say of one person without any tracker: do their rays to the same joints meet, how long are
-the limbs between, and which way do the knees bend."""
+"""Consistency of calibrated cameras without a tracker: distances of rays, lengths of limbs, directions of knees."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import cv2
 import numpy as np
 
-from workbench.body.camera import Camera
+from workbench.body.camera import Camera, nearest_points
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
 from workbench.utils.arrays import FloatArray
 
 LIMBS = {
-    "upper_arm": ("shoulder", "elbow"),
-    "forearm": ("elbow", "wrist"),
-    "thigh": ("hip", "knee"),
-    "calf": ("knee", "ankle"),
-}
+    "upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"),
+    "thigh": ("hip", "knee"), "calf": ("knee", "ankle"),
+}  # fmt: skip
 """Limbs of either side, between these joints."""
 _SIDES = ("left", "right")
-BENT = 0.05
+_BENT = 0.05
 """How far a knee is off the line from hip to ankle, over its length, when the leg counts as bent: some 12 degrees."""
 
 
@@ -55,19 +51,10 @@ def meeting(views: Sequence[View]) -> Meeting:
 def nearest(seen: Sequence[tuple[Camera, FloatArray]]) -> FloatArray:
     """Return the places (J, 3), m, nearest in the mean square to the cameras' rays to marks (J, 2), px, NaN for none;
     NaN where fewer than two cameras see a joint or their rays are parallel."""
-    n_joints = len(seen[0][1]) if seen else len(JOINT_NAMES)
-    normal, right, counts = np.zeros((n_joints, 3, 3)), np.zeros((n_joints, 3)), np.zeros(n_joints, dtype=int)
-    for camera, marks in seen:
-        known = np.isfinite(marks).all(axis=1)
-        rays = _rays(camera, marks[known])
-        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        normal[known] += across
-        right[known] += across @ camera.position
-        counts[known] += 1
-    places = np.full((n_joints, 3), np.nan)
-    meet = (counts > 1) & (np.abs(np.linalg.det(normal)) > 1e-9)
-    places[meet] = np.linalg.solve(normal[meet], right[meet, :, None])[..., 0]
-    return places
+    if not seen:
+        return np.full((len(JOINT_NAMES), 3), np.nan)
+    rays = np.stack([camera.directions(camera.undistorted(marks)) for camera, marks in seen])
+    return nearest_points(rays, np.stack([camera.position for camera, _ in seen]))
 
 
 def height_px(marks: FloatArray) -> float:
@@ -110,19 +97,10 @@ def bends(joints: FloatArray) -> FloatArray:
         leg = ankle - hip
         length = np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-12)
         off = (knee - hip) - ((knee - hip) * leg).sum(axis=1, keepdims=True) * leg / length**2
-        bent = np.linalg.norm(off, axis=1) > BENT * length[:, 0]
+        bent = np.linalg.norm(off, axis=1) > _BENT * length[:, 0]
         found.append(((off * ahead).sum(axis=1) / length[:, 0])[bent])
     return np.concatenate(found)
 
 
 def _of(joints: FloatArray, side: str, name: str) -> FloatArray:
     return joints[:, JOINT_NAMES.index(f"{side}_{name}")]
-
-
-def _rays(camera: Camera, marks: FloatArray) -> FloatArray:
-    """Return unit directions (K, 3) in the world of the rays to marks (K, 2), px."""
-    if not len(marks):
-        return np.empty((0, 3))
-    straight = cv2.undistortPoints(np.ascontiguousarray(marks[:, None]), camera.matrix, camera.distortion)[:, 0]
-    ahead = np.column_stack([straight, np.ones(len(straight))]) @ camera.rotation
-    return ahead / np.linalg.norm(ahead, axis=1, keepdims=True)

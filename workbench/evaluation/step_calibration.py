@@ -1,16 +1,17 @@
-"""How true one step's bands are: coverage, ranks and proper scores of its particles against the truth."""
+"""One step's posterior against the truth: coverage, ranks, proper scores, and the error that it states of itself."""
 
 from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy
 
 from workbench.body.angles import N_POSITION, nearest_turn
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
 from workbench.evaluation.posterior_calibration import covered, crps, log_score, moments, ranks, share_below
-from workbench.utils.arrays import BoolArray, FloatArray
+from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
 LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
@@ -18,6 +19,10 @@ _GIVEN = 1e-9
 """m or rad: a number that all particles share and that is as near as this to the truth was given."""
 _RANKS: WeakKeyDictionary[Step, FloatArray] = WeakKeyDictionary()
 """Of the steps that there are, by their frames' truth."""
+LARGE_MM = 50.0
+"""An error that a person wants to be warned of."""
+_MAX_PARTICLES = 500
+"""Particles from which expected errors are computed."""
 GROUPS = {
     "root": ("root",),
     "head": ("neck", "head"),
@@ -101,3 +106,50 @@ def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[st
         if belongs.any():
             rates[f"coverage_90{suffix}_{group}"] = inside[-1, belongs].mean()
     return {name: float(share) for name, share in rates.items()}
+
+
+def _joint_groups(skeleton: Skeleton) -> dict[str, IntArray]:
+    """Name the joints of the groups of `step_calibration.GROUPS`; the root is the first joint."""
+    own = {g: [k for k, n in enumerate(skeleton.names) if any(w in n for w in words)] for g, words in GROUPS.items()}
+    return {group: np.array(those, np.int64) for group, those in (own | {"root": [0]}).items() if those}
+
+
+def stated_doubt(step: Step, skeleton: Skeleton) -> dict[str, float]:
+    """Return doubt_<group>_mm: the mean distance, by weight, of the particles' joints from where they are expected.
+
+    It is the mean joint error of the group that the posterior states. More than _MAX_PARTICLES particles are
+    represented by as many at evenly spaced ranks of their weights.
+    """
+    poses, weights = step.poses, np.exp(step.log_weights)
+    if len(poses) > _MAX_PARTICLES:
+        ranks = (np.arange(_MAX_PARTICLES) + 0.5) / _MAX_PARTICLES * weights.sum()
+        rows = np.searchsorted(np.cumsum(weights), ranks).clip(max=len(poses) - 1)
+        poses, weights = poses[rows], np.full(_MAX_PARTICLES, 1.0 / _MAX_PARTICLES)
+    expected = joints(skeleton, step.expected_pose[None])[0]
+    away = 1e3 * (weights @ np.linalg.norm(joints(skeleton, poses) - expected, axis=2))
+    return {f"doubt_{group}_mm": float(away[own].mean()) for group, own in _joint_groups(skeleton).items()}
+
+
+def group_errors(step: Step, skeleton: Skeleton) -> dict[str, float]:
+    """Return missed_<group>_mm: the mean distance of the expected pose's joints from the true ones, where known."""
+    truth = step.frame.truth
+    if truth is None or truth.joints is None:
+        return {}
+    away = 1e3 * np.linalg.norm(joints(skeleton, step.expected_pose[None])[0] - truth.joints, axis=1)
+    known = {group: own[np.isfinite(away[own])] for group, own in _joint_groups(skeleton).items()}
+    return {f"missed_{group}_mm": float(away[own].mean()) for group, own in known.items() if len(own)}
+
+
+def spearman(stated: FloatArray, errors: FloatArray) -> float:
+    """Return the correlation of the ranks of two series (n,), Spearman's; NaN where one does not vary."""
+    if len(stated) < 2 or min(np.ptp(stated), np.ptp(errors)) == 0.0:
+        return float("nan")
+    return float(scipy.stats.spearmanr(stated, errors).statistic)
+
+
+def area_under_curve(stated: FloatArray, wrong: BoolArray) -> float:
+    """Return the probability that the stated error of what is wrong (n,) exceeds that of what is not, ties counted
+    half: the area under the receiver operating characteristic (Hanley & McNeil 1982); NaN where all are alike."""
+    if wrong.all() or not wrong.any():
+        return float("nan")
+    return float(scipy.stats.mannwhitneyu(stated[wrong], stated[~wrong]).statistic / (wrong.sum() * (~wrong).sum()))

@@ -6,43 +6,80 @@ is everywhere the width of a forearm, as in `held`, or what people and detectors
 number below; none was chosen by runs that were spoilt to try it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from workbench.body.shape import from_height
-from workbench.evaluation.evidence import Measured
+from workbench.evaluation.evidence import RunMeasurements
 from workbench.evaluation.multiview_consistency import bends, limb_lengths
-from workbench.evaluation.track_loss import WINDOW, lost_and_found
 from workbench.utils.arrays import BoolArray, FloatArray
 
+WINDOW = 5
+"""Frames over which an error is averaged, so that a single one neither loses nor finds anybody; as in `held`."""
 FOREARM = 0.044
 """A forearm's width over a person's height, the mean of the two ends of `from_height`: the yardstick of `held`."""
 HELD_MM = 150.0
 """Points are held where joints are off by less than this in the last frames: half a head, see the README."""
-LENGTH_OFF = 0.10
+_LENGTH_OFF = 0.10
 """How far a height may be from what the limbs measured tell: twice the 5 % by which a length over the height differs
 between people and detectors' joints from anatomists' (`limb_lengths.PROPORTION_SIGMA`)."""
-LIMB_OFF = 0.20
+_LIMB_OFF = 0.20
 """The same of a single limb over the others: three deviations, and what a detector's joint is off."""
-MOST_JUMP = 5.0
+_MOST_JUMP = 5.0
 """Times what the keypoints move in the frames about. Of accelerations that legs and arms are capable of, even a kick at
 30 Hz stays below twice."""
-JUMP_FRAMES = 10
-LEAST_GAP_S = 0.25
+_JUMP_FRAMES = 10
+_LEAST_GAP_S = 0.25
 """A gap worth telling, in keypoints that are otherwise there in every frame: half a step of a walk."""
-FEW_JOINTS = 0.5
+_FEW_JOINTS = 0.5
 """Of the 14 joints beside the pelvis, those that must be seen at all for the rest not to be made up."""
-MOST_FAR = 0.5
+_MOST_FAR = 0.5
 """Observations that may lie far from the body: with more, most say that the person is elsewhere."""
-LEAST_BENDS = 10
-RATE_OFF = 0.02
+_LEAST_BENDS = 10
+_RATE_OFF = 0.02
 
 
 @dataclass(frozen=True)
-class Told:
+class Event:
+    """frame: the place in the sequence of the first frame from which on the person was lost, or was held again."""
+
+    kind: str
+    frame: int
+
+
+def lost_and_found(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW) -> list[Event]:
+    """Return the events "lost" and "found", which alternate, of errors and their thresholds (F,), in one unit.
+
+    Lost: the mean error over `window` frames reaches the mean threshold; the event is the first of these frames that
+    does, after the last event. Found: it is below again. Errors that are not known (NaN) say nothing. A run that begins
+    lost loses in 0.
+    """
+    apart = np.asarray(errors, dtype=np.float64) - np.asarray(thresholds, dtype=np.float64)
+    places = np.flatnonzero(np.isfinite(apart))
+    events: list[Event] = []
+    last = -1
+    for end in range(max(1, min(window, len(places))), len(places) + 1):
+        among = places[max(0, end - window) : end]
+        lost = bool(apart[among].mean() >= 0.0)
+        crossed = among[((apart[among] >= 0.0) == lost) & (among > last)]
+        if lost is (len(events) % 2 == 0) and len(crossed):
+            last = int(crossed[0])
+            events.append(Event("lost" if lost else "found", last))
+    return events
+
+
+def lost_share(errors: Sequence[float], thresholds: Sequence[float], window: int = WINDOW) -> float:
+    """Return the part of the frames that lie between a loss and the next find, or the end."""
+    marks = [event.frame for event in lost_and_found(errors, thresholds, window)]
+    ends = [*marks, len(errors)] if len(marks) % 2 else marks
+    return float(np.diff(np.array(ends).reshape(-1, 2), axis=1).sum()) / max(len(errors), 1)
+
+
+@dataclass(frozen=True)
+class RunInputs:
     """What a run was told. height_m: the person's. max_iterations: of a fit. rate_hz, source_rate_hz: of the frames,
     and what their source's file says. seen: whether the dataset shows the person at all."""
 
@@ -90,14 +127,14 @@ class Verdict:
         return {"kind": self.kind, "sentence": self.sentence, "found": found}
 
 
-def verdict(measured: Measured, told: Told) -> Verdict:
+def verdict(measured: RunMeasurements, told: RunInputs) -> Verdict:
     """Tell what became of a run by what was measured and what it was told."""
-    findings = tuple(finding for look in LOOKS for finding in look(measured, told))
+    findings = tuple(finding for look in _LOOKS for finding in look(measured, told))
     outcome, states = _outcome(measured, told)
     return Verdict(findings, outcome, states)
 
 
-def _outcome(measured: Measured, told: Told) -> tuple[Finding, tuple[str, ...]]:
+def _outcome(measured: RunMeasurements, told: RunInputs) -> tuple[Finding, tuple[str, ...]]:
     """Tell whether the person was held, by the truth or else by the keypoints."""
     errors, n = measured.errors, len(measured.frames)
     numbers, marked = _numbers(measured), _by_marks(measured)
@@ -123,7 +160,9 @@ def _outcome(measured: Measured, told: Told) -> tuple[Finding, tuple[str, ...]]:
     return Finding("no truth", "nothing to measure by: whether the person was held only the images show"), states
 
 
-def _held(measured: Measured, errors: FloatArray, widths: FloatArray, numbers: str) -> tuple[Finding, tuple[str, ...]]:
+def _held(
+    measured: RunMeasurements, errors: FloatArray, widths: FloatArray, numbers: str
+) -> tuple[Finding, tuple[str, ...]]:
     """Tell held from lost by errors and thresholds (F,) of one unit; the first frame, which is given, is not judged."""
     frames, n = measured.frames[1:], max(len(errors) - 1, 0)
     with_comma = f", {numbers}" if numbers else ""
@@ -144,14 +183,14 @@ def _held(measured: Measured, errors: FloatArray, widths: FloatArray, numbers: s
     return Finding("lost", f"{first}, {share:.0%} of the frames{with_comma}"), all_states
 
 
-def _numbers(measured: Measured) -> str:
+def _numbers(measured: RunMeasurements) -> str:
     """The few numbers that matter, with units."""
     forms = {"error_abs_mm": "MPJPE {:.0f} mm", "error_procrustes_mm": "PA-MPJPE {:.0f} mm", "error_px": "{:.1f} px"}
     known = {name: measured.errors[name][1:] for name in forms if name in measured.errors}
     return ", ".join(forms[name].format(float(np.nanmean(each))) for name, each in known.items() if _any(each))
 
 
-def _by_marks(measured: Measured) -> str:
+def _by_marks(measured: RunMeasurements) -> str:
     """Tell the distance from joints marked to measure it by, but not in the first frame, whose marks a run may start
     from; empty where none are."""
     px, heights = measured.errors.get("error_px", np.full(1, np.nan))[1:], measured.mark_height_px[1:]
@@ -162,7 +201,7 @@ def _by_marks(measured: Measured) -> str:
     return f"{np.nanmean(px):.1f} px from the joints marked in {int(np.isfinite(px).sum())} frames{share}"
 
 
-def _by_camera(measured: Measured) -> str:
+def _by_camera(measured: RunMeasurements) -> str:
     """Tell the distances from the keypoints, camera by camera, and over the person's height."""
     off, heights = measured.off_px, measured.height_px
     named = [f"{name} {np.nanmean(off[:, v]):.1f}" for v, name in enumerate(measured.cameras) if _any(off[:, v])]
@@ -175,7 +214,7 @@ def _by_camera(measured: Measured) -> str:
     )
 
 
-def _cameras(measured: Measured, told: Told) -> Iterator[Finding]:
+def _cameras(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell which cameras do not see what the others see."""
     if len(measured.cameras) < 2:
         return
@@ -196,7 +235,7 @@ def _cameras(measured: Measured, told: Told) -> Iterator[Finding]:
         yield Finding("cameras disagree", ", ".join([*blind, *pairs[:2], *more]))
 
 
-def _since(measured: Measured, apart: FloatArray) -> str | None:
+def _since(measured: RunMeasurements, apart: FloatArray) -> str | None:
     """Tell from which frame on a pair of cameras disagrees, "" where from the first; None where it does not."""
     events = lost_and_found(apart.tolist(), [FOREARM] * len(apart))
     if not events:
@@ -205,19 +244,19 @@ def _since(measured: Measured, apart: FloatArray) -> str | None:
     return f" from frame {measured.frames[first]} on" if first > 0 else ""
 
 
-def _height(measured: Measured, told: Told) -> Iterator[Finding]:
+def _height(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Compare the height that was told, or of the body tracked, with that of who has the limbs that cameras measure."""
     lengths = limb_lengths(measured.joints)
     if len(lengths) < len(measured.lengths_m):  # one camera tells no lengths
         return
     usual = usual_height(lengths)
     height = told.height_m or usual_height(measured.lengths_m)
-    if abs(np.log(height / usual)) > np.log1p(LENGTH_OFF):
+    if abs(np.log(height / usual)) > np.log1p(_LENGTH_OFF):
         limbs = ", ".join(f"{_words(limb)} {100.0 * length:.0f}" for limb, length in lengths.items())
         yield Finding("height", f"{height:.2f} m told, {usual:.2f} m by the limbs that the cameras see ({limbs} cm)")
 
 
-def _limbs(measured: Measured, told: Told) -> Iterator[Finding]:
+def _limbs(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Compare the body's limbs, and those that cameras measure, with those of people of their height."""
     for lengths, whose in ((measured.lengths_m, "the body has"), (limb_lengths(measured.joints), "the cameras see")):
         if len(lengths) < len(measured.lengths_m):
@@ -226,7 +265,7 @@ def _limbs(measured: Measured, told: Told) -> Iterator[Finding]:
         usual = from_height(height)
         for limb, length in lengths.items():
             expected = float(getattr(usual, limb))
-            if abs(np.log(length / expected)) > np.log1p(LIMB_OFF):
+            if abs(np.log(length / expected)) > np.log1p(_LIMB_OFF):
                 found, normal = f"{100.0 * length:.0f} cm", f"{100.0 * expected:.0f} cm (of {height:.2f} m)"
                 yield Finding("limb lengths", f"{whose} a {_words(limb)} of {found}, usual are {normal}")
                 return
@@ -238,22 +277,22 @@ def usual_height(lengths: Mapping[str, float]) -> float:
     return float(np.exp(np.mean([np.log(length / getattr(unit, limb)) for limb, length in lengths.items()])))
 
 
-def _sides(measured: Measured, told: Told) -> Iterator[Finding]:
+def _sides(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell left and right that are exchanged by knees that bend the wrong way."""
     bent = bends(measured.joints)
-    if len(bent) >= LEAST_BENDS and (share := float((bent < 0.0).mean())) > 0.5:
+    if len(bent) >= _LEAST_BENDS and (share := float((bent < 0.0).mean())) > 0.5:
         legs = f"{share:.0%} of {len(bent)} bent legs"
         yield Finding("left and right", f"exchanged, or knees bend the wrong way, in {legs}")
 
 
-def _rate(measured: Measured, told: Told) -> Iterator[Finding]:
+def _rate(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Compare the rate told with what the source's file says."""
     told_hz, own_hz = told.rate_hz, told.source_rate_hz
-    if told_hz and own_hz and abs(np.log(told_hz / own_hz)) > RATE_OFF:
+    if told_hz and own_hz and abs(np.log(told_hz / own_hz)) > _RATE_OFF:
         yield Finding("rate", f"{told_hz:g} frames a second told, {own_hz:g} by the file: times and speeds are off")
 
 
-def _missing(measured: Measured, told: Told) -> Iterator[Finding]:
+def _missing(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell stretches of frames in which nothing is seen, and places where what is seen jumps."""
     if not measured.has_keypoints:
         return
@@ -261,7 +300,7 @@ def _missing(measured: Measured, told: Told) -> Iterator[Finding]:
     if np.median(np.diff(np.flatnonzero(~empty), prepend=-1)) <= 1.0:  # marks in a few frames are no gaps
         for first, last in _runs(empty):
             end = min(last + 1, len(empty) - 1)
-            if (seconds := measured.times_s[end] - measured.times_s[first]) >= LEAST_GAP_S:
+            if (seconds := measured.times_s[end] - measured.times_s[first]) >= _LEAST_GAP_S:
                 where = f"frames {measured.frames[first]} to {measured.frames[last]}"
                 yield Finding("frames missing", f"nothing is seen in {where}, {seconds:.2g} s")
     jumps = _jumps(measured.moved)
@@ -273,38 +312,38 @@ def _missing(measured: Measured, told: Told) -> Iterator[Finding]:
 
 
 def _jumps(moved: FloatArray) -> list[int]:
-    """Find frames (F,) in which the keypoints move MOST_JUMP times as far as about it, and by more than a forearm."""
+    """Find frames (F,) in which the keypoints move _MOST_JUMP times as far as about it, and by more than a forearm."""
     found = []
     for t in np.flatnonzero(np.nan_to_num(moved) > FOREARM):
-        about = np.delete(moved[max(t - JUMP_FRAMES, 0) : t + JUMP_FRAMES + 1], min(int(t), JUMP_FRAMES))
-        if np.isfinite(about).sum() >= WINDOW and moved[t] > MOST_JUMP * np.nanmedian(about):
+        about = np.delete(moved[max(t - _JUMP_FRAMES, 0) : t + _JUMP_FRAMES + 1], min(int(t), _JUMP_FRAMES))
+        if np.isfinite(about).sum() >= WINDOW and moved[t] > _MOST_JUMP * np.nanmedian(about):
             found.append(int(t))
     return found
 
 
-def _few(measured: Measured, told: Told) -> Iterator[Finding]:
+def _few(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell where hardly a joint is seen."""
     if not measured.has_keypoints:
         return
     n, of = int(measured.marked[1:].sum()), len(measured.marked) - 1
-    if n < FEW_JOINTS * of:
+    if n < _FEW_JOINTS * of:
         yield Finding("too few observations", f"only {n} of {of} joints are seen in any frame, the others are made up")
 
 
-def _far(measured: Measured, told: Told) -> Iterator[Finding]:
+def _far(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell where most of what is seen lies elsewhere."""
-    if _any(measured.inliers) and (near := float(np.nanmean(measured.inliers))) < MOST_FAR:
+    if _any(measured.inliers) and (near := float(np.nanmean(measured.inliers))) < _MOST_FAR:
         yield Finding("far from what is seen", f"only {near:.0%} of the observations lie near the body")
 
 
-def _converged(measured: Measured, told: Told) -> Iterator[Finding]:
+def _converged(measured: RunMeasurements, told: RunInputs) -> Iterator[Finding]:
     """Tell a fit that used all its iterations."""
     if told.max_iterations and measured.iterations >= told.max_iterations:
         used = f"all {told.max_iterations:g} iterations are used"
         yield Finding("not converged", f"{used}; inference.max_iterations allows more")
 
 
-LOOKS = (_cameras, _few, _sides, _height, _limbs, _rate, _missing, _far, _converged)
+_LOOKS = (_cameras, _few, _sides, _height, _limbs, _rate, _missing, _far, _converged)
 """What is looked for, the worst first."""
 
 

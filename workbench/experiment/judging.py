@@ -5,18 +5,18 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from workbench.body.flexion import FLEXIONS
+from workbench.body.angles import FLEXIONS
 from workbench.core.capabilities import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
-from workbench.evaluation.verdict import Told
+from workbench.evaluation.verdict import RunInputs
 from workbench.experiment.config.compatibility import traits_of
 from workbench.experiment.tracking import Parts
 
 
-def told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> Told:
+def told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
     """Collect what a run was told that its frames may contradict. settings: the configuration, resolved."""
     known, body = parts.clip.known, settings.get("body") or {}
     iterations = (settings.get("inference") or {}).get("max_iterations")
-    return Told(
+    return RunInputs(
         height_m=body.get("height_m"),
         max_iterations=float(iterations) if isinstance(iterations, int) else None,
         rate_hz=known.rate_hz,

@@ -18,8 +18,7 @@ from workbench.core.step import continues
 from workbench.core.study import Study
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.track_loss import WINDOW
-from workbench.evaluation.verdict import verdict
+from workbench.evaluation.verdict import WINDOW, verdict
 from workbench.experiment.assembly import assemble
 from workbench.experiment.config.assumptions import givens
 from workbench.experiment.config.compatibility import no_evidence

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import __version__
-from workbench.evaluation.track_loss import lost_and_found, lost_share
+from workbench.evaluation.verdict import lost_and_found, lost_share
 from workbench.utils.atomic_write import replace_text
 
 if TYPE_CHECKING:  # a run that is refused does without

@@ -9,11 +9,10 @@ from workbench.body.limbs import Body
 from workbench.core.frame_cache import FrameCache
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
-from workbench.evaluation.errors import AccelerationError, step_errors
-from workbench.evaluation.expected_error import group_errors, stated_doubt
 from workbench.evaluation.marker_offsets import MarkerOffsets
+from workbench.evaluation.pose_errors import AccelerationError, step_errors
 from workbench.evaluation.posterior_calibration import expected_calibration_error
-from workbench.evaluation.step_calibration import pose_ranks
+from workbench.evaluation.step_calibration import group_errors, pose_ranks, stated_doubt
 from workbench.utils.arrays import FloatArray
 from workbench.utils.rng import rng_streams
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.body.extremities import FOOT_BREADTH, FOOT_LENGTH, with_neck_and_feet
 from workbench.body.kinematics import forward
-from workbench.body.limbs import person
+from workbench.body.limbs import FOOT_BREADTH, FOOT_LENGTH, person, with_neck_and_feet
 from workbench.body.shape import ANKLE_HEIGHT, from_height
 from workbench.utils.errors import InputError
 

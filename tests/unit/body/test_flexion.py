@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from full_skeleton_clips import BANDAI_LIKE, clip, wandering
 
-from workbench.body.flexion import FLEXIONS, flexions
+from workbench.body.angles import FLEXIONS, flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.evaluation.errors import flexion_errors
+from workbench.evaluation.pose_errors import flexion_errors
 from workbench.motion.full_skeleton import full_skeleton
 
 BANDAI = full_skeleton(clip(BANDAI_LIKE, wandering(BANDAI_LIKE, 0)))

@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from workbench.body.angles import mirror_image
 from workbench.body.camera import plain_camera
 from workbench.body.kinematics import forward, joints
-from workbench.body.mirror import mirror_image
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES, person_skeleton
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.body.mirror import exchanged, mirror_image
+from workbench.body.angles import exchanged, mirror_image
 from workbench.body.skeleton import POSE_NAMES
 
 

@@ -8,20 +8,20 @@ from scipy.stats import multivariate_normal
 
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.datasets.association import keypoint_kalman as beliefs
-from workbench.datasets.association.detections import Detection, Eye, meeting
-from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, Expected, born, exchanged, predict
+from workbench.datasets.association.detections import Detection, DetectorView, triangulate_places
+from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, PredictedView, exchanged, initial_state, predict
 
-FRONT = Eye(CAMERAS["front"], np.ones(15, dtype=bool))
+FRONT = DetectorView(CAMERAS["front"], np.ones(15, dtype=bool))
 BODY = walkers([((0.0, 0.0), (1.0, 0.0))], 1)[0][0]
 
 
 def seen(joints, sigma_m=0.03):
-    return Detection(FRONT.seen(joints)[0], np.full(15, sigma_m))
+    return Detection(FRONT.places(joints)[0], np.full(15, sigma_m), np.zeros(15, dtype=bool))
 
 
 def test_prediction_is_that_of_the_process_it_stands_for():
     """By the matrix exponential of dx = v dt, dv = −v/τ dt + noise (Van Loan 1978), and in two steps as in one."""
-    belief = predict(born(BODY, np.full(15, 0.1)), 0.2)
+    belief = predict(initial_state(BODY, np.full(15, 0.1)), 0.2)
     drift = np.array([[0.0, 1.0], [0.0, -1.0 / beliefs.TAU_S]])
     noise = np.array([[0.0, 0.0], [0.0, 2.0 / beliefs.TAU_S]])  # which keeps a variance of 1 at rest
     both = expm(np.block([[-drift, noise], [np.zeros((2, 2)), drift.T]]) * 0.2)
@@ -31,16 +31,16 @@ def test_prediction_is_that_of_the_process_it_stands_for():
         expected = moves @ np.diag([0.1**2, variance]) @ moves.T + variance * added
         place = np.array([3 * joint, 45 + 3 * joint])
         np.testing.assert_allclose(belief.covariance[np.ix_(place, place)], expected, rtol=1e-9)
-    twice = predict(predict(born(BODY, np.full(15, 0.1)), 0.15), 0.05)
+    twice = predict(predict(initial_state(BODY, np.full(15, 0.1)), 0.15), 0.05)
     np.testing.assert_allclose(twice.covariance, belief.covariance, rtol=1e-9, atol=1e-12)
 
 
 def test_a_match_has_the_density_of_the_joints_together():
-    belief = born(BODY, np.full(15, 0.1))
+    belief = initial_state(BODY, np.full(15, 0.1))
     shifted = BODY + np.array([0.0, 0.05, 0.02])
-    match = Expected(belief, FRONT).match(seen(shifted))
+    match = PredictedView(belief, FRONT).match(seen(shifted))
     places, slopes, depth = FRONT.project(BODY)
-    off = (FRONT.seen(shifted)[0] - places) * depth[:, None]
+    off = (FRONT.places(shifted)[0] - places) * depth[:, None]
     slopes = slopes * depth[:, None, None]
     expected = sum(
         multivariate_normal.logpdf(off[j], cov=0.01 * slopes[j] @ slopes[j].T + 0.03**2 * np.eye(2)) for j in range(15)
@@ -50,20 +50,22 @@ def test_a_match_has_the_density_of_the_joints_together():
 
 
 def test_what_is_seen_again_and_again_is_believed():
-    belief = born(BODY, np.full(15, 0.3))
+    belief = initial_state(BODY, np.full(15, 0.3))
     there = BODY + np.array([0.0, 0.2, 0.1])
     for _ in range(20):
         for camera in CAMERAS.values():
-            eye = Eye(camera, np.ones(15, dtype=bool))
-            expected = Expected(belief, eye)
-            belief = expected.updated(expected.match(Detection(eye.seen(there)[0], np.full(15, 0.03))))
+            eye = DetectorView(camera, np.ones(15, dtype=bool))
+            expected = PredictedView(belief, eye)
+            belief = expected.updated(
+                expected.match(Detection(eye.places(there)[0], np.full(15, 0.03), np.zeros(15, dtype=bool)))
+            )
     np.testing.assert_allclose(belief.joints, there, atol=5e-3)
     assert (np.linalg.eigvalsh(belief.covariance) > -1e-12).all()
 
 
 def test_joints_astray_cost_what_is_agreed_and_move_nothing():
-    belief = predict(born(BODY, np.full(15, 0.02)), 1 / 30)
-    expected = Expected(belief, FRONT)
+    belief = predict(initial_state(BODY, np.full(15, 0.02)), 1 / 30)
+    expected = PredictedView(belief, FRONT)
     right, wrong = seen(BODY), seen(BODY)
     wrist = JOINT_NAMES.index("left_wrist")
     wrong.places[wrist] += 0.2
@@ -82,19 +84,19 @@ def test_exchanged_sides_are_known_for_what_they_are(parts):
     names = [JOINT_NAMES[j] for j in order]
     assert names[JOINT_NAMES.index(f"left_{parts[0]}")] == f"right_{parts[0]}"
     assert names[JOINT_NAMES.index("neck")] == "neck"
-    belief = born(BODY, np.full(15, 0.02))
+    belief = initial_state(BODY, np.full(15, 0.02))
     plain, other = seen(BODY), seen(BODY[order])
-    expected = Expected(belief, FRONT)
+    expected = PredictedView(belief, FRONT)
     np.testing.assert_allclose(
         expected.updated(expected.match(other)).mean, expected.updated(expected.match(plain)).mean, atol=0.02
     )
 
 
 def test_rays_meet_where_they_came_from():
-    eyes = [Eye(camera, np.ones(15, dtype=bool)) for camera in CAMERAS.values()]
-    places = np.array([eye.seen(BODY)[0] for eye in eyes])
+    eyes = [DetectorView(camera, np.ones(15, dtype=bool)) for camera in CAMERAS.values()]
+    places = np.array([eye.places(BODY)[0] for eye in eyes])
     places[0, 3] = places[1, 4] = places[2, 4] = np.nan
-    met, n_rays = meeting(eyes, places)
+    met, n_rays = triangulate_places(eyes, places)
     assert n_rays[[3, 4, 5]].tolist() == [2, 1, 3]
     assert np.isnan(met[4]).all()
     others = np.arange(15) != 4

@@ -10,8 +10,7 @@ from workbench.body.limbs import Body, person, skeleton_limbs
 from workbench.body.shape import from_height
 from workbench.body.skeleton import person_skeleton
 from workbench.datasets.points import Points
-from workbench.datasets.rendering.miscalibration import calibrated, calibration_error
-from workbench.datasets.rendering.perturbations import NONE, USUAL
+from workbench.datasets.rendering.perturbations import USUAL, calibrated, calibration_error
 from workbench.datasets.rendering.subject import height_of, subject_of
 from workbench.datasets.rendering.visible import first_depth
 from workbench.datasets.stereo import Stereo
@@ -24,6 +23,8 @@ MADE = {
     "points": lambda **more: Points(**SMALL, n_points=100, images=True, start="given", **more),
     "stereo": lambda **more: Stereo(n_frames=2, width=320, height=240, focal_px=350.0, baseline_m=0.4, **more),
 }
+
+NONE = dict.fromkeys(USUAL, 0.0)
 
 
 def only(**sizes):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.datasets.rendering.occluder import Board, passing_board
+from workbench.datasets.rendering.surroundings import Board, passing_board
 from workbench.datasets.synthetic import Synthetic
 
 

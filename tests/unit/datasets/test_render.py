@@ -154,7 +154,7 @@ def flat(body, grey):
 
 def test_lambert_shading_of_a_ball():
     body, camera = ball((0.0, 0.0, 0.0), 0.5), plain_camera(201, 201, 300.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
-    scene = render.Scene(body, camera, flat(body, np.array([200.0])), np.zeros((201, 201)))
+    scene = render.RenderedScene(body, camera, flat(body, np.array([200.0])), np.zeros((201, 201)))
     image = render.render(scene, STANDING)
     light = np.array([0.25, -0.45, 0.86]) / np.linalg.norm([0.25, -0.45, 0.86])
     # the middle faces the camera, along −y; a pixel of 1 cm turns the normal by 1 / 50
@@ -171,12 +171,12 @@ def test_the_texture_sticks_to_the_limbs():
     pose = STANDING.copy()
     pose[:3] = moved
     camera = replace(CAMERA, translation=CAMERA.translation - CAMERA.rotation @ moved)
-    here = render.render(render.Scene(BODY, CAMERA, texture, black), STANDING)
-    there = render.render(render.Scene(BODY, camera, texture, black), pose)
+    here = render.render(render.RenderedScene(BODY, CAMERA, texture, black), STANDING)
+    there = render.render(render.RenderedScene(BODY, camera, texture, black), pose)
     assert np.abs(here - there).max() < 1e-6
     bent = STANDING.copy()
     bent[BODY.skeleton.dof("left_knee_flexion")] = 0.5
-    scene = render.Scene(BODY, CAMERA, texture, black)
+    scene = render.RenderedScene(BODY, CAMERA, texture, black)
     touched = np.zeros(black.shape, dtype=bool)  # pixels with a ray that meets the calf
     for seen in (STANDING, bent):
         _, limb = whole(render.cast(BODY, seen, CAMERA, scene.rays), CAMERA, scene.rays.samples)
@@ -203,7 +203,7 @@ def test_clothes_background_and_noise_have_the_strength_they_claim():
 
 def test_supersampling_blends_the_edges():
     body, camera = ball((0.0, 0.0, 0.0), 0.5), plain_camera(101, 101, 150.0, (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
-    scene = render.Scene(body, camera, flat(body, np.array([200.0])), np.full((101, 101), 10.0))
+    scene = render.RenderedScene(body, camera, flat(body, np.array([200.0])), np.full((101, 101), 10.0))
     image = render.render(scene, STANDING)
     centre, edge = image[50, 50], image[50, 20:30]
     assert image[0, 0] == 10.0

@@ -3,8 +3,8 @@
 import numpy as np
 from crowd_scenes import walkers
 
-from workbench.datasets.association.multi_hypothesis import Tracked
-from workbench.datasets.association.track_stitching import rejoined
+from workbench.datasets.association.assignment import Tracks
+from workbench.datasets.association.track_stitching import stitched, without_short
 
 RATE_HZ = 30.0
 
@@ -16,12 +16,13 @@ def tracks(*spans, n_frames=90):
         for t in range(first, last + 1):
             assigned[t][0, number] = number
             joints[t][number] = body
-    return Tracked(tuple(assigned), tuple(joints), -np.inf), np.arange(n_frames) / RATE_HZ
+    return Tracks(tuple(assigned), tuple(joints), np.full(n_frames, np.inf)), np.arange(n_frames) / RATE_HZ
 
 
 def who(*spans):
     """Whose the tracks turn out to be, None for nobody's."""
-    found = rejoined(*tracks(*spans))
+    tracked, times_s = tracks(*spans)
+    found = stitched(without_short(tracked), times_s)
     return [found[first].get((0, number)) for number, (_, first, _) in enumerate(spans)]
 
 

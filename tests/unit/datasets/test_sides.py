@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from crowd_scenes import CAMERAS, RATE_HZ, shown, walkers
 
-from workbench.datasets.association.detections import Eye
-from workbench.datasets.association.left_right import PARTS, _cost, _likeliest, exchanged_sides, undone
+from workbench.datasets.association.detections import DetectorView
+from workbench.datasets.association.left_right import PARTS, _cheapest, _cost, exchanged_sides, undone
 
 WALK = (((-0.8, -0.2), (1.6, 0.0)),)
 ALL = np.ones(15, dtype=bool)
@@ -14,7 +14,9 @@ ALL = np.ones(15, dtype=bool)
 def seen(names, n_frames=40, seed=0):
     """Eyes and (V, T, J, 3) of a walker."""
     found = shown({name: CAMERAS[name] for name in names}, walkers(WALK, n_frames), np.random.default_rng(seed))
-    eyes = [Eye(CAMERAS[name] if len(names) > 1 else None, ALL, 1.0 if len(names) > 1 else 300.0) for name in names]
+    eyes = [
+        DetectorView(CAMERAS[name] if len(names) > 1 else None, ALL, 1.0 if len(names) > 1 else 300.0) for name in names
+    ]
     return eyes, np.array([found[name][0] for name in names])
 
 
@@ -42,4 +44,4 @@ def test_the_path_is_the_cheapest_of_all():
         costs = 3.0 * rng.random((6, 2, 2, 2))
         paths = [np.array([bool(number >> t & 1) for t in range(6)]) for number in range(64)]
         best = min(paths, key=lambda path: _cost(costs, path))
-        np.testing.assert_array_equal(_likeliest(costs), best)
+        np.testing.assert_array_equal(_cheapest(costs), best)

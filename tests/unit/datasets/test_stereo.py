@@ -9,7 +9,7 @@ import pytest
 
 from workbench.body.camera import plain_camera
 from workbench.datasets import stereo as stereo_module
-from workbench.datasets.rendering.room import empty_view, room
+from workbench.datasets.rendering.surroundings import empty_view, room
 from workbench.datasets.rendering.visible import surface_points
 from workbench.datasets.stereo import N_EMPTY, Stereo, disparities, empty_disparity, nearer_points
 from workbench.utils.errors import InputError

@@ -11,7 +11,7 @@ from workbench.body.skeleton import POSE_NAMES
 from workbench.core.frame import Frame, Truth
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.evaluation.expected_error import area_under_curve, group_errors, joint_groups, spearman, stated_doubt
+from workbench.evaluation.step_calibration import _joint_groups, area_under_curve, group_errors, spearman, stated_doubt
 
 SKELETON = person(from_height(1.7)).skeleton
 
@@ -27,7 +27,7 @@ def step_of(poses, truth=None):
 
 
 def test_every_joint_is_in_one_group_at_most_and_the_pelvis_is_the_root():
-    groups = joint_groups(SKELETON)
+    groups = _joint_groups(SKELETON)
     assert set(groups) == {"root", "head", "arms", "legs"}
     every = np.concatenate(list(groups.values()))
     assert len(set(every.tolist())) == len(every) == len(SKELETON.names)

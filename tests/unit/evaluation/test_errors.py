@@ -8,8 +8,8 @@ from single_steps import BODY, CAMERA, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.errors import moved_joints, step_errors
 from workbench.evaluation.intervals import weighted_quantiles
+from workbench.evaluation.pose_errors import moved_joints, step_errors
 
 
 def test_a_shift_of_the_root_is_an_absolute_error_only():

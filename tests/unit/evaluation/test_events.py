@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.evaluation.track_loss import Event, lost_and_found, lost_share
+from workbench.evaluation.verdict import Event, lost_and_found, lost_share
 
 WIDTH = [10.0] * 20
 

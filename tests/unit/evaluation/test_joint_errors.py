@@ -9,14 +9,16 @@ from single_steps import BODY, SKELETON, standing, step_of
 
 from workbench.body.kinematics import joints
 from workbench.core.frame import Truth
-from workbench.evaluation.errors import AccelerationError, angle_error_deg, step_errors
-from workbench.evaluation.joint_errors import (
+from workbench.evaluation.pose_errors import (
+    AccelerationError,
     acceleration_error,
     accelerations,
+    angle_error_deg,
     correct_keypoints,
     geodesic_deg,
     mean_distance,
     procrustes,
+    step_errors,
 )
 
 RNG = np.random.default_rng(3)

@@ -11,9 +11,9 @@ from workbench.body.limbs import person
 from workbench.body.shape import from_height
 from workbench.body.skeleton import JOINT_NAMES
 from workbench.core.frame import View
-from workbench.evaluation.evidence import Measured
+from workbench.evaluation.evidence import RunMeasurements
 from workbench.evaluation.multiview_consistency import bends, limb_lengths, meeting
-from workbench.evaluation.verdict import FOREARM, HELD_MM, Told, usual_height, verdict
+from workbench.evaluation.verdict import FOREARM, HELD_MM, RunInputs, usual_height, verdict
 
 N = 30
 BODY = person(from_height(1.7))
@@ -43,7 +43,7 @@ def views(cameras=CAMERAS, shown=CAMERAS, aside_m=(0.0, 0.0, 0.0)):
 
 def measured(**changes):
     lengths = {limb: float(getattr(BODY.shape, limb)) for limb in ("upper_arm", "forearm", "thigh", "calf")}
-    quiet = Measured(
+    quiet = RunMeasurements(
         frames=np.arange(N) + 100, times_s=np.arange(N) / 30.0, cameras=("a", "b"), off_px=np.full((N, 2), 4.0),
         height_px=np.full((N, 2), 400.0), expected=np.ones((N, 2), bool), found=np.ones((N, 2), bool),
         apart={("a", "b"): np.full(N, 0.01)}, joints=np.repeat(standing(), N, axis=0), moved=np.full(N, 0.01),
@@ -53,7 +53,7 @@ def measured(**changes):
     return replace(quiet, **changes)
 
 
-TOLD = Told(height_m=1.7, max_iterations=40, rate_hz=30.0)
+TOLD = RunInputs(height_m=1.7, max_iterations=40, rate_hz=30.0)
 
 
 def test_rays_of_cameras_meet_where_the_joints_are():

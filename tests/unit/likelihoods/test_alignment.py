@@ -102,7 +102,7 @@ def test_what_counts_as_visible_is_what_rays_meet_first(seed):
     shown = visible(cells, SHAPE, 0.3)
     texture = render.clothes(BODY, np.random.default_rng(0), 1.0)
     wall = np.full(SHAPE, -1000.0)
-    scene = render.Scene(BODY, CAMERA, texture, wall)
+    scene = render.RenderedScene(BODY, CAMERA, texture, wall)
     body_pixels = render.render(scene, pose) > -500.0
     x, y = np.rint(cells.pixels[shown]).astype(int).T
     assert body_pixels[y, x].mean() > 0.97

@@ -9,7 +9,7 @@ from view_scenes import CAMERAS, errors_mm, frames, swinging
 
 from workbench.body.kinematics import joints
 from workbench.body.skeleton import PARTS, POSE_NAMES
-from workbench.evaluation.errors import forearm_px
+from workbench.evaluation.pose_errors import forearm_px
 from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
 from workbench.inference.smc.particle_filter import ParticleFilter
 from workbench.likelihoods.keypoints import KeypointLikelihood

@@ -8,7 +8,7 @@ import pytest
 from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
-from workbench.body.flexion import flexions
+from workbench.body.angles import flexions
 from workbench.body.kinematics import forward
 from workbench.body.surface import attach, person_surface
 from workbench.body.surface_mesh import surface_mesh

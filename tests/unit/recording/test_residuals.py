@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 from workbench.body.kinematics import joints
 from workbench.evaluation.evidence import Evidence
-from workbench.evaluation.verdict import Told, verdict
+from workbench.evaluation.verdict import RunInputs, verdict
 from workbench.recording.write.recorder import Recorder
 from workbench.recording.write.residuals import residuals
 
@@ -30,7 +30,7 @@ def recorded(path, every):
         for step in seen(every):
             recorder.log(step, {})
             evidence.add(step, {})
-        recorder.set_verdict(verdict(evidence.measured(), Told()), evidence.measured())
+        recorder.set_verdict(verdict(evidence.measured(), RunInputs()), evidence.measured())
     chunks = list(RrdReader(path).store().stream().filter(content=f"/residual_px/{CAMERA.name}").to_chunks())
     batches = [chunk.to_record_batch() for chunk in chunks]
     values = [

@@ -8,7 +8,7 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.evaluation.evidence import Evidence
-from workbench.evaluation.verdict import Finding, Told, Verdict, verdict
+from workbench.evaluation.verdict import Finding, RunInputs, Verdict, verdict
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 
@@ -56,7 +56,7 @@ def test_feet_that_stand_are_lanes(tmp_path):
         for step in steps(24, n_particles=5):
             recorder.log(replace(step, expected_pose=step.frame.truth.pose), {})
             evidence.add(replace(step, expected_pose=step.frame.truth.pose), {})
-        recorder.set_verdict(verdict(evidence.measured(), Told()), evidence.measured())
+        recorder.set_verdict(verdict(evidence.measured(), RunInputs()), evidence.measured())
     found = [texts(path, f"/state/foot_{side}", "StateChange:state") for side in ("left", "right")]
     assert set(found[0] + found[1]) == {"stands", "swings"}
     assert found[0] != found[1]
@@ -71,7 +71,7 @@ def test_evidence_of_a_few_frames_is_judged():
     evidence = Evidence(BODY)
     for step in steps(N, n_particles=20):
         evidence.add(step, {"error_abs_mm": 20.0})
-    found = verdict(evidence.measured(), Told())
+    found = verdict(evidence.measured(), RunInputs())
     assert found.kind == "held"
     assert len(found.states) == N
     assert np.isnan(evidence.measured().off_px).all()

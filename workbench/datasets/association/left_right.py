@@ -1,8 +1,7 @@
-"""Left and right that a detector took for each other, told by how joints move and by what other views show.
+"""Left and right that a detector exchanged, found by how joints move and by what other views show.
 
-Arms and legs of each view are a hidden Markov chain: as found, or exchanged. Its likeliest path (Viterbi) is by the
-second differences of the joints in the image, which are small where sides go on, and with several cameras by how nearly
-the rays to each joint meet.
+Arms and legs of each view are a hidden Markov chain with the states as detected and exchanged. Its most likely path
+(Viterbi) has small second differences of the joints in the image and, with several cameras, rays that nearly meet.
 """
 
 from collections.abc import Sequence
@@ -10,45 +9,45 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.detections import HEIGHT_M, SIGMA_M, Eye, meeting
+from workbench.datasets.association.detections import HEIGHT_M, SIGMA_M, DetectorView, median_height, triangulate_places
 from workbench.datasets.association.keypoint_kalman import ARMS, LEGS, exchanged
 from workbench.utils.arrays import BoolArray, FloatArray
 
 PARTS = (ARMS, LEGS)
-LOG_KEEP = np.log(np.array([[0.99, 0.01], [0.2, 0.8]]))
-"""Of sides as found and exchanged ones (columns) in the frame after sides as found and exchanged ones (rows)."""
-LOG_START = np.log(0.05)
-"""Of exchanged sides in the first frame, against sides as found."""
-ACCELERATION_M_S2 = 15.0
-"""Standard deviation of a joint's, beside which the detector's noise is SIGMA_M."""
-MOST = 4.5
-"""What a joint may cost at most, nats: the detector may have put it elsewhere."""
-MOST_CHANGES = 20
-ROWS = tuple(np.array([j for j, name in enumerate(JOINT_NAMES) if name.split("_")[-1] in part]) for part in PARTS)
+_LOG_KEEP = np.log(np.array([[0.99, 0.01], [0.2, 0.8]]))
+"""Log probabilities of sides as detected and exchanged (columns) after sides as detected and exchanged (rows)."""
+_LOG_START = np.log(0.05)
+"""Log odds of exchanged sides in the first frame."""
+_ACCELERATION_M_S2 = 15.0
+"""Standard deviation of a joint's acceleration, in addition to the detector's noise SIGMA_M."""
+_MAX_COST = 4.5
+"""Largest cost of a joint, nats: the detector may have placed it elsewhere."""
+_MAX_CHANGES = 20
+_ROWS = tuple(np.array([j for j, name in enumerate(JOINT_NAMES) if name.split("_")[-1] in part]) for part in PARTS)
 """Joints of the parts, in the order of JOINT_NAMES."""
 
 
-def exchanged_sides(eyes: Sequence[Eye], joints: FloatArray, rate_hz: float) -> BoolArray:
-    """Tell where left and right are exchanged, (V, T, 2): in arms and legs of each of V views and T frames.
+def exchanged_sides(views: Sequence[DetectorView], joints: FloatArray, rate_hz: float) -> BoolArray:
+    """Return where left and right are exchanged, (V, T, 2): in arms and legs of each of V views and T frames.
 
-    joints: (V, T, J, 3), [u px, v px, confidence], NaN for what was not found. The path of one part in one view is
-    found first by how it moves alone, then given all others, the one that gains most first, until none gains.
+    joints: (V, T, J, 3), [u px, v px, confidence], NaN for what was not detected. The path of one part in one view is
+    first found by how it moves alone, then given all others, the one that gains most first, until none gains.
     """
-    found = np.array([[eye.detection(one).places for one in view] for eye, view in zip(eyes, joints, strict=True)])
+    places = np.array(
+        [[view.detection(one).places for one in those] for view, those in zip(views, joints, strict=True)]
+    )
     swapped = np.zeros((*joints.shape[:2], len(PARTS)), dtype=bool)
-    chains = list(np.ndindex(len(eyes), len(PARTS)))
-    jumps = {(view, part): _jumps(_both(found[view], part), _metres(found[view]), rate_hz) for view, part in chains}
-    for (view, part), costs in jumps.items():
-        swapped[view, :, part] = _likeliest(costs)
-    for _ in range(MOST_CHANGES if len(eyes) > 1 else 0):
-        best_gain, best = 0.0, None
-        places = undone(found, swapped)
-        for view, part in chains:
-            costs = jumps[view, part] + _misses(eyes, places, found, view, part)[:, None, None, :]
-            path = _likeliest(costs)
-            gain = _cost(costs, swapped[view, :, part]) - _cost(costs, path)
-            if gain > best_gain + 1e-6:
-                best_gain, best = gain, (view, part, path)
+    moves = {(v, part): _motion_costs(places[v], part, rate_hz) for v, part in np.ndindex(len(views), len(PARTS))}
+    for (v, part), costs in moves.items():
+        swapped[v, :, part] = _cheapest(costs)
+    for _ in range(_MAX_CHANGES if len(views) > 1 else 0):
+        current, best_gain, best = undone(places, swapped), 1e-6, None
+        for (v, part), costs in moves.items():
+            total = costs + _ray_costs(views, current, places[v], v, part)[:, None, None, :]
+            path = _cheapest(total)
+            gain = _cost(total, swapped[v, :, part]) - _cost(total, path)
+            if gain > best_gain:
+                best_gain, best = gain, (v, part, path)
         if best is None:
             break
         swapped[best[0], :, best[1]] = best[2]
@@ -64,64 +63,60 @@ def undone(joints: FloatArray, swapped: BoolArray) -> FloatArray:
     return joints
 
 
-def _metres(places: FloatArray) -> float:
-    """Tell how many metres a unit of places (T, J, 2) is, by the person's height in them."""
-    seen = places[np.isfinite(places[..., 0]).sum(axis=1) > 1]
-    heights = (np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1)).max(axis=1)
-    return HEIGHT_M / float(np.median(heights)) if len(heights) and np.median(heights) > 0.0 else 1.0
-
-
-def _jumps(both: FloatArray, metres: float, rate_hz: float) -> FloatArray:
-    """Return costs (T, 2, 2, 2) of how the sides are two frames ago, one frame ago and now, by places (2, T, M, 2)."""
-    sigma_m = np.hypot(np.sqrt(6.0) * SIGMA_M, ACCELERATION_M_S2 / rate_hz**2)
-    costs = np.zeros((both.shape[1], 2, 2, 2))
+def _motion_costs(places: FloatArray, part: int, rate_hz: float) -> FloatArray:
+    """Return costs (T, 2, 2, 2) of a part's sides two frames ago, one frame ago and now, by a view's places (T, J, 2):
+    their second differences over what a person of HEIGHT_M may accelerate."""
+    scale = HEIGHT_M / (median_height(places) or HEIGHT_M)
+    scale /= np.hypot(np.sqrt(6.0) * SIGMA_M, _ACCELERATION_M_S2 / rate_hz**2)
+    both, costs = _both(places, part), np.zeros((len(places), 2, 2, 2))
     for before, last, now in np.ndindex(2, 2, 2):
-        second = both[now, 2:] - 2.0 * both[last, 1:-1] + both[before, :-2]
-        squares = (second**2).sum(axis=2) * (metres / sigma_m) ** 2
-        costs[2:, before, last, now] = np.minimum(0.5 * np.nan_to_num(squares), MOST).sum(axis=1)
+        costs[2:, before, last, now] = _robust(both[now, 2:] - 2.0 * both[last, 1:-1] + both[before, :-2], scale)
     return costs
 
 
-def _misses(eyes: Sequence[Eye], places: FloatArray, found: FloatArray, view: int, part: int) -> FloatArray:
-    """Return costs (T, 2) of a view's sides as found and exchanged, by how nearly all V views' rays meet.
-
-    places: (V, T, J, 2) as they are taken to be now. found: as they were found.
-    """
-    costs = np.zeros((places.shape[1], 2))
-    if len(eyes) < 2:
-        return costs
-    for way, own in enumerate(_both(found[view], part)):
-        seen = places[:, :, ROWS[part]]
-        seen[view] = own
-        met, _ = meeting(eyes, seen)
-        for eye, one in zip(eyes, seen, strict=True):
-            there, depth = eye.seen(met)
-            squares = ((there - one) ** 2).sum(axis=2) * (depth / SIGMA_M) ** 2
-            costs[:, way] += np.minimum(0.5 * np.nan_to_num(squares), MOST).sum(axis=1)
+def _ray_costs(
+    views: Sequence[DetectorView], current: FloatArray, detected: FloatArray, v: int, part: int
+) -> FloatArray:
+    """Return costs (T, 2) of the sides of view v as detected (T, J, 2) and exchanged, by how nearly all views' rays
+    meet, with the others' places as in `current`, (V, T, J, 2)."""
+    costs = np.zeros((current.shape[1], 2))
+    for state, own in enumerate(_both(detected, part)):
+        seen = current[:, :, _ROWS[part]]
+        seen[v] = own
+        points, _ = triangulate_places(views, seen)
+        for view, one in zip(views, seen, strict=True):
+            there, depth = view.places(points)
+            costs[:, state] += _robust(there - one, depth[..., None] / SIGMA_M)
     return costs
 
 
 def _both(places: FloatArray, part: int) -> FloatArray:
-    """Return a part's places (2, T, M, 2) as found, of (T, J, 2), and exchanged."""
-    return np.stack([places, places[:, exchanged(*PARTS[part])]])[:, :, ROWS[part]]
+    """Return a part's places (2, T, M, 2) as detected, of (T, J, 2), and exchanged."""
+    return np.stack([places, places[:, exchanged(*PARTS[part])]])[:, :, _ROWS[part]]
+
+
+def _robust(off: FloatArray, scale: FloatArray | float) -> FloatArray:
+    """Return costs (T,) of joints' distances (T, M, 2), which are 0 where unknown, in standard deviations 1 / scale."""
+    squares = np.nan_to_num(((off * scale) ** 2).sum(axis=2))
+    return np.minimum(0.5 * squares, _MAX_COST).sum(axis=1)
 
 
 def _cost(costs: FloatArray, path: BoolArray) -> float:
-    """Add up what a path (T,) costs; see `_jumps`."""
+    """Return the cost of a path (T,); see `_motion_costs`."""
     now = path.astype(np.intp)
     last = np.append(now[:1], now[:-1])
     before = np.append(last[:1], last[:-1])
-    paid = costs[np.arange(len(now)), before, last, now] - LOG_KEEP[last, now]
-    return float(paid.sum() - LOG_START * path[0])
+    paid = costs[np.arange(len(now)), before, last, now] - _LOG_KEEP[last, now]
+    return float(paid.sum() - _LOG_START * path[0])
 
 
-def _likeliest(costs: FloatArray) -> BoolArray:
-    """Return the cheapest path (T,), true where sides are exchanged, through costs (T, 2, 2, 2); see `_jumps`."""
+def _cheapest(costs: FloatArray) -> BoolArray:
+    """Return the cheapest path (T,), true where exchanged, through costs (T, 2, 2, 2); see `_motion_costs`."""
     n = len(costs)
     best, came = np.zeros((2, 2)), np.zeros((n, 2, 2), dtype=np.intp)
-    best[0, 1], best[1, 0], best[1, 1] = np.inf, np.inf, -LOG_START  # before the first frame they are as in it
+    best[0, 1], best[1, 0], best[1, 1] = np.inf, np.inf, -_LOG_START  # before the first frame they are as in it
     for t in range(n):
-        ways = best[:, :, None] + costs[t] - LOG_KEEP[None]  # two frames ago, one frame ago, now
+        ways = best[:, :, None] + costs[t] - _LOG_KEEP[None]  # two frames ago, one frame ago, now
         came[t] = ways.argmin(axis=0)
         best = ways.min(axis=0)
     path = np.zeros(n, dtype=bool)

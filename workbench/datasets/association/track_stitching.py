@@ -1,34 +1,74 @@
-"""Who comes back: tracks that end and tracks that begin later, joined where they can be of one person."""
+"""Corrections of tracks over the whole clip: short ones dropped, begun earlier, and joined where a person returns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.multi_hypothesis import Assigned, Tracked
+from workbench.datasets.association.assignment import GAP_S, Assignment, Frames, Tracks, track
+from workbench.datasets.association.detections import DetectorView
 from workbench.utils.arrays import FloatArray, IntArray
 
-LEAST_FRAMES = 3
-"""Who is seen in fewer is taken for nobody: a detector's mistake."""
-PLACE_M, WALK_M_S = 0.3, 1.0
-"""Standard deviation of where somebody is when they come back, and of what they walk meanwhile."""
-LOG_ANYWHERE = -np.log(50.0)
-"""Log density of where somebody comes from who was not there before, 1/m² on the ground or in the image."""
-SIZE_SIGMA, PEOPLE_SIGMA = 0.05, 0.10
-"""Of the logarithm of a limb's length, of one person at two times, and of two people."""
-BONES = tuple(
-    (JOINT_NAMES.index(f"{side}_{a}"), JOINT_NAMES.index(f"{side}_{b}"))
-    for side in ("left", "right")
-    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+_MIN_FRAMES = 3
+"""A track in fewer is a detector's mistake, unless there is no longer one."""
+_PLACE_M, _WALK_M_S = 0.3, 1.0
+"""Standard deviation of the place where a person returns, and of the velocity meanwhile."""
+_LOG_ANYWHERE = -np.log(50.0)
+"""Log density, 1/m² on the ground or in the image, of the place where another person appears."""
+_SIZE_SIGMA, _PEOPLE_SIGMA = np.sqrt(2.0) * 0.05, np.sqrt(2.0) * 0.10
+"""Standard deviations of the difference of a limb's log length, of one person at two times, and of two people."""
+_BONES = np.array(
+    [
+        [JOINT_NAMES.index(f"{side}_{end}") for end in ends]
+        for side in ("left", "right")
+        for ends in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+    ]
 )
+
+
+def without_short(tracks: Tracks) -> Tracks:
+    """Return the tracks of _MIN_FRAMES frames or more, or else the longest ones."""
+    frames = _frames_of(tracks)
+    least = min(_MIN_FRAMES, max(map(len, frames.values()), default=0))
+    assigned = [{p: who for p, who in one.items() if len(frames[who]) >= least} for one in tracks.assigned]
+    return Tracks(tuple(assigned), tracks.joints, tracks.log_odds)
+
+
+def extended_backwards(views: Sequence[DetectorView], frames: Frames, times_s: FloatArray, tracks: Tracks) -> Tracks:
+    """Return tracks that begin earlier where tracking backwards in time assigns unassigned detections to the person.
+
+    The person of a track's first frame is followed backwards until a detection is another's.
+    """
+    births = {number: int(those[0]) for number, those in _frames_of(tracks).items()}
+    late = [t for t in births.values() if t > 0 and len(tracks.assigned[t - 1]) < (sum(map(len, frames[t - 1])) or 1)]
+    if not late:
+        return tracks
+    n = int(np.searchsorted(times_s, times_s[max(late)] + GAP_S, side="right"))
+    back = track(views, frames[:n][::-1], times_s[n - 1] - times_s[:n][::-1])
+    back_assigned, back_joints = back.assigned[::-1], back.joints[::-1]
+    assigned, joints = [dict(one) for one in tracks.assigned], [dict(one) for one in tracks.joints]
+    for number, birth in births.items():
+        there = back_assigned[birth] if birth < n else {}
+        same = {there[place] for place, who in tracks.assigned[birth].items() if who == number and place in there}
+        if len(same) != 1:
+            continue
+        (other,) = same
+        for t in range(birth - 1, -1, -1):
+            own = [place for place, who in back_assigned[t].items() if who == other]
+            if any(place in assigned[t] for place in own) or other not in back_joints[t]:
+                break
+            if own:
+                assigned[t] |= dict.fromkeys(own, number)
+                joints[t][number] = back_joints[t][other]
+    return Tracks(tuple(assigned), tuple(joints), tracks.log_odds)
 
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """frames: in which somebody is seen, rising. first, last: the middle of the joints then, (D,), m. sizes: (B,)
-    logarithms of the limbs' median lengths, m."""
+    """frames: in which the person is seen, rising. first, last: mean joint then, (D,), m. sizes: (B,) logarithms
+    of the limbs' median lengths, m."""
 
     frames: IntArray
     first: FloatArray
@@ -36,55 +76,46 @@ class _Track:
     sizes: FloatArray
 
 
-def rejoined(tracked: Tracked, times_s: FloatArray) -> tuple[Assigned, ...]:
-    """Return whose the detections are, with one number for who leaves and comes back, from 0 in order of appearance.
+def stitched(tracks: Tracks, times_s: FloatArray) -> tuple[Assignment, ...]:
+    """Return whom the detections show, with one number for a person who leaves and returns, by order of appearance.
 
-    Which end goes with which beginning is the likeliest of all pairings, by where they are, how long it took, and how
-    long the limbs are; somebody new may come at any time.
+    Ends and beginnings of tracks are joined by the assignment of the highest likelihood, given the distance and time
+    between them and the limbs' lengths; another person may appear at any time.
     """
-    seen = _frames(tracked.assigned)
-    least = min(LEAST_FRAMES, max(map(len, seen.values()), default=0))
-    kept = {number: frames for number, frames in seen.items() if len(frames) >= least}
-    tracks = {number: _track(frames, [tracked.joints[t][number] for t in frames]) for number, frames in kept.items()}
-    numbers = sorted(tracks, key=lambda number: tracks[number].frames[0])
-    who = dict[int, int]()
-    before = _pairs([tracks[number] for number in numbers], times_s)
-    for index, number in enumerate(numbers):
-        who[number] = len(set(who.values())) if index not in before else who[numbers[before[index]]]
-    return tuple({place: who[one] for place, one in frame.items() if one in who} for frame in tracked.assigned)
+    frames = _frames_of(tracks)
+    numbers = sorted(sorted(frames), key=lambda number: frames[number][0])
+    each = [_track(frames[number], [tracks.joints[t][number] for t in frames[number]]) for number in numbers]
+    n = len(each)
+    costs = np.full((n, 2 * n), np.inf)
+    np.fill_diagonal(costs[:, n:], 0.0)
+    for later, earlier in np.ndindex(n, n):
+        if each[earlier].frames[-1] < each[later].frames[0]:
+            costs[later, earlier] = -_log_odds(each[earlier], each[later], times_s)
+    person = dict[int, int]()
+    for later, earlier in zip(*scipy.optimize.linear_sum_assignment(costs), strict=True):
+        person[numbers[later]] = person[numbers[earlier]] if earlier < n else len(set(person.values()))
+    return tuple({place: person[number] for place, number in frame.items()} for frame in tracks.assigned)
 
 
-def _frames(assigned: Sequence[Assigned]) -> Mapping[int, IntArray]:
+def _frames_of(tracks: Tracks) -> dict[int, IntArray]:
+    """Return the frames in which each person is seen, rising, in order of appearance."""
     frames = dict[int, list[int]]()
-    for t, frame in enumerate(assigned):
+    for t, frame in enumerate(tracks.assigned):
         for number in sorted(set(frame.values())):
             frames.setdefault(number, []).append(t)
     return {number: np.array(those) for number, those in frames.items()}
 
 
 def _track(frames: IntArray, joints: Sequence[FloatArray]) -> _Track:
-    lengths = [[np.linalg.norm(one[a] - one[b]) for a, b in BONES] for one in joints]
-    sizes = np.log(np.maximum(np.median(lengths, axis=0), 1e-3))
+    ends = np.stack(joints)[:, _BONES]  # (T, B, 2, D)
+    sizes = np.log(np.maximum(np.median(np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2), axis=0), 1e-3))
     return _Track(frames, joints[0].mean(axis=0), joints[-1].mean(axis=0), sizes)
 
 
-def _pairs(tracks: Sequence[_Track], times_s: FloatArray) -> dict[int, int]:
-    """Return, by the tracks that go on others, which these are."""
-    n = len(tracks)
-    costs = np.full((n, 2 * n), np.inf)
-    costs[np.arange(n), n + np.arange(n)] = 0.0
-    for later, earlier in np.ndindex(n, n):
-        if tracks[earlier].frames[-1] < tracks[later].frames[0]:
-            costs[later, earlier] = -_log_odds(tracks[earlier], tracks[later], times_s)
-    rows, columns = scipy.optimize.linear_sum_assignment(costs) if n else ((), ())
-    return {int(row): int(column) for row, column in zip(rows, columns, strict=True) if column < n}
-
-
 def _log_odds(earlier: _Track, later: _Track, times_s: FloatArray) -> float:
-    """Weigh that one person is seen earlier and later against two people."""
+    """Return the log odds that two tracks are of one person rather than of two."""
     gap_s = times_s[later.frames[0]] - times_s[earlier.frames[-1]]
-    variance, way = PLACE_M**2 + (WALK_M_S * gap_s) ** 2, later.first - earlier.last
-    place = -0.5 * way @ way / variance - np.log(2.0 * np.pi * variance) - LOG_ANYWHERE
-    apart = later.sizes - earlier.sizes
-    same, other = np.sqrt(2.0) * SIZE_SIGMA, np.sqrt(2.0) * PEOPLE_SIGMA
-    return float(place + (0.5 * apart**2 * (other**-2 - same**-2) + np.log(other / same)).sum())
+    variance, way = _PLACE_M**2 + (_WALK_M_S * gap_s) ** 2, later.first - earlier.last
+    place = -0.5 * way @ way / variance - np.log(2.0 * np.pi * variance) - _LOG_ANYWHERE
+    squares, ratio = (later.sizes - earlier.sizes) ** 2, _PEOPLE_SIGMA / _SIZE_SIGMA
+    return float(place + (0.5 * squares * (_PEOPLE_SIGMA**-2 - _SIZE_SIGMA**-2) + np.log(ratio)).sum())

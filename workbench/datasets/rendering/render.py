@@ -72,7 +72,7 @@ class Texture:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RenderedScene:
     """All that stays the same from frame to frame. background: (height, width) grey levels."""
 
     body: Body
@@ -146,7 +146,7 @@ def background(height: int, width: int, rng: np.random.Generator, clutter: float
     return np.clip(125.0 + clutter * CLUTTER_GREY * wall, 0.0, 255.0)
 
 
-def render(scene: Scene, pose: FloatArray) -> FloatArray:
+def render(scene: RenderedScene, pose: FloatArray) -> FloatArray:
     """The noiseless picture (height, width), grey levels 0 to 255, of the body in a pose (P,)."""
     placed = _place(scene.body, pose, scene.camera)
     hits, n, image = _cast_placed(placed, scene.rays), scene.rays.samples, scene.background.copy()
@@ -218,7 +218,7 @@ def _box(placed: _PlacedLimbs, k: int, rays: Rays) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
-def _shade(scene: Scene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatArray:
+def _shade(scene: RenderedScene, placed: _PlacedLimbs, hits: Hits, seen: Any) -> FloatArray:
     """Grey levels of the rays that `seen` (h, w) marks: textured, Lambert's law under one light and ambient light."""
     rows, columns = np.nonzero(seen)
     limb, depth = hits.limb[rows, columns], hits.depth[rows, columns]

@@ -1,10 +1,9 @@
-"""The person whom a scene really shows: of other proportions than a tracker is told, rounder, and softly dressed.
+"""The person whom a scene shows: of other proportions than the tracker assumes, rounder, and softly dressed.
 
-A tracker's body is twelve truncated cones and spheres (`body.limbs`), or these with a plain neck and plain feet
-(`body.extremities`). The subject has the same joints and angles and about the same height, but bones and girths of
-their own, drawn by seed; limbs that bulge and taper, built of short cones; a neck and feet; and clothes that slide and
-swing a few millimetres. How much of each is said by `scene.Scene.departure`; where all are zero the subject is the
-tracker's own body, to the bit.
+The subject has the joints, the angles and about the height of the tracker's body, but bones and girths of its own,
+drawn by seed; limbs that bulge and taper, built of short cones; a neck and feet; and clothes that slide and swing a
+few millimetres. `sequence.Scene.departure` has the sizes; where all are zero the subject is the tracker's own body,
+bitwise.
 """
 
 from collections.abc import Mapping
@@ -14,11 +13,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.body.extremities import with_neck_and_feet
-from workbench.body.limbs import Body, Limbs, person
+from workbench.body.limbs import Body, Limbs, person, with_neck_and_feet
 from workbench.body.shape import Shape
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.rendering.render import VOXEL_M, Scene
+from workbench.datasets.rendering.render import VOXEL_M, RenderedScene
 from workbench.motion.synthetic.gait import ANKLE_HEIGHT
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.rng import stream
@@ -70,7 +68,7 @@ class Clothes:
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class SceneSubject:
     """Who is shown. body: the skeleton, and limbs as wholes; drawn: short limbs (K,) that its limbs are made of.
 
     whole: (K,) the body's limb that a short one belongs to; ends: (K, 2), where it begins and ends, parts of its
@@ -93,7 +91,7 @@ class Subject:
         factor = np.maximum(girth + swung, np.minimum(girth, LEAST_RADIUS_M)) / girth
         return replace(self.body, limbs=replace(self.drawn, radii=factor[:, :, None] * self.drawn.radii))
 
-    def shown(self, scene: Scene, time_s: float) -> Scene:
+    def shown(self, scene: RenderedScene, time_s: float) -> RenderedScene:
         """The scene, whose body and texture are of the limbs as wholes, as it is seen at a time, s."""
         lie = np.zeros((len(self.drawn), 3)) if self.clothes is None else self.clothes.slid(time_s)[self.whole]
         lie[:, 2] += self.body.limbs.lengths[self.whole] * self.ends[:, 0]  # the texture goes on across short limbs
@@ -101,8 +99,8 @@ class Subject:
         return replace(scene, body=self.at(time_s), texture=replace(scene.texture, offsets=offsets, grey=grey))
 
 
-def subject_of(body: Body, departure: Mapping[str, float], seed: int) -> Subject:
-    """Draw who is shown where a tracker is told `body`; departure: see `scene.Scene.departure`.
+def subject_of(body: Body, departure: Mapping[str, float], seed: int) -> SceneSubject:
+    """Draw who is shown where a tracker is told `body`; departure: see `sequence.Scene.departure`.
 
     Every kind of departure has a stream of its own, so that one does not change with the size of another.
     """
@@ -121,7 +119,9 @@ def subject_of(body: Body, departure: Mapping[str, float], seed: int) -> Subject
     limbs, whole, ends = body.limbs, np.arange(n), np.tile([0.0, 1.0], (n, 1))
     if profile > 0.0:
         limbs, whole, ends = _profiled(body.limbs, profile)
-    return Subject(body, limbs, whole, ends, _clothes(body.limbs, clothes, streams[2]) if clothes else None, factors)
+    return SceneSubject(
+        body, limbs, whole, ends, _clothes(body.limbs, clothes, streams[2]) if clothes else None, factors
+    )
 
 
 def height_of(shape: Shape) -> float:
@@ -140,13 +140,11 @@ def _other_bones(body: Body, size: float, rng: np.random.Generator) -> tuple[Bod
     def shape(scale: float) -> Shape:
         torso, across, hips, head = (scale * f[name] for name in names[:4])
         return replace(
-            told,
-            neck=tuple(torso * x for x in told.neck),
-            shoulder=(torso * told.shoulder[0], across * told.shoulder[1], torso * told.shoulder[2]),
-            hip=tuple(hips * x for x in told.hip),
+            told, neck=tuple(torso * x for x in told.neck), hip=tuple(hips * x for x in told.hip),
             head=tuple(head * x for x in told.head),
+            shoulder=(torso * told.shoulder[0], across * told.shoulder[1], torso * told.shoulder[2]),
             **{name: scale * f[name] * getattr(told, name) for name in names[4:]},
-        )
+        )  # fmt: skip
 
     round_head = told.head_radius
     scale = (height_of(told) - round_head) / (height_of(shape(1.0)) - round_head)
@@ -234,19 +232,9 @@ def _profiled(limbs: Limbs, size: float) -> tuple[Limbs, IntArray, FloatArray]:
         ends += list(pairwise(place))
         radii += list(pairwise(rings))
     of, at = np.array(whole), np.array(ends)
-    axis = (limbs.ends - limbs.starts)[of]
-    return (
-        Limbs(
-            names=tuple(f"{limbs.names[k]}_{i}" for i, k in enumerate(whole)),
-            joints=limbs.joints[of],
-            starts=limbs.starts[of] + at[:, :1] * axis,
-            ends=limbs.starts[of] + at[:, 1:] * axis,
-            radii=np.array(radii),
-            spheres=limbs.spheres[of],
-        ),
-        of,
-        at,
-    )
+    axis, names = (limbs.ends - limbs.starts)[of], tuple(f"{limbs.names[k]}_{i}" for i, k in enumerate(whole))
+    starts, ends_m = limbs.starts[of] + at[:, :1] * axis, limbs.starts[of] + at[:, 1:] * axis
+    return Limbs(names, limbs.joints[of], starts, ends_m, np.array(radii), limbs.spheres[of]), of, at
 
 
 def _clothes(limbs: Limbs, size_m: float, rng: np.random.Generator) -> Clothes:

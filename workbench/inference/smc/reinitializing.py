@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from workbench.body.angles import exchanged
 from workbench.body.limbs import Body
-from workbench.body.mirror import exchanged
 from workbench.core.capabilities import KEYPOINTS, Traits, needs_of_all, offering
 from workbench.core.checks import INSIDE_UNIT, check
 from workbench.core.filter_state import Past

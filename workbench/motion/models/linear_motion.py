@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from workbench.body.mirror import mirror_image
+from workbench.body.angles import mirror_image
 from workbench.body.skeleton import POSE_NAMES
 from workbench.core.pose_prior import Postures
 from workbench.motion.pose_sequence import Motion

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.body.flexion import FLEXIONS, flexions
+from workbench.body.angles import FLEXIONS, flexions
 from workbench.body.skeleton import Skeleton
 from workbench.core.step import Step
 from workbench.recording.write import colours

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import rerun as rr
 
+from workbench.body.angles import flexions
 from workbench.body.camera import Camera
-from workbench.body.flexion import flexions
 from workbench.body.kinematics import joints
 from workbench.body.limbs import Body
 from workbench.body.skeleton import JOINT_NAMES
@@ -40,7 +40,7 @@ from workbench.utils.errors import InputError
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
 
-    from workbench.evaluation.evidence import Measured
+    from workbench.evaluation.evidence import RunMeasurements
     from workbench.evaluation.verdict import Verdict
 
 FLUSH_EVERY = 3
@@ -209,7 +209,7 @@ class Recorder:
             self._flush()
             self._file.check_space()
 
-    def set_verdict(self, verdict: "Verdict", measured: "Measured") -> None:
+    def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
         """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and how far it
         is from the keypoints; lay the page out anew, without curves of a single frame and with few frames' as marks."""
         self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})

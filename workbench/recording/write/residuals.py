@@ -3,7 +3,7 @@
 import numpy as np
 import rerun as rr
 
-from workbench.evaluation.evidence import Measured
+from workbench.evaluation.evidence import RunMeasurements
 from workbench.evaluation.verdict import FOREARM
 from workbench.recording.write import colours
 from workbench.utils.arrays import FloatArray
@@ -12,7 +12,7 @@ RESIDUALS = "residual_px"
 LOST = "forearm"
 
 
-def residuals(measured: Measured) -> dict[str, FloatArray]:
+def residuals(measured: RunMeasurements) -> dict[str, FloatArray]:
     """Return by camera (F,), px, NaN where it has none, and a forearm's width in the image; {} where none is known."""
     known = [v for v in range(len(measured.cameras)) if np.isfinite(measured.off_px[:, v]).any()]
     if not known:
@@ -23,7 +23,7 @@ def residuals(measured: Measured) -> dict[str, FloatArray]:
     return {measured.cameras[v]: measured.off_px[:, v] for v in known} | {LOST: FOREARM * mean}
 
 
-def log_residuals(stream: rr.RecordingStream, measured: Measured) -> dict[str, tuple[float, float]]:
+def log_residuals(stream: rr.RecordingStream, measured: RunMeasurements) -> dict[str, tuple[float, float]]:
     """Log the residuals over frames and times, as marks where fewer than half of the frames have any; returns the
     spans of their values by entity path."""
     spans = {}

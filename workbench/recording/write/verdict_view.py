@@ -7,8 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from workbench.evaluation.evidence import Measured
-from workbench.evaluation.stance import stance
+from workbench.evaluation.evidence import RunMeasurements, stance
 from workbench.evaluation.verdict import Verdict
 from workbench.recording.write.columns import Entities
 
@@ -35,7 +34,7 @@ def told(verdict: Verdict) -> Entities:
     yield VERDICT, rr.TextDocument(f"**{first}**:{rest}", media_type="text/markdown")
 
 
-def log_lanes(stream: rr.RecordingStream, verdict: Verdict, measured: Measured) -> tuple[str, ...]:
+def log_lanes(stream: rr.RecordingStream, verdict: Verdict, measured: RunMeasurements) -> tuple[str, ...]:
     """Log where states change, in frames and times; returns the lanes that there are."""
     lanes = {name: states for name, states in _lanes(verdict, measured).items() if any(states)}
     for name, states in lanes.items():
@@ -52,7 +51,7 @@ def log_lanes(stream: rr.RecordingStream, verdict: Verdict, measured: Measured) 
     return tuple(lanes)
 
 
-def _lanes(verdict: Verdict, measured: Measured) -> dict[str, Sequence[str]]:
+def _lanes(verdict: Verdict, measured: RunMeasurements) -> dict[str, Sequence[str]]:
     doubts = [", ".join(groups) or TRUSTED for groups in measured.doubted]
     lanes: dict[str, Sequence[str]] = {
         "person": verdict.states,

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.evaluation.expected_error import LARGE_MM, area_under_curve, spearman
-from workbench.evaluation.step_calibration import GROUPS
+from workbench.evaluation.step_calibration import GROUPS, LARGE_MM, area_under_curve, spearman
 from workbench.recording.read.reader import Run
 from workbench.results.report.tables import Table, number
 from workbench.utils.arrays import FloatArray

@@ -10,14 +10,14 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from workbench.body.angles import exchanged
 from workbench.body.camera import Camera
 from workbench.body.kinematics import joints
-from workbench.body.mirror import exchanged
 from workbench.core.filter_state import Memory, Past
 from workbench.core.prior import Prior
 from workbench.core.step import Step
-from workbench.evaluation.errors import step_errors
-from workbench.evaluation.track_loss import WINDOW, lost_and_found
+from workbench.evaluation.pose_errors import step_errors
+from workbench.evaluation.verdict import WINDOW, lost_and_found
 from workbench.experiment.assembly import assemble
 from workbench.experiment.branch import branched
 from workbench.experiment.config.options import name_parts, packages
