@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import rerun as rr
 from small_recordings import record
+from workbench.recording.write.rerun_stream import give_up, new_stream
 
 from workbench.recording.read.reader import read
 from workbench.recording.side_by_side import write_names, write_side_by_side
 from workbench.recording.write import rerun_stream as stream
 from workbench.recording.write.cards import write_card
 from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.rerun_stream import give_up, new_stream
 
 TASKS = Path("/proc/self/task")
 

@@ -2,20 +2,20 @@
 
 import os
 import shutil
+import struct
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.recording.messages import end_of_whole
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
@@ -117,6 +117,25 @@ def _whole_messages(path: Path) -> Iterator[Path]:
         shutil.copyfile(path, copy := Path(folder, path.name))
         os.truncate(copy, end)
         yield copy
+
+
+HEAD = 12
+"""Bytes before an .rrd's first message; each has 16 bytes (kind, length) and its content. The format is not documented;
+this was tested with rerun-sdk 0.41."""
+_END = 0
+"""Kind of the last message, the index of the others, which a file that was cut off does not have."""
+
+
+def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
+    """Return the offset where the last whole message ends, the index left out; begin: where to start looking."""
+    size, place = os.fstat(file.fileno()).st_size, begin
+    while place + 16 <= size:
+        file.seek(place)
+        kind, length = struct.unpack("<QQ", file.read(16))
+        if kind == _END or place + 16 + length > size:
+            break
+        place += 16 + length
+    return place
 
 
 def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
