@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from recording_steps import BODY, CAMERA, SPACE, steps
 from rerun.chunk import RrdReader
-from workbench.recording.write.residuals import residuals
 
 from workbench.body.kinematics import joints
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.verdict import Told, verdict
+from workbench.recording.write.outcome import residuals
 from workbench.recording.write.recorder import Recorder
 
 OFF_PX = np.array([3.0, 4.0])

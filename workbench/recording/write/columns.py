@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import chain
 from typing import Any, TypeAlias
 
@@ -83,71 +82,22 @@ class Columns:
 
     def _write_numbers(self, stream: rr.RecordingStream) -> None:
         numbers, self._numbers = self._numbers, {}
-        descriptor, _ = _component(rr.Scalars, "scalars")
         for paths, rows in numbers.items():
             frames, times, values = zip(*rows, strict=True)
-            index, n = time_index(frames, times), len(frames)
-            ends, flat = pa.array(np.arange(n + 1, dtype=np.int32)), pa.array(np.stack(values, axis=1).ravel())
-            for k, path in enumerate(paths):
-                scalars: Any = _Column(descriptor, pa.ListArray.from_arrays(ends, flat.slice(k * n, n)))
-                stream.send_columns(path, indexes=index, columns=[scalars])
+            index = time_index(frames, times)
+            for path, curve in zip(paths, np.stack(values, axis=1), strict=True):
+                stream.send_columns(path, indexes=index, columns=rr.Scalars.columns(scalars=curve))
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A component's values, a list for each row, as Rerun takes them; making its own classes takes longer."""
-
-    descriptor: Any
-    values: pa.Array
-
-    def component_descriptor(self) -> Any:
-        return self.descriptor
-
-    def as_arrow_array(self) -> pa.Array:
-        return self.values
-
-
-def _columns(rows: Sequence[Row]) -> list[Any]:
+def _columns(rows: Sequence[Row]) -> rr.ComponentColumnList:
     kind = rows[0].kind
-    if kind is rr.BarChart:
-        batch = rr.components.TensorDataBatch(_tensors(np.array([row.fields["values"] for row in rows])))
-        return [rr.ComponentColumn(rr.BarChart.descriptor_values(), batch)]
-    columns = []
-    for name in rows[0].fields:
-        parts = [row.fields[name] for row in rows]
-        ends = pa.array(np.cumsum([0, *map(len, parts)]).astype(np.int32))
-        joined = np.concatenate(parts) if isinstance(parts[0], np.ndarray) else list(chain.from_iterable(parts))
-        descriptor, batch = _component(kind, name)
-        values = _strips(np.asarray(joined)) if name == "strips" else batch(joined).as_arrow_array()
-        columns.append(_Column(descriptor, pa.ListArray.from_arrays(ends, values)))
-    return columns
-
-
-@cache
-def _component(kind: Any, field: str) -> tuple[Any, Any]:
-    """Return the component of an archetype's field, and the class that makes arrays of it."""
-    descriptor = getattr(kind, f"descriptor_{field}")()
-    return descriptor, getattr(rr.components, f"{descriptor.component_type.rpartition('.')[2]}Batch")
-
-
-def _strips(places: AnyArray) -> pa.Array:
-    """Return strips (n, length, 2 or 3) as Rerun's array, made ten times as fast as by Rerun."""
-    n, length, dimensions = places.shape
-    flat = pa.array(np.asarray(places, dtype=np.float32).ravel())
-    batch: Any = {2: rr.components.LineStrip2DBatch, 3: rr.components.LineStrip3DBatch}[dimensions]
-    kind = batch([]).as_arrow_array().type
-    points = pa.FixedSizeListArray.from_arrays(flat, type=kind.value_type)
-    return pa.ListArray.from_arrays(np.arange(n + 1, dtype=np.int32) * np.int32(length), points, type=kind)
-
-
-def _tensors(values: FloatArray) -> pa.Array:
-    """Return the values (F, B) of F bar charts as Rerun's array; one by one, Rerun takes ten times as long."""
-    n, size = values.shape
-    empty = pa.concat_arrays([rr.components.TensorDataBatch(np.zeros(size)).as_arrow_array()] * n)
-    buffer = empty.field("buffer")  # a union, with one field for each type of numbers
-    fields = [buffer.field(k) for k in range(buffer.type.num_fields)]
-    (own,) = (k for k in range(len(fields)) if buffer.type.field(k).name == "F64")
-    ends, numbers = np.arange(n + 1, dtype=np.int32) * np.int32(size), pa.array(values.ravel())
-    fields[own] = pa.ListArray.from_arrays(ends, numbers, type=buffer.type.field(own).type)
-    buffer = pa.Array.from_buffers(buffer.type, n, buffer.buffers()[:3], children=fields)
-    return pa.Array.from_buffers(empty.type, n, [None], children=[empty.field(0), empty.field(1), buffer])
+    if kind is rr.BarChart:  # whose class takes one row only
+        tensors = [rr.components.TensorDataBatch(row.fields["values"]).as_arrow_array() for row in rows]
+        batch = rr.components.TensorDataBatch(pa.concat_arrays(tensors))
+        return rr.ComponentColumnList([rr.ComponentColumn(kind.descriptor_values(), batch)])
+    fields = {name: [row.fields[name] for row in rows] for name in rows[0].fields}
+    joined = {
+        name: np.concatenate(parts) if isinstance(parts[0], np.ndarray) else list(chain.from_iterable(parts))
+        for name, parts in fields.items()
+    }
+    return kind.columns(**joined).partition([len(part) for part in next(iter(fields.values()))])
