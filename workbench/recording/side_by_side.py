@@ -11,7 +11,7 @@ from workbench.core.study import Sticks
 from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
 from workbench.recording.read.crash_probe import refuse_fatal
 from workbench.recording.read.reader import Run
-from workbench.recording.study.recorder import entity
+from workbench.recording.study.study_recorder import entity
 from workbench.recording.write import styles
 from workbench.recording.write.file import new_stream
 from workbench.recording.write.layout import page
