@@ -21,7 +21,8 @@ from matplotlib.style import context
 from analysis.figures.readings import Reading
 from analysis.figures.recordings import Source, recording
 from analysis.figures.replicates import replicates
-from workbench.recording.read.reader import Run, open_runs
+from workbench.recording.read.crash_probe import open_sound_runs
+from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import STYLE
 from workbench.utils.errors import InputError
 
@@ -46,7 +47,7 @@ def save(script: ModuleType, found: Mapping[str, Reading], folder: Path, name: s
 
 def make(chosen: Mapping[str, ModuleType], source: Source, folder: Path) -> list[str]:
     """Make these figures; a sentence for each that could not be made."""
-    known, problems = open_runs(source.folder)
+    known, problems = open_sound_runs(source.folder)
     for problem in problems:
         print(f"left out: {problem.reason}", file=sys.stderr)
     made: dict[tuple[str, tuple[str, ...]], Reading] = {}

@@ -11,8 +11,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from workbench.recording.read.chunks import Curve, cells, curves, read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write.images import OVERLAYS
-from workbench.recording.write.point_fit_views import ACTIVITY, FLEXION
-from workbench.recording.write.scene import ESTIMATE, PARTICLES, POINTS, TRUTH
+from workbench.recording.write.scene import ACTIVITY, ESTIMATE, FLEXION, PARTICLES, POINTS, TRUTH
 from workbench.utils.arrays import ByteArray, FloatArray, IntArray
 from workbench.utils.errors import InputError
 

@@ -7,7 +7,7 @@ import pytest
 
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults, runnable
-from workbench.recording.read.reader import open_runs
+from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.results.check.again import tolerances
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -15,7 +15,7 @@ RECORDINGS = Path(__file__).parents[2] / "recordings"
 
 @pytest.fixture(scope="module")
 def baselines():
-    runs, problems = open_runs(RECORDINGS / "baselines")
+    runs, problems = open_sound_runs(RECORDINGS / "baselines")
     assert problems == []
     return {run.path.stem: run for run in runs}
 

@@ -504,7 +504,7 @@ def test_a_viewer_that_leaves_does_not_end_the_run(run, tmp_path, monkeypatch, c
                 server.kill()
                 server.wait()
                 recording.log(run[1], {})
-                recording._file._viewer._process.wait(20)  # the sender notices when it next tries
+                recording._file._sender.wait(20)  # the sender notices when it next tries
                 for step in run[2:]:
                     recording.log(step, {})
         finally:
@@ -517,7 +517,7 @@ def test_a_viewer_that_leaves_does_not_end_the_run(run, tmp_path, monkeypatch, c
 
 
 def test_the_file_does_not_wait_for_a_viewer_that_never_answers(run, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("workbench.recording.write.viewer._PATIENCE_S", 0.5)
+    monkeypatch.setattr("workbench.recording.write.viewer.PATIENCE_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         monkeypatch.setattr(file, "PORT", listener.getsockname()[1])
         began = time.monotonic()

@@ -11,7 +11,7 @@ from workbench.experiment.execute import execute
 from workbench.experiment.resuming import resumed
 from workbench.recording.read import checkpoints as reading
 from workbench.recording.read import partial_run as earlier
-from workbench.recording.read.checkpoints import checkpoint_frames
+from workbench.recording.read.partial_run import checkpoint_frames
 from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints, recorder
 

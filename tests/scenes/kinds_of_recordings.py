@@ -6,7 +6,7 @@ import numpy as np
 from recording_steps import BODY, SCALE, SPACE, steps
 
 from workbench.core.study import Bars, StudyResult
-from workbench.recording.study.recorder import record_study
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from workbench.recording.write import blueprint
+from workbench.recording.write import layout
 
-SHOWN = blueprint.Shown(
+SHOWN = layout.LayoutInput(
     cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), parameters=("root_x", "left_knee_flexion"),
     units=("m", "rad"), pictured=("left_knee_flexion",), n_coefficients=0, n_particles=500,
     metrics=("ess", "log_evidence", "error_abs_mm", "error_abs_mm_map", "error_rel_mm", "error_rel_mm_map",
@@ -22,4 +22,4 @@ def views(part):
 
 def laid_out(shown):
     """{name: view}, in order."""
-    return {view.name: view for view in views(blueprint.layout(shown).root_container)}
+    return {view.name: view for view in views(layout.layout(shown).root_container)}

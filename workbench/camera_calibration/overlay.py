@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.body.camera import Camera
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.recording.write import colours
+from workbench.recording.write import styles
 from workbench.utils.arrays import ByteArray, FloatArray
 
 AXES = {"x": (230, 60, 60), "y": (60, 200, 80), "z": (80, 140, 255)}
@@ -51,11 +51,11 @@ def draw_overlay(camera: Camera, image: ByteArray, marks: FloatArray, joints: Fl
             _write(canvas, name, _rounded(pixels[1] + 8 * thickness), 2 * thickness, colour)
     for pixel in _visible_pixels(camera, joints):
         if np.isfinite(pixel).all():
-            style = colours.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
+            style = styles.ESTIMATE, cv2.MARKER_TILTED_CROSS, 9 * thickness, thickness, cv2.LINE_AA
             cv2.drawMarker(canvas, _rounded(pixel), *style)
     for name, mark in zip(JOINT_NAMES, marks, strict=True):
         if np.isfinite(mark[0]):
-            colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else colours.KEYPOINT
+            colour = LEFT if name.startswith("left") else RIGHT if name.startswith("right") else styles.KEYPOINT
             cv2.circle(canvas, _rounded(mark), 4 * thickness, colour, thickness, cv2.LINE_AA)
     for row, text in enumerate(CAPTION):
         _write(canvas, text.format(camera.name), (10, round((row + 1) * 16 * max(thickness, 1.3)) + 6), thickness, GRID)

@@ -12,7 +12,7 @@ from workbench.body.kinematics import joints
 from workbench.body.shape import read_shape
 from workbench.body.skeleton import JOINT_NAMES, POSE_NAMES, Skeleton, person_skeleton
 from workbench.motion.formats.motion_export import Track, check_output, export
-from workbench.recording.read.chunks import timed_poses, timed_true_joints
+from workbench.recording.read.chunks import timed
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
 from workbench.utils.arrays import FloatArray, IntArray
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def estimated_track(run: Run) -> Track:
     """Read the expected poses of a recording; raises InputError when it has none, or of another body than ours."""
     skeleton = _skeleton(run, "with poses")
-    frames, times_s, poses = timed_poses(run.path)
+    frames, times_s, poses = timed(run.path, "poses")
     if poses.shape[1:] != (len(POSE_NAMES),) or not np.isfinite(poses).all():
         raise InputError(f"{run.path}: expected poses of {len(POSE_NAMES)} finite numbers, found others")
     return Track(skeleton, frames, times_s, joints(skeleton, poses), poses)
@@ -78,7 +78,7 @@ def bands(run: Run, frames: IntArray) -> dict[str, FloatArray]:
 def true_track(run: Run) -> Track:
     """Read the true joints of a recording, without poses; raises InputError when it has none."""
     skeleton = _skeleton(run, "of a tracked person")
-    frames, times_s, positions = timed_true_joints(run.path)
+    frames, times_s, positions = timed(run.path, "true_joints")
     if len(frames) == 0:
         raise InputError(f"{run.path}: expected a recording with true joints (world/truth/joints), found none")
     return Track(skeleton, frames, times_s, positions)

@@ -10,8 +10,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from workbench.recording.messages import HEAD, end_of_whole
 from workbench.recording.overlaid import NAME, write_overlaid
+from workbench.recording.read.chunks import HEAD, end_of_whole
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
 from workbench.recording.side_by_side import write_names, write_side_by_side

@@ -17,8 +17,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing, Inference, Step, continues
 from workbench.experiment.assembly import assemble
 from workbench.experiment.tracking import Meter, Parts
-from workbench.recording.read.checkpoints import checkpoint_frames, past_before, told
-from workbench.recording.read.partial_run import Earlier
+from workbench.recording.read.partial_run import Earlier, checkpoint_frames, past_before, recorded_poses
 from workbench.recording.read.reader import Run
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.arrays import FloatArray, IntArray
@@ -61,7 +60,7 @@ class Continued:
     @cached_property
     def told(self) -> tuple[IntArray, FloatArray]:
         """The numbers of the frames that the run, or the one that it goes on from, told of, and their poses."""
-        return told(self.run)
+        return recorded_poses(self.run)
 
     @property
     def skipped(self) -> int:

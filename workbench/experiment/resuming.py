@@ -7,8 +7,7 @@ from omegaconf import DictConfig
 
 from workbench.experiment.config.identity import identity
 from workbench.experiment.continuing import Continued
-from workbench.recording.read.checkpoints import past_before
-from workbench.recording.read.partial_run import Earlier, earlier
+from workbench.recording.read.partial_run import Earlier, earlier, past_before
 from workbench.recording.read.reader import read
 from workbench.utils.errors import InputError
 

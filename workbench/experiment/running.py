@@ -96,7 +96,7 @@ def _track(
 
 
 def _study(config: DictConfig, summary: Summary) -> None:
-    from workbench.recording.study.recorder import record_study  # here, since drawing takes long to import
+    from workbench.recording.study.study_recorder import record_study  # here, since drawing takes long to import
     from workbench.recording.write.file import RecordingFile
 
     prior: Prior | None = None

@@ -13,9 +13,9 @@ from workbench.body.limbs import Body
 from workbench.recording.read.chunks import read_chunks
 from workbench.recording.read.reader import Run
 from workbench.recording.write import images, scene
-from workbench.recording.write.blueprint import page
 from workbench.recording.write.columns import Columns, curves
-from workbench.recording.write.rerun_stream import new_stream
+from workbench.recording.write.file import new_stream
+from workbench.recording.write.layout import page
 from workbench.utils.arrays import FloatArray, IntArray
 
 FUTURES = "futures"

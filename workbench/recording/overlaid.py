@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.read.reader import Run
 from workbench.recording.side_by_side import CURVES
-from workbench.recording.write import series_styles as styles
-from workbench.recording.write.blueprint import page
-from workbench.recording.write.rerun_stream import new_stream
+from workbench.recording.write import styles
+from workbench.recording.write.file import new_stream
+from workbench.recording.write.layout import page
 
 NAME = "all runs: errors and how each came out"
 _RUNS, _TABLE = "runs", "outcomes"

@@ -11,10 +11,10 @@ from workbench.core.study import Sticks
 from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
 from workbench.recording.read.crash_probe import refuse_fatal
 from workbench.recording.read.reader import Run
-from workbench.recording.study.recorder import entity
-from workbench.recording.write import series_styles as styles
-from workbench.recording.write.blueprint import page
-from workbench.recording.write.rerun_stream import new_stream
+from workbench.recording.study.study_recorder import entity
+from workbench.recording.write import styles
+from workbench.recording.write.file import new_stream
+from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
 CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")

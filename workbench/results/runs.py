@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from workbench.recording.read.tables import data_frame
+from workbench.recording.read.frame_tables import data_frame
 from workbench.results.entry import Entry
 from workbench.results.index import entries
 

@@ -15,7 +15,7 @@ class NotWrittenError(InputError):
 
 
 def replace_text(path: Path, text: str, shorter: str = "") -> None:
-    """Write a file anew, ASCII; on a full disk within the room that it has, `shorter` where `text` is too long for it.
+    """Replace a file by an ASCII text; on a full disk within its size, by `shorter` where `text` is too long for it.
 
     Raises InputError when neither is possible.
     """
@@ -33,7 +33,7 @@ def replace_text(path: Path, text: str, shorter: str = "") -> None:
 
 @contextmanager
 def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
-    """A name beside `path` to write to, which becomes `path` when the block ends well and is removed when it does not.
+    """Yield a name next to `path` to write to, which becomes `path` when the block ends well, else is removed.
 
     The name is the process's own, so that several may write the same file. parents: make the folder too.
     Raises InputError when the file cannot be written.
@@ -53,13 +53,14 @@ def whole_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def kept_for_later() -> Iterator[None]:
-    """Write, in the block, what can be made again to a cache; where that cannot be written, go on and tell it once."""
+    """Write to a cache in the block; where that is not possible, warn once and go on."""
     try:
         yield
     except (NotWrittenError, OSError, RuntimeError) as error:  # the last is h5py's, of a full disk
-        _tell_once(shortened(f"{' '.join(str(error).split())}; the run goes on, and the next one makes it again"))
+        warn_once(shortened(f"{' '.join(str(error).split())}; the run goes on, and the next one makes it again"))
 
 
 @cache
-def _tell_once(sentence: str) -> None:
+def warn_once(sentence: str) -> None:
+    """Log a warning unless it was logged before."""
     logging.getLogger(__name__).warning(sentence)

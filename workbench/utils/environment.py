@@ -11,8 +11,7 @@ import numpy as np
 from llvmlite import binding as llvm  # type: ignore[import-untyped]
 from threadpoolctl import threadpool_info
 
-_SHOWN = 6
-"""Processor features that are named where two lists differ."""
+_SHOWN = 6  # processor features that are named where two lists differ
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
@@ -20,16 +19,9 @@ PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 def environment() -> dict[str, str]:
     """Return what equal runs need in common to give equal bits, by name.
 
-    system
-        Operating system, architecture and C library, whose `sin`, `exp` and `log` kernels call.
-    numpy_cpu, opencv_cpu
-        The processor features that NumPy and OpenCV use.
-    numba_cpu
-        The processor and the features that kernels are compiled for.
-    blas
-        The libraries that are loaded, each with its version and code path.
-    python, numpy, scipy, …
-        Versions.
+    system: operating system, architecture and C library, whose `sin`, `exp` and `log` kernels call. numpy_cpu,
+    opencv_cpu: the processor features in use. numba_cpu: the processor and the features that kernels are compiled for.
+    blas: the libraries that are loaded, each with its version and code path. python, numpy, scipy, …: versions.
     """
     libc = "".join(platform.libc_ver())
     return {
@@ -45,12 +37,9 @@ def environment() -> dict[str, str]:
 
 def differing(was: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return the entries that differ, each with its two values, of lists of features only the words that differ."""
-    found = {}
-    for name in dict.fromkeys([*was, *now]):
-        first, second = str(was.get(name, "unknown")), str(now.get(name, "unknown"))
-        if first != second:
-            found[name] = _shortened(first, second) if name.endswith("_cpu") else (first, second)
-    return found
+    pairs = {name: (str(was.get(name, "unknown")), str(now.get(name, "unknown"))) for name in {**was, **now}}
+    changed = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    return {name: _shortened(*pair) if name.endswith("_cpu") else pair for name, pair in changed.items()}
 
 
 def _shortened(first: str, second: str) -> tuple[str, str]:

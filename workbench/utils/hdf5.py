@@ -32,15 +32,9 @@ class Hdf5(NamedTuple):
 def read_hdf5(path: Path, what: str, own: bool = False) -> Hdf5:
     """Return all numbers, texts and attributes of a file; OTHER in place of other data sets.
 
-    Parameters
-    ----------
-    path : the file
-    what : what it should hold, for the message
-    own : written by the workbench itself, such as a file in its cache, and read without the sandbox
-
-    Raises
-    ------
-    InputError : for damage, links, data sets that lie in other files, and more numbers than the bounds
+    what: the expected content, for the message. own: written by the workbench itself, such as a file in its cache, and
+    read without the sandbox. Raises InputError for damage, links, data sets that lie in other files, and more numbers
+    than the bounds.
     """
     check_file(path, MOST_BYTES)
     try:

@@ -8,7 +8,6 @@ Numba has no public way to choose the folder or the stamp for one kernel. This f
 (no others) a cache of the class below; it was tested with numba 0.61 to 0.68.
 """
 
-import logging
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from typing import Any, TypeVar
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
+from workbench.utils.atomic_write import warn_once
 from workbench.utils.source_hash import code_digest
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -27,13 +27,8 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def kernel(**options: Any) -> Callable[[_Function], _Function]:
-    """Return a decorator that compiles a function with `numba.njit`, without the interpreter's lock, and caches it.
-
-    Parameters
-    ----------
-    options
-        Of `numba.njit`.
-    """
+    """Return a decorator that compiles a function with `numba.njit` and its options, without the interpreter's lock,
+    and caches it."""
 
     def decorate(function: _Function) -> _Function:
         compiled: Any = numba.njit(nogil=True, **options)(function)
@@ -58,7 +53,7 @@ def kernel_folder() -> Path:
 
 
 class _Locator:
-    """Tells numba where a kernel is cached and which sources it was compiled from."""
+    """The place of a cached kernel, and the hash of its sources, for numba."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._module, self._line = function.__module__, function.__code__.co_firstlineno
@@ -103,9 +98,4 @@ def _in_memory_only() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        _warn(f"compiled kernels cannot be cached in {kernel_folder()}: {error.strerror or error}")
-
-
-@cache
-def _warn(sentence: str) -> None:
-    logging.getLogger(__name__).warning(sentence)
+        warn_once(f"compiled kernels cannot be cached in {kernel_folder()}: {error.strerror or error}")

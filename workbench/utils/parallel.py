@@ -24,7 +24,7 @@ def over_threads(work: Callable[[int, int], object], n: int, step: int) -> None:
         work(0, n)
         return
     size = step * max(1, -(-n // (step * threads * _PARTS)))
-    parts = iter(range(0, n, size))  # each is taken once, by whoever is free
+    parts = iter(range(0, n, size))  # each is taken once, by the next free thread
 
     def take() -> None:
         for first in parts:

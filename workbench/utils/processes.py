@@ -2,11 +2,10 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 CAPTURED = subprocess.PIPE
 
@@ -17,29 +16,15 @@ def module(name: str, *arguments: str) -> list[str]:
 
 
 def run(
-    command: Sequence[str], *, stdout: int | IO[bytes] | None = None, stderr: int | IO[bytes] | None = None,
-    timeout_s: float | None = None, cwd: Path | None = None, env: Mapping[str, str] | None = None,
-) -> subprocess.CompletedProcess[bytes]:  # fmt: skip
-    """Run a command to its end.
+    command: Sequence[str], *, timeout_s: float | None = None, **options: Any
+) -> subprocess.CompletedProcess[bytes]:
+    """Run a command to its end; after `timeout_s` it is killed.
 
-    Parameters
-    ----------
-    stdout, stderr
-        Where its outputs go: a file, CAPTURED to have them in the result, None for where this process writes.
-    timeout_s
-        After which it is killed; None: never.
-    cwd, env
-        The folder and the environment that it runs in; None: those of this process.
-
-    Raises
-    ------
-    OSError
-        It cannot be started, or (TimeoutError) it was killed.
+    options: of `subprocess.run`, such as stdout and stderr (CAPTURED: in the result), cwd and env.
+    Raises OSError where it cannot be started, or (TimeoutError) was killed.
     """
     try:
-        return subprocess.run(
-            command, stdout=stdout, stderr=stderr, timeout=timeout_s, cwd=cwd, env=env, check=False
-        )  # fmt: skip
+        return subprocess.run(command, timeout=timeout_s, check=False, **options)
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"{command[0]}: ended, as it took longer than {timeout_s:g} s") from None
 
@@ -47,12 +32,7 @@ def run(
 def start(command: Sequence[str], *, background: bool = False, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
     """Start a command that reads its standard input from a pipe, and do not wait for it.
 
-    Parameters
-    ----------
-    background
-        Discard what it writes, and do not let a terminal's signals reach it.
-    pass_fds
-        Descriptors of open files that it inherits.
+    background: discard its outputs, and keep a terminal's signals from it. pass_fds: open files that it inherits.
     """
     output = subprocess.DEVNULL if background else None
     return subprocess.Popen(

@@ -16,22 +16,14 @@ from time import monotonic, sleep
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import LOCK
 
-_PATIENCE_S = 0.1
-"""A process that only tests the lock holds it for a moment."""
+_PATIENCE_S = 0.1  # as a process that only tests the lock holds it for a moment
 
 
 @contextmanager
 def locked(folder: Path, wait: bool = False) -> Iterator[None]:
-    """Hold the lock of an existing folder until the block ends.
+    """Hold the lock of an existing folder until the block ends; wait: while another process holds it.
 
-    Parameters
-    ----------
-    folder : of a run or a sweep.
-    wait : whether to wait while another process holds the lock, or to refuse.
-
-    Raises
-    ------
-    InputError : names the process that holds the lock, or why the folder cannot be locked.
+    Raises InputError, which names the process that holds the lock, or why the folder cannot be locked.
     """
     with ExitStack() as held:
         try:

@@ -23,7 +23,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Request:
-    """received: the last signal; pending: the same while a deferred block has not ended; depth: number of such."""
+    """received: the last signal; pending: the same until the deferred blocks, `depth` of them, have ended."""
 
     received: int | None = None
     pending: int | None = None

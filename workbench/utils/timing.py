@@ -19,8 +19,7 @@ class _Compilation(event.Listener):
     """Measures compilation; a kernel's helpers are compiled within it and count as part of it.
 
     Numba compiles in one thread at a time. Interruptions wait until a kernel is compiled: LLVM calls back into Python,
-    where an exception would be lost. The garbage collector waits, too: numba makes many objects that stay, and walking
-    them takes an eighth of the time.
+    where an exception would be lost. The garbage collector waits, too: it would take an eighth of the time.
     """
 
     total_s = 0.0  # of all since the process began

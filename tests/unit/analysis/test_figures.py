@@ -20,7 +20,7 @@ from workbench.core.state_space import StateSpace
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.recording.read.reader import read
 from workbench.recording.study.drawing import STYLE
-from workbench.recording.study.recorder import record_study
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 

@@ -211,7 +211,7 @@ def test_another_body_or_shape_is_refused(recorded):
 
 @pytest.mark.parametrize("poses", [np.full((3, 25), np.nan), np.zeros((3, 24))])
 def test_poses_that_are_none_are_refused(recorded, monkeypatch, poses):
-    monkeypatch.setattr("workbench.cli.export.timed_poses", lambda path: (np.arange(3), np.arange(3) / 30.0, poses))
+    monkeypatch.setattr("workbench.cli.export.timed", lambda *_: (np.arange(3), np.arange(3) / 30.0, poses))
     with pytest.raises(InputError, match="expected poses of 25 finite numbers"):
         estimated_track(read(recorded))
 

@@ -17,7 +17,7 @@ from workbench.body.kinematics import joints
 from workbench.cli import report
 from workbench.core.study import StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import record_study
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
 from workbench.results.report.groups import joint_errors

@@ -9,7 +9,7 @@ from layouts import SHOWN, laid_out
 from recording_steps import BODY, CAMERA, SPACE, steps
 from rerun.chunk import RrdReader
 
-from workbench.recording.write import blueprint, colours
+from workbench.recording.write import layout, styles
 from workbench.recording.write.images import picture
 from workbench.recording.write.posterior import DEGREES
 from workbench.recording.write.recorder import Recorder
@@ -72,7 +72,7 @@ def test_legends_find_room_above_the_curves():
     view = contents_of(replace(SHOWN, spans=spans))[names]
     (low, high), rows = view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0], len(names)
     assert low < 10.0
-    assert (high - 22.0) / (high - low) * blueprint.CURVES_HEIGHT > rows * blueprint.ROW
+    assert (high - 22.0) / (high - low) * layout.CURVES_HEIGHT > rows * layout.ROW
     assert "ScalarAxis" not in contents_of(SHOWN)[names].properties
 
 
@@ -83,8 +83,8 @@ def brightness(colour):
 
 
 def test_lines_are_seen_on_black_and_on_white():
-    lines = [colours.ESTIMATE, colours.TRUTH, colours.MODEL, colours.BAND, colours.HEAVIEST_PARTICLE, *colours.SERIES,
-             *colours.PARTS, colours.LIGHTEST_PARTICLE, colours.TRAIL]  # fmt: skip
+    lines = [styles.ESTIMATE, styles.TRUTH, styles.MODEL, styles.BAND, styles.HEAVIEST_PARTICLE, *styles.SERIES,
+             *styles.PARTS, styles.LIGHTEST_PARTICLE, styles.TRAIL]  # fmt: skip
     for colour in lines:
         light = brightness(colour)
         assert min((light + 0.05) / 0.05, 1.05 / (light + 0.05)) > 1.9, colour
@@ -118,6 +118,6 @@ def test_an_error_that_is_known_later_joins_the_layout(first_known, n_layouts, t
     path = record(tmp_path / "run.rrd", steps(4, n_particles=20), errors)
     assert len(RrdReader(path).blueprints()) == n_layouts
     found, band = static_colours(path), "/posterior/parameters/left_knee_flexion"
-    assert found[f"{band}/truth"] == tuple(colours.TRUTH)
+    assert found[f"{band}/truth"] == tuple(styles.TRUTH)
     estimates = {found[each] for each in (f"{band}/mean", "/metrics/error_px", "/metrics/ess")}
-    assert estimates == {tuple(colours.ESTIMATE)}
+    assert estimates == {tuple(styles.ESTIMATE)}

@@ -10,8 +10,8 @@ import rerun as rr
 from recording_steps import BODY, SPACE, steps
 
 from workbench.core.filter_state import Memory
-from workbench.recording.read import checkpoints as reading
-from workbench.recording.read.checkpoints import checkpoint_frames, past_before
+from workbench.recording.read import partial_run as reading
+from workbench.recording.read.partial_run import checkpoint_frames, past_before
 from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints
 from workbench.recording.write.recorder import Recorder
@@ -117,7 +117,7 @@ OBJECTS = npz(state=np.array([{"a": 1}], dtype=object))
     ids=["no archive", "cut off", "objects", "too large", "a list", "no state", "deep"],
 )
 def test_a_damaged_checkpoint_is_a_sentence(tmp_path, monkeypatch, packed, streams):
-    monkeypatch.setattr(reading, "MOST_BYTES", 500_000)
+    monkeypatch.setattr(reading, "_MOST_BYTES", 500_000)
     found = damaged(tmp_path / "run.rrd", packed, streams)
     with pytest.raises(InputError, match=r"run.rrd: checkpoint of frame 11"):
         past_before(found, 99)

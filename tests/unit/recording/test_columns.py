@@ -9,6 +9,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from workbench.recording.write.columns import Columns, Row, curves
+from workbench.recording.write.file import RecordingFile
 from workbench.utils.signals import Interrupted, interruptible
 
 RNG = np.random.default_rng(0)
@@ -111,9 +112,11 @@ class InterruptedStream:
 
 
 @pytest.mark.parametrize("kind", ["rows", "numbers", "large rows"])
-def test_what_was_being_written_when_asked_to_end_is_there_once(kind):
+def test_what_was_being_written_when_asked_to_end_is_there_once(kind, tmp_path):
     """Whoever closes a recording writes what waits: a run that goes on with it would count a frame twice."""
     columns, stream, paths = Columns(), InterruptedStream(), ["a", "b", "c"]
+    file = RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="", provenance={})
+    file.stream = stream
     for frame in range(2):
         time = np.timedelta64(frame, "s")
         if kind == "numbers":
@@ -121,6 +124,6 @@ def test_what_was_being_written_when_asked_to_end_is_there_once(kind):
         else:
             columns.add(frame, time, curves(dict.fromkeys(paths, 1.0)))
     with pytest.raises(Interrupted), interruptible():
-        columns.write_large(stream, 1) if kind == "large rows" else columns.write(stream)
+        file.write(columns, least_bytes=int(kind == "large rows"))
     columns.write(stream)
     assert sorted(stream.sent) == paths

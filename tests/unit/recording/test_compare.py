@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 from workbench.core.study import Bars, Curves, StudyResult
 from workbench.recording.condense import condense
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import record_study
+from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write import file
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from workbench.recording.write import marginal_pictures
+from workbench.recording.write import posterior
 from workbench.recording.write.marginals import LOWEST_LOG_MASS
 
 FRAMES = list(range(10, 16))
@@ -15,8 +15,8 @@ def drawn(truth, unit="rad", axis=(0.0, np.pi / 2.0)):
     log_mass = np.full((4, len(FRAMES)), LOWEST_LOG_MASS)
     log_mass[1] = 0.0
     found = {}
-    for path, archetype in marginal_pictures.entities("knee", unit, axis, log_mass, FRAMES, np.asarray(truth)):
-        found.setdefault(path.removeprefix(f"{marginal_pictures.PICTURES}/knee").strip("/"), []).append(archetype)
+    for path, archetype in posterior.marginal_picture("knee", unit, axis, log_mass, FRAMES, np.asarray(truth)):
+        found.setdefault(path.removeprefix(f"{posterior.PICTURES}/knee").strip("/"), []).append(archetype)
     return found
 
 

@@ -1,7 +1,5 @@
 """Weighted summaries of particles against brute force."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -162,26 +160,3 @@ def test_a_long_run_has_a_column_for_the_mean_of_several_frames(monkeypatch, n_f
     assert later.take_over(low, high, log_mass, told) == told // every * every
     later.add(frames[-1], weights)
     assert later.every == every or told == every * 8  # full, which halves them
-
-
-@pytest.mark.parametrize("n_frames", [7, 8, 9, 16, 17, 40])
-def test_a_picture_is_the_same_bit_by_bit_however_few_columns_are_kept_in_full(monkeypatch, n_frames):
-    monkeypatch.setattr(module, "MOST_PICTURED", 16)
-    pictures = []
-    for recent in (1, 3, 16):  # with 16 all are, until two become one
-        monkeypatch.setattr(module, "_RECENT", recent)
-        marginals = Marginals(2, 4)
-        for values, weights in drifting(n_frames):
-            marginals.add(values, weights)
-        pictures.append([each.tobytes() for each in marginals.picture()])
-    assert pictures[0] == pictures[1] == pictures[2]
-
-
-def test_columns_of_long_ago_take_less_than_half_the_room_of_their_bins():
-    marginals = Marginals(2, 512)
-    tracemalloc.start()
-    for values, weights in drifting(600, speed=0.1):
-        marginals.add(values, weights)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert most < 0.5 * 600 * 2 * 4 * 512 * np.dtype(np.float32).itemsize

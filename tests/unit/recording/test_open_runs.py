@@ -10,7 +10,8 @@ from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.body.kinematics import joints
 from workbench.recording.condense import condense
-from workbench.recording.read.reader import find_recordings, open_runs, read
+from workbench.recording.read.crash_probe import open_sound_runs
+from workbench.recording.read.reader import find_recordings, read
 from workbench.recording.side_by_side import write_side_by_side
 from workbench.recording.write.file import FORMAT, RecordingFile
 from workbench.recording.write.recorder import Recorder
@@ -51,19 +52,19 @@ def folder(recorded, tmp_path):
 
 
 def test_all_are_found_sorted_and_one_that_cannot_be_read_does_not_stop_the_others(folder):
-    runs, problems = open_runs(folder)
+    runs, problems = open_sound_runs(folder)
     assert [str(run.path.relative_to(folder)) for run in runs] == ["a/0/run.rrd", "a/1/run.rrd.part", "b/run.rrd"]
     assert [problem.path.name for problem in problems] == ["junk.rrd"]
     assert "junk.rrd: expected a whole Rerun recording" in problems[0].reason
 
 
 def test_files_and_folders_may_overlap(folder):
-    runs, problems = open_runs(folder / "b", folder / "b" / "run.rrd", folder / "a" / "junk.rrd")
+    runs, problems = open_sound_runs(folder / "b", folder / "b" / "run.rrd", folder / "a" / "junk.rrd")
     assert ([run.path.parent.name for run in runs], len(problems)) == (["b"], 1)
 
 
 def test_a_folder_without_recordings_and_a_place_that_is_not_there(tmp_path):
-    assert open_runs(tmp_path) == ([], [])
+    assert open_sound_runs(tmp_path) == ([], [])
     with pytest.raises(InputError, match="nowhere: expected a recording or a folder"):
         find_recordings(tmp_path / "nowhere")
 

@@ -13,10 +13,9 @@ from workbench.body.kinematics import forward
 from workbench.body.surface import attach, person_surface
 from workbench.body.surface_mesh import surface_mesh
 from workbench.datasets.rendering.visible import surface_points
-from workbench.recording.write import blueprint
-from workbench.recording.write import point_fit_views as fit
+from workbench.recording.write import layout
 from workbench.recording.write.recorder import Recorder
-from workbench.recording.write.scene import SKIN_SPACING_M
+from workbench.recording.write.scene import ACTIVITY, FLEXION, SKIN_SPACING_M
 
 N_FRAMES = 3
 SURFACE = person_surface(BODY)
@@ -103,7 +102,7 @@ def test_the_activity_told_and_the_true_one_are_lanes(recorded):
         assert [state for (state,) in values(recorded, f"/activity/{row}", "StateChange:state")] == expected
 
 
-SHOWN = blueprint.Shown(
+SHOWN = layout.LayoutInput(
     cameras=(), person=np.zeros(3), towards=np.array([2.0, 0.0]), parameters=("root_x",), units=("m",),
     pictured=("root_x",), metrics=("error_abs_mm", "error_abs_mm_map", "ess"), n_coefficients=0, n_particles=20,
     flexions=("left_knee", "left_hip"), activity=True, surface=True,
@@ -122,19 +121,19 @@ def views(part):
 
 
 def test_a_fit_is_laid_out_for_its_judgement():
-    found = {view.name: view for view in views(blueprint.layout(SHOWN).root_container)}
+    found = {view.name: view for view in views(layout.layout(SHOWN).root_container)}
     names = list(found)
     errors = "distance from the true joints (mm)"
     assert names.index("left hip flexion (degrees)") < names.index("left knee flexion (degrees)") < names.index(errors)
-    assert found["left knee flexion (degrees)"].origin == f"/{fit.FLEXION}/left_knee"
-    assert found["activity"].origin == f"/{fit.ACTIVITY}"
+    assert found["left knee flexion (degrees)"].origin == f"/{FLEXION}/left_knee"
+    assert found["activity"].origin == f"/{ACTIVITY}"
     assert "- /world/estimate/body" in found[WORLD].contents  # the surface stands for the limbs
     assert found[errors].contents == ["/metrics/error_abs_mm"]  # a fit's heaviest particle is the expected pose
 
 
 def test_shares_of_cues_have_a_view_of_their_own():
     metrics = ("error_abs_mm", "ess", "share_background", "share_edges")
-    found = {view.name: view for view in views(blueprint.layout(replace(SHOWN, metrics=metrics)).root_container)}
+    found = {view.name: view for view in views(layout.layout(replace(SHOWN, metrics=metrics)).root_container)}
     together = next(view for name, view in found.items() if name.startswith("shares of the cues"))
     assert together.contents == ["/metrics/share_background", "/metrics/share_edges"]
     assert "share edges" not in found
@@ -142,6 +141,6 @@ def test_shares_of_cues_have_a_view_of_their_own():
 
 def test_without_activity_and_surface_their_views_are_left_out():
     plain = replace(SHOWN, activity=False, surface=False)
-    found = {view.name: view for view in views(blueprint.layout(plain).root_container)}
+    found = {view.name: view for view in views(layout.layout(plain).root_container)}
     assert "activity" not in found
     assert "- /world/estimate/body" not in found[WORLD].contents

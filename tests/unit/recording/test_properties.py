@@ -9,8 +9,9 @@ import rerun as rr
 from small_recordings import record
 
 from workbench.cli import export, report, view
+from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.properties import check_settings, checked
-from workbench.recording.read.reader import open_runs, read
+from workbench.recording.read.reader import read
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import LONGEST, InputError
 
@@ -69,7 +70,7 @@ def test_properties_of_other_kinds_are_refused(beside, kind):
         overwritten(beside, values)
     with pytest.raises(InputError, match=rf"property {name}|of format"):
         read(beside)
-    runs, problems = open_runs(beside.parent)
+    runs, problems = open_sound_runs(beside.parent)
     assert (len(runs), len(problems)) == (1, 1)
 
 

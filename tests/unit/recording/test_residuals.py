@@ -9,8 +9,8 @@ from rerun.chunk import RrdReader
 from workbench.body.kinematics import joints
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.verdict import RunInputs, verdict
+from workbench.recording.write.outcome import residuals
 from workbench.recording.write.recorder import Recorder
-from workbench.recording.write.residuals import residuals
 
 OFF_PX = np.array([3.0, 4.0])
 

@@ -11,10 +11,9 @@ from small_recordings import record
 
 from workbench.recording.read.reader import read
 from workbench.recording.side_by_side import write_names, write_side_by_side
-from workbench.recording.write import rerun_stream as stream
+from workbench.recording.write import file as files
 from workbench.recording.write.cards import write_card
-from workbench.recording.write.file import RecordingFile
-from workbench.recording.write.rerun_stream import give_up, new_stream
+from workbench.recording.write.file import RecordingFile, give_up, new_stream
 
 TASKS = Path("/proc/self/task")
 
@@ -64,7 +63,7 @@ def test_what_is_being_written_is_kept(tmp_path):
 
 def test_no_stream_is_freed_once_one_was_given_up(monkeypatch):
     """Rerun would wait for its writer."""
-    monkeypatch.setattr(stream, "_given_up", [])
+    monkeypatch.setattr(files, "_given_up", [])
     monkeypatch.setattr(rr, "unregister_shutdown", lambda: None)
     monkeypatch.setattr(rr, "init", lambda *_, **__: pytest.fail("it would wait"))
     give_up(rr.RecordingStream("a", recording_id="a"))
@@ -75,7 +74,7 @@ FULL = """
 import resource, signal, sys
 import numpy as np
 import rerun as rr
-from workbench.recording.write.rerun_stream import give_up, new_stream
+from workbench.recording.write.file import give_up, new_stream
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 stream = new_stream("a", "a", batcher_config=rr.ChunkBatcherConfig.NEVER())

@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 from workbench.core.study import Bars, Curves, Sticks, StudyResult
 from workbench.recording.read.reader import read
-from workbench.recording.study.recorder import eye, grid, pages, record_study
+from workbench.recording.study.study_recorder import eye, grid, pages, record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.utils.errors import InputError
 

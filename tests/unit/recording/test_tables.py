@@ -7,8 +7,8 @@ import pytest
 from recording_steps import BODY, SPACE, errors, steps
 
 from workbench.recording.read.chunks import Curve
+from workbench.recording.read.frame_tables import TABLES, aligned, bands_of, data_frame
 from workbench.recording.read.reader import read
-from workbench.recording.read.tables import TABLES, bands_of, data_frame, table_of_metrics
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
 
@@ -55,7 +55,7 @@ def test_bands_are_the_recorded_curves(run):
 
 def test_what_was_not_measured_in_a_frame_is_nan():
     late = Curve(np.array([1, 2]), np.array([[5.0], [6.0]]))
-    table = table_of_metrics({"a": Curve(np.array([0, 1, 2]), np.ones((3, 1))), "b": late})
+    _, table = aligned({"a": Curve(np.array([0, 1, 2]), np.ones((3, 1))), "b": late})
     np.testing.assert_array_equal(table["b"], [np.nan, 5.0, 6.0])
     whole = Curve(np.array([0, 1, 2]), np.array([[1.0], [2.0], [3.0]]))
     bands = bands_of({"posterior/parameters/x/truth": late, "posterior/parameters/x/low": whole, "metrics/a": late})
@@ -63,7 +63,7 @@ def test_what_was_not_measured_in_a_frame_is_nan():
     np.testing.assert_array_equal(bands.truth[:, 0], [np.nan, 5.0, 6.0])
     np.testing.assert_array_equal(bands.low[:, 0], [1.0, 2.0, 3.0])
     assert np.isnan(bands.high).all()
-    assert len(bands_of({}).frames) == len(table_of_metrics({})["frame"]) == 0
+    assert len(bands_of({}).frames) == len(aligned({})[0]) == 0
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])

@@ -1,32 +1,31 @@
-"""What lies in a Rerun file: its static values, its curves and what it shows frame by frame."""
+"""Read a Rerun file: its static values, its curves and the values of its frames."""
 
 import os
 import shutil
+import struct
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from workbench.recording.messages import end_of_whole
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.errors import InputError
 
 DAMAGES = (
     pa.ArrowException, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
-"""What turning another's values into ours ends with, where they are of other kinds."""
-
+"""Errors of converting values of unexpected types."""
 
 EVERYTHING = ("/**", "/__properties/**")
-"""What is to be read for all that a recording holds."""
+"""Contents of a whole recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,18 +41,19 @@ Timed: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
 _TORN = ("exceeds file size", "without footer")
 _ADVICE = "; `rerun rrd optimize FILE -o WHOLE.rrd` saves what comes before the cut"
+_Result = TypeVar("_Result")
 
 
 @contextmanager
 def sound(path: Path) -> Iterator[None]:
-    """Make an InputError, which names the recording, of what goes wrong in making numbers of what lies in it."""
+    """Turn errors of converting a recording's values in the block into an InputError that names the recording."""
     try:
         yield
     except InputError:
         raise
     except DAMAGES as error:
-        told = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path}: expected values of the kinds that runs record, found others: {told}") from None
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}: expected values of the kinds that runs record, found others: {text}") from None
 
 
 def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
@@ -62,54 +62,44 @@ def read_chunks(path: Path, contents: Sequence[str]) -> list[Chunk]:
     Of a .part, what a run cut off left, all whole messages are read. Raises InputError when there is no such file, or
     it is not a recording, or it is cut and no .part.
     """
+
+    def read(reader: RrdReader, has_footer: bool) -> list[Chunk]:
+        stream = reader.store().stream() if has_footer else reader.stream()  # by the footer, nothing else is read
+        return stream.filter(content=list(contents)).to_chunks()
+
+    return _read_with(read, path)
+
+
+def recording_of(path: Path) -> tuple[str, str]:
+    """Return application and recording id of an .rrd or of what a run cut off left; raises as `read_chunks`."""
+    store = _read_with(lambda reader, _: reader.recordings()[0], path)
+    return store.application_id, store.recording_id
+
+
+def _read_with(read: Callable[[RrdReader, bool], _Result], path: Path) -> _Result:
+    """Return read(reader, whether the file has a footer)."""
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
     try:
         with warnings.catch_warnings():
-            # A run cut off leaves a .part without a footer; that it was cut off is what its status says.
+            # A run cut off leaves a .part without a footer; its status reports that it was cut off.
             warnings.simplefilter("ignore", RerunWarning)
-            return _read(path, list(contents))
-    except (RuntimeError, ValueError, OSError) as error:
+            try:
+                return read(RrdReader(path), True)
+            except (RuntimeError, ValueError, IndexError):
+                if not path.name.endswith(".part"):  # Rerun reads what is cut between two messages as if it were whole
+                    raise
+                with _whole_messages(path) as whole:
+                    return read(RrdReader(whole), False)
+    except (RuntimeError, ValueError, OSError, IndexError) as error:
         torn = any(words in str(error) for words in _TORN)
         found = f", found one that was cut off{_ADVICE}" if torn else f": {error}"
         raise InputError(f"{path}: expected a whole Rerun recording{found}") from None
 
 
-def recording_of(path: Path) -> tuple[str, str]:
-    """Tell of which application and which recording, by its id, an .rrd or what a run cut off left is; raises
-    InputError as `read_chunks`."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RerunWarning)
-            return _recording_of(path)
-    except (RuntimeError, ValueError, OSError, IndexError) as error:
-        raise InputError(f"{path}: expected a whole Rerun recording: {error}") from None
-
-
-def _recording_of(path: Path) -> tuple[str, str]:
-    try:
-        store = RrdReader(path).recordings()[0]
-    except (RuntimeError, ValueError, IndexError):
-        if not path.name.endswith(".part"):
-            raise
-        with _whole_messages(path) as whole:
-            store = RrdReader(whole).recordings()[0]
-    return store.application_id, store.recording_id
-
-
-def _read(path: Path, contents: list[str]) -> list[Chunk]:
-    try:  # by the footer: nothing else is read
-        return RrdReader(path).store().stream().filter(content=contents).to_chunks()
-    except (RuntimeError, ValueError):
-        if not path.name.endswith(".part"):  # Rerun reads what is cut between two messages as if it were whole
-            raise
-        with _whole_messages(path) as whole:
-            return RrdReader(whole).stream().filter(content=contents).to_chunks()
-
-
 @contextmanager
 def _whole_messages(path: Path) -> Iterator[Path]:
-    """Give the file where it is whole up to its end, else a copy without what was being written when the run ended."""
+    """Yield the file where it is whole up to its end, else a copy without what was being written when the run ended."""
     with path.open("rb") as file, TemporaryDirectory() as folder:
         if (end := end_of_whole(file)) == os.fstat(file.fileno()).st_size:
             yield path
@@ -117,6 +107,25 @@ def _whole_messages(path: Path) -> Iterator[Path]:
         shutil.copyfile(path, copy := Path(folder, path.name))
         os.truncate(copy, end)
         yield copy
+
+
+HEAD = 12
+"""Bytes before an .rrd's first message; each has 16 bytes (kind, length) and its content. The format is not documented;
+this was tested with rerun-sdk 0.41."""
+_END = 0
+"""Kind of the last message, the index of the others, which a file that was cut off does not have."""
+
+
+def end_of_whole(file: BinaryIO, begin: int = HEAD) -> int:
+    """Return the offset where the last whole message ends, the index left out; begin: where to start looking."""
+    size, place = os.fstat(file.fileno()).st_size, begin
+    while place + 16 <= size:
+        file.seek(place)
+        kind, length = struct.unpack("<QQ", file.read(16))
+        if kind == _END or place + 16 + length > size:
+            break
+        place += 16 + length
+    return place
 
 
 def static_values(chunks: Iterable[Chunk]) -> dict[str, dict[str, Any]]:
@@ -171,30 +180,24 @@ def cells(
     return found
 
 
-def timed_poses(path: Path) -> Timed:
-    """Read frames, times and expected poses (F, P) of a recording that `reader.read` accepts."""
-    return _timed(path, "estimate/pose", "Scalars:scalars")
+_TIMED = {
+    "poses": ("estimate/pose", "Scalars:scalars"),
+    "joints": ("world/estimate/joints", "Points3D:positions"),
+    "true_joints": ("world/truth/joints", "Points3D:positions"),
+}
 
 
-def timed_joints(path: Path) -> Timed:
-    """Read frames, times and joints of the expected poses (F, J, 3), m, to float32."""
-    return _timed(path, "world/estimate/joints", "Points3D:positions")
+def timed(path: Path, name: str) -> Timed:
+    """Return frames, times and values of those frames of a recording that have them (F may be zero).
 
-
-def timed_true_joints(path: Path) -> Timed:
-    """Read frames, times and true joints (F, J, 3), m, to float32, of the frames that have them (F may be zero)."""
-    return _timed(path, "world/truth/joints", "Points3D:positions")
-
-
-def _timed(path: Path, entity: str, component: str) -> Timed:
+    name: poses (F, P), or, m, to float32, joints or true_joints (F, J, 3).
+    """
+    entity, component = _TIMED[name]
     with sound(path):
-        return _timed_values(cells(path, [f"/{entity}"]).get(entity, {}), component)
-
-
-def _timed_values(found: Mapping[str, Mapping[int, Any]], component: str) -> Timed:
-    values = {frame: cell.as_py() for frame, cell in sorted(found.get(component, {}).items()) if len(cell)}
-    times_ns = np.array([found["time"][frame].value for frame in values], dtype=np.float64)
-    return np.array([*values], dtype=np.int64), times_ns / 1e9, np.array([*values.values()], dtype=np.float64)
+        found = cells(path, [f"/{entity}"]).get(entity, {})
+        values = {frame: cell.as_py() for frame, cell in sorted(found.get(component, {}).items()) if len(cell)}
+        times_ns = np.array([found["time"][frame].value for frame in values], dtype=np.float64)
+        return np.array([*values], dtype=np.int64), times_ns / 1e9, np.array([*values.values()], dtype=np.float64)
 
 
 def properties(static: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -17,7 +17,11 @@ _BATCH = 20  # recordings that one child process decodes
 
 
 def open_sound_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
-    """Read recordings as `open_runs` does, those whose decoding crashes as unreadable."""
+    """Read all recordings in these files and below these folders, sorted by path; and those that cannot be read.
+
+    A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
+    place that does not exist.
+    """
     paths = find_recordings(*places)
     crashing = fatal(paths)
     runs, problems = read_each(path for path in paths if path not in crashing)
@@ -49,12 +53,11 @@ def fatal(paths: Sequence[Path]) -> set[Path]:
     Those of runs of this machine, by the summary in their folder, are not tried. One child decodes several.
     """
     untrusted = [path for path in paths if path.is_file() and not is_own(path)]
-    batches = (untrusted[k : k + _BATCH] for k in range(0, len(untrusted), _BATCH))
-    return {path for batch in batches for path in _crashing(batch)}
+    return {each for k in range(0, len(untrusted), _BATCH) for each in _crashing(untrusted[k : k + _BATCH])}
 
 
 def _crashing(paths: Sequence[Path]) -> list[Path]:
-    """Find the recordings that a child does not survive, by halves."""
+    """Return the recordings that crash a child process, found by halves."""
     try:
         parse_limited(decode, *paths, what="a whole recording")
         return []
@@ -73,7 +76,7 @@ def is_own(path: Path) -> bool:
 
 
 def decode(*paths: Path) -> dict[str, AnyArray]:
-    """Decode all that is in recordings. Those that raise InputError are no danger: reading them raises it again."""
+    """Decode recordings wholly; an InputError is left to the reader, which raises it again."""
     for path in paths:
         with suppress(InputError):
             run = read(path)

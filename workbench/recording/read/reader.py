@@ -1,4 +1,4 @@
-"""Read recordings of runs and studies back, finished or cut off: one by `read`, many by `open_runs`."""
+"""Read recordings of runs and studies back, finished or cut off."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from workbench.core.study import Figure
-from workbench.recording.read import chunks, tables
-from workbench.recording.read.chunks import Curve, Timed, curves, read_chunks, sound, static_values
+from workbench.recording.read import chunks, frame_tables
+from workbench.recording.read.chunks import Curve, curves, read_chunks, sound, static_values
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.study.figures import figure_of
 from workbench.recording.write.file import FORMAT
@@ -155,12 +155,12 @@ class Run:
     @cached_property
     def joints(self) -> Joints:
         """The joints of the expected poses; F = 0 when none was written."""
-        return self._joints(chunks.timed_joints(self.path))
+        return self._joints("joints")
 
     @cached_property
     def true_joints(self) -> Joints:
         """The true joints, in the frames that have them; F may be 0."""
-        return self._joints(chunks.timed_true_joints(self.path))
+        return self._joints("true_joints")
 
     @cached_property
     def scalars(self) -> Mapping[str, Curve]:
@@ -169,34 +169,40 @@ class Run:
             return curves(read_chunks(self.path, ["/metrics/**", "/estimate/**", "/posterior/parameters/**"]))
 
     @cached_property
-    def bands(self) -> tables.Bands:
+    def bands(self) -> frame_tables.Bands:
         """The posterior's 5–95 % band, mean and truth of every parameter; K = F = 0 where none was written."""
-        return tables.bands_of(self.scalars)
+        return frame_tables.bands_of(self.scalars)
 
-    def table(self, name: str) -> tables.Columns:
+    def table(self, name: str) -> frame_tables.Columns:
         """Columns by name, as NumPy arrays of one length, of poses, joints, true_joints, bands or metrics.
 
         poses and metrics have a row for each frame, joints one for each joint of each frame, bands one for each
         parameter of each frame; metres and radians, but where a metric's name says otherwise. Raises InputError for
         another name.
         """
-        if name == "poses":
-            return tables.table_of_poses(tuple(self.properties.get("body", {}).get("pose", ())), *self.poses)
-        if name in ("joints", "true_joints"):
-            return tables.table_of_joints(self.joints if name == "joints" else self.true_joints)
-        if name == "bands":
-            return tables.table_of_bands(self.bands)
-        if name == "metrics":
-            return tables.table_of_metrics(self.metrics)
-        raise InputError(f"expected a table, one of {', '.join(tables.TABLES)}, found {name!r}")
+        match name:
+            case "poses":
+                frames, poses = self.poses
+                return {"frame": frames, **dict(zip(self.properties["body"]["pose"], poses.T, strict=True))}
+            case "joints" | "true_joints":
+                joints = self.joints if name == "joints" else self.true_joints
+                places = dict(zip("xyz", np.moveaxis(joints.positions, 2, 0), strict=True))
+                return frame_tables.long_table(joints.frames, "joint", joints.names, places)
+            case "bands":
+                edges = {edge: getattr(self.bands, edge) for edge in frame_tables.EDGES}
+                return frame_tables.long_table(self.bands.frames, "parameter", self.bands.names, edges)
+            case "metrics":
+                frames, values = frame_tables.aligned(dict(sorted(self.metrics.items())))
+                return {"frame": frames, **values}
+        raise InputError(f"expected a table, one of {', '.join(frame_tables.TABLES)}, found {name!r}")
 
     def pandas(self, name: str) -> Any:
         """`table(name)` as a pandas data frame; raises InputError where pandas is not installed."""
-        return tables.data_frame("pandas", self.table(name))
+        return frame_tables.data_frame("pandas", self.table(name))
 
     def polars(self, name: str) -> Any:
         """`table(name)` as a polars data frame; raises InputError where polars is not installed."""
-        return tables.data_frame("polars", self.table(name))
+        return frame_tables.data_frame("polars", self.table(name))
 
     def __repr__(self) -> str:
         experiment = self.provenance.get("experiment", "a run")
@@ -205,18 +211,16 @@ class Run:
     @cached_property
     def marginals(self) -> MarginalPictures | None:
         """The marginals over frames; None before the first flush, and of a study."""
+        axes = self.properties.get("marginals")
         with sound(self.path):
-            return self._marginals()
-
-    def _marginals(self) -> MarginalPictures | None:
-        tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
-        if tensor is None or (axes := self.properties.get("marginals")) is None:
-            return None
-        data = tensor["Tensor:data"][0]
-        log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
-        names, units = (tuple(np.atleast_1d(axes[key]).tolist()) for key in ("names", "units"))
-        low, high, frames = (np.atleast_1d(axes[key]) for key in ("low", "high", "frames"))
-        sizes = (len(names), log_mass.shape[1], len(frames))
+            tensor = static_values(read_chunks(self.path, ["/posterior/marginals"])).get("posterior/marginals")
+            if tensor is None or axes is None:
+                return None
+            data = tensor["Tensor:data"][0]
+            log_mass = np.asarray(data["buffer"].value.values, dtype=np.float64).reshape(data["shape"].as_py())
+            names, units = (tuple(np.atleast_1d(axes[key]).tolist()) for key in ("names", "units"))
+            low, high, frames = (np.atleast_1d(axes[key]) for key in ("low", "high", "frames"))
+            sizes = (len(names), log_mass.shape[1], len(frames))
         if log_mass.shape != sizes or not len(names) == len(units) == len(low) == len(high):
             raise InputError(f"{self.path}: expected marginals of {sizes} numbers, found {log_mass.shape}")
         return MarginalPictures(names, units, low, high, frames, log_mass)
@@ -236,8 +240,8 @@ class Run:
             note = static_values(read_chunks(self.path, ["/note"])).get("note")
             return None if note is None else str(note["TextDocument:text"][0])
 
-    def _joints(self, timed: Timed) -> Joints:
-        frames, _, positions = timed
+    def _joints(self, name: str) -> Joints:
+        frames, _, positions = chunks.timed(self.path, name)
         names = tuple(self.properties.get("body", {}).get("joints", ()))
         if len(frames) and positions.shape[1:] != (len(names), 3):
             raise InputError(f"{self.path}: expected the places of {len(names)} joints, found {positions.shape[1:]}")
@@ -275,17 +279,8 @@ def read(path: str | Path) -> Run:
     return Run(path, checked(path, found), metrics)
 
 
-def open_runs(*places: str | Path) -> tuple[list[Run], list[Unreadable]]:
-    """Read all recordings in these files and below these folders, sorted by path; and those that cannot be read.
-
-    A recording is what ends in .rrd or, left by a run that is not complete, in .rrd.part. Raises InputError for a
-    place that does not exist. A file with flipped bits may, seldom, end the process: see `probe`.
-    """
-    return read_each(find_recordings(*places))
-
-
 def read_each(paths: Iterable[Path]) -> tuple[list[Run], list[Unreadable]]:
-    """Read recordings; and those that cannot be read, also because they were removed since they were found."""
+    """Read recordings; and those that cannot be read, also because they were removed in the meantime."""
     runs: list[Run] = []
     problems: list[Unreadable] = []
     for path in paths:
@@ -303,17 +298,13 @@ def find_recordings(*places: str | Path) -> list[Path]:
     """
     found: set[Path] = set()
     for place in map(Path, places):
-        if place.is_dir():
-            paths = (
-                path for path in place.rglob("*.rrd*") if path.name.endswith(RECORDING_SUFFIXES) and path.is_file()
-            )
-            found |= {path for path in paths if not _is_hidden(path.relative_to(place))}
-        elif place.exists():
-            found.add(place)
-        else:
+        if not place.exists():
             raise InputError(f"{place}: expected a recording or a folder of recordings, found nothing there")
+        if not place.is_dir():
+            found.add(place)
+            continue
+        for path in place.rglob("*.rrd*"):
+            hidden = any(name.startswith(".") for name in path.relative_to(place).parent.parts)
+            if path.name.endswith(RECORDING_SUFFIXES) and path.is_file() and not hidden:
+                found.add(path)
     return sorted(found)
-
-
-def _is_hidden(path: Path) -> bool:
-    return any(name.startswith(".") for name in path.parent.parts)

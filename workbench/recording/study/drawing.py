@@ -59,12 +59,13 @@ def png(drawn: plt.Figure, **options: Any) -> bytes:
 
 def draw(axes: Axes, figure: Drawn) -> None:
     """Draw any of a study's flat figures."""
-    if isinstance(figure, Curves):
-        draw_curves(axes, figure)
-    elif isinstance(figure, Bars):
-        draw_bars(axes, figure)
-    else:
-        draw_scatter(axes, figure)
+    match figure:
+        case Curves():
+            draw_curves(axes, figure)
+        case Bars():
+            draw_bars(axes, figure)
+        case Scatter():
+            draw_scatter(axes, figure)
 
 
 def draw_curves(axes: Axes, figure: Curves, dashed: bool = False, labels: bool = True, marks_at: float = 1.0) -> None:

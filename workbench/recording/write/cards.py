@@ -13,8 +13,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from workbench.recording.settings import numbers_and_texts
-from workbench.recording.write.file import CHOICES, SETTINGS, arrow
-from workbench.recording.write.rerun_stream import new_stream
+from workbench.recording.write.file import CHOICES, SETTINGS, arrow, new_stream
 from workbench.utils.errors import InputError
 
 CARD = "card"

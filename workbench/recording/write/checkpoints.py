@@ -1,6 +1,6 @@
 """What a run needs to be continued, in its recording: particles, weights and random streams of some frames.
 
-What the likelihood remembers is not stored, as it follows from the frames and the poses expected in them.
+The likelihood's memory is not stored, as it follows from the frames and the poses expected in them.
 """
 
 import io
@@ -13,34 +13,34 @@ import rerun as rr
 
 from workbench.core.filter_state import Memory
 from workbench.core.step import Step
-from workbench.recording.write.columns import Rows, curves
-from workbench.utils.arrays import AnyArray, FloatArray, IntArray
+from workbench.recording.write.columns import Rows, curves, nanoseconds, time_index
+from workbench.utils.arrays import FloatArray, IntArray
 
 SHARE = 0.1
 """Of the file that checkpoints take at most. The particles of every frame would be several times the rest; so those of
-some frames are kept, and who goes on from another repeats the frames since the last of these."""
+some frames are stored, and a run that continues from another frame repeats the frames since the last of these."""
 MEMORY, EXPECTED, TOLD, RANKS = (f"checkpoint/{name}" for name in ("memory", "expected", "told", "ranks"))
 ARCHETYPE = "Checkpoint"
 PAUSE = 5
-"""Frames until it is tried again whether one fits, as packing it takes time."""
+"""Frames until the next attempt after a checkpoint did not fit, as packing takes time."""
 
 
 class Checkpoints:
     """Stores the memory of a step whenever that leaves the checkpoints within SHARE of the file.
 
-    It is written one step later, when it is known which particles have offspring: of the others the states are left
-    out where nobody looked at them, since who goes on from a checkpoint repeats the frame after it as it was.
+    It is written one step later, when it is known which particles have offspring: the states of the others are left
+    out, since a run that continues from a checkpoint repeats the frame after it as it was.
 
-    decode: gives the poses (N, P) of states (N, D); poses that are what it gives, bit by bit, are not stored.
+    decode: gives the poses (N, P) of states (N, D); poses that equal its result bitwise are not stored.
     """
 
     def __init__(self, decode: Callable[[FloatArray], FloatArray]) -> None:
-        self._decode, self._spent, self._refused = decode, 0, 0
+        self._decode, self._spent, self._pause = decode, 0, 0
         self._before: Step | None = None
         self._owed = False
 
     def before(self, told: FloatArray, expected: FloatArray) -> Rows:
-        """Yield of a frame before the run's first what was told of it and what its likelihood was told, (P,) each.
+        """Yield, for a frame before the run's first, its recorded pose and the pose given to its likelihood, (P,) each.
 
         The first step's memory is then stored wholly, whatever room there is: nothing before it is in this file.
         """
@@ -51,9 +51,9 @@ class Checkpoints:
         """Count checkpoints that are in the file already."""
         self._spent += n_bytes
 
-    def beside(self, step: Step, ranks: FloatArray) -> Rows:
-        """Yield the ranks (k,) of the true pose's numbers, and the pose that the likelihood was told, where it is not
-        the one that is recorded."""
+    def per_frame(self, step: Step, ranks: FloatArray) -> Rows:
+        """Yield the ranks (k,) of the true pose's numbers, and the pose given to the likelihood, where it is not the
+        one that is recorded."""
         self._spent += ranks.nbytes
         yield from curves({RANKS: ranks})
         if step.memory is not None and not np.array_equal(step.memory.expected, step.expected_pose):
@@ -63,41 +63,29 @@ class Checkpoints:
     def log(self, stream: rr.RecordingStream, step: Step, n_bytes: int) -> None:
         """Store the memory of the step before in a file that has so many bytes by now, if there is room for it."""
         before, self._before = self._before, step
-        room, self._refused = SHARE * n_bytes - self._spent, max(0, self._refused - 1)
+        room, self._pause = SHARE * n_bytes - self._spent, max(0, self._pause - 1)
         if before is None or before.memory is None or step.memory is None:
             return
-        if not self._owed and (room <= 0 or self._refused):
+        if not self._owed and (room <= 0 or self._pause):
             return
         packed = self._packed(before.memory, None if self._owed else step.memory.parents)
         if len(packed) > room and not self._owed:
-            self._refused = PAUSE
-        else:
-            self._spent, self._owed = self._spent + len(packed), False
-            streams = json.dumps(before.memory.streams)
-            fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([streams])}
-            time = np.timedelta64(round(before.frame.time_s * 1e9), "ns")
-            stream.send_columns(
-                MEMORY,
-                indexes=[
-                    rr.TimeColumn("frame", sequence=[before.frame.index]),
-                    rr.TimeColumn("time", duration=np.array([time])),
-                ],
-                columns=rr.DynamicArchetype.columns(archetype=ARCHETYPE, components=fields),
-            )
+            self._pause = PAUSE
+            return
+        self._spent, self._owed = self._spent + len(packed), False
+        fields = {"npz": pa.array([packed], pa.binary()), "streams": pa.array([json.dumps(before.memory.streams)])}
+        index = time_index([before.frame.index], [nanoseconds(before.frame.time_s)])
+        stream.send_columns(MEMORY, index, rr.DynamicArchetype.columns(archetype=ARCHETYPE, components=fields))
 
     def _packed(self, memory: Memory, offspring_of: IntArray | None) -> bytes:
         arrays = dict(memory.arrays)
         if "poses" in arrays and np.array_equal(arrays["poses"], self._decode(arrays["state"])):
             del arrays["poses"]
-        if offspring_of is not None:
-            arrays |= {name: _only(arrays[name], offspring_of) for name in ("state", "poses") if name in arrays}
+        if offspring_of is not None:  # zeros take no room
+            for name in {"state", "poses"} & arrays.keys():
+                rows = np.zeros_like(arrays[name])
+                rows[offspring_of] = arrays[name][offspring_of]
+                arrays[name] = rows
         file = io.BytesIO()
         np.savez_compressed(file, allow_pickle=False, **arrays)
         return file.getvalue()
-
-
-def _only(rows: AnyArray, kept: IntArray) -> AnyArray:
-    """Return the array with zeros, which take no room, in all rows but those kept."""
-    found = np.zeros_like(rows)
-    found[kept] = rows[kept]
-    return found

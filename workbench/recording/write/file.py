@@ -1,4 +1,8 @@
-"""One Rerun file per run, published only when the run ends well."""
+"""One Rerun file per run, published only when the run ends well.
+
+Streams are made without wall-clock times and given up where the disk is full. How Rerun frees its streams is not
+documented; this was tested with rerun-sdk 0.41.
+"""
 
 import errno
 import logging
@@ -7,9 +11,12 @@ import re
 import resource
 import shutil
 import socket
+import subprocess
 import warnings
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
+from threading import Event, Thread
 from time import monotonic
 from typing import Any, Self
 
@@ -20,11 +27,11 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from workbench.recording.settings import choices_of, numbers_and_texts
-from workbench.recording.write.columns import Entities
-from workbench.recording.write.rerun_stream import give_up, new_stream
-from workbench.recording.write.viewer import Viewer
+from workbench.recording.write import viewer
+from workbench.recording.write.columns import Columns, Entities
 from workbench.utils.environment import environment
 from workbench.utils.errors import InputError
+from workbench.utils.processes import end
 from workbench.utils.signals import deferred
 
 logger = logging.getLogger(__name__)
@@ -34,15 +41,14 @@ FORMAT = 2
 
 1, without a number: up to the release before there was one. 2: `run` has the key format.
 """
-
 SETTINGS, CHOICES = "settings", "choices"
 """Properties with the configuration key by key: its numbers, float64, and all else, as text."""
-
 HOST, PORT = "127.0.0.1", 9876
-"""Where `rerun` listens unless told otherwise."""
+"""Where `rerun` listens by default."""
 _LEAST_BYTES, _MOST_BYTES = 2_000_000, 100_000_000  # to write between two flushes, and to close the file
 _LONGEST_WRITE_S = 120.0
-_LOOK_S = 1.0
+_FLUSH_TIMEOUT_S = 1.0
+_given_up: list[rr.RecordingStream] = []
 
 
 class RecordingFile:
@@ -51,13 +57,16 @@ class RecordingFile:
     A context manager. While it is open the file is called `<path>.part` and is readable up to the last flush, even
     when the process is killed. On a clean exit it becomes `path`; on an exception the .part is completed and kept,
     and nothing is published. The property `run` says which of these happened (status: running, failed, interrupted,
-    complete, or what `status` was set to).
-    Older files of these names are replaced.
+    complete, or what `status` was set to). Older files of these names are replaced.
 
-    stream: what to log to. run_id: unique per run. config_yaml: the resolved config. provenance: where the run came
-    from (seed, versions). settings: the config again, nested, to be recorded key by key. live: send everything to a
-    viewer too, if one listens at 127.0.0.1:9876; it turns False when none does, or as soon as it does not answer, for
-    which nothing waits. warnings: sentences that were told and wait to be recorded.
+    Parameters
+    ----------
+    run_id : unique per run.
+    config_yaml : the resolved configuration.
+    provenance : where the run came from (seed, versions).
+    settings : the configuration again, nested, to be recorded key by key.
+    live : also send everything to a viewer that listens at HOST:PORT. The attribute becomes False when none does, or as
+        soon as it does not answer; the run never waits for it.
     """
 
     def __init__(
@@ -66,26 +75,22 @@ class RecordingFile:
     ) -> None:  # fmt: skip
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
-        self.live = live
-        self._viewer: Viewer | None = None
-        self.warnings: list[str] = []
-        self.status = "complete"
+        self.live, self.status = live, "complete"
+        self.warnings: list[str] = []  # that wait to be recorded
+        self._sender: subprocess.Popen[bytes] | None = None
         self._run_id, self._config_yaml, self._provenance = run_id, config_yaml, provenance
         self._settings = settings or {}
-        # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
-        never = rr.ChunkBatcherConfig.NEVER()
-        # Recordings of one application would share their layout in the viewer; in other letters Rerun warns
+        # Recordings of one application would share their layout in the viewer; in other letters Rerun warns.
         self._application = re.sub(r"[^A-Za-z0-9_-]", "-", run_id)
-        self.stream = new_stream(self._application, run_id, batcher_config=never)
+        # Without a batcher a chunk ends where we flush, so that equal runs give equal chunks.
+        self.stream = new_stream(self._application, run_id, batcher_config=rr.ChunkBatcherConfig.NEVER())
 
     def __enter__(self) -> Self:
-        self._strict = rr.strict_mode()
-        rr.set_strict_mode(True)  # Rerun raises where it would only log
-        try:
+        with ExitStack() as opened:
+            opened.callback(rr.set_strict_mode, rr.strict_mode())
+            rr.set_strict_mode(True)  # Rerun raises where it would only log
             self._open()
-        except BaseException:
-            rr.set_strict_mode(self._strict)
-            raise
+            self._at_exit = opened.pop_all()
         return self
 
     def _open(self) -> None:
@@ -102,7 +107,11 @@ class RecordingFile:
         self.send_property(SETTINGS, numbers)
         self.send_property(CHOICES, texts)
         self.flush()
-        self._open_viewer()
+        if self.live and viewer_listens():
+            url = f"rerun+http://{HOST}:{PORT}/proxy"
+            self._sender = viewer.start_sender(self.part, url, self._application, self._run_id)
+        elif self.live:
+            self._leave_viewer(f"no viewer listens at {HOST}:{PORT}")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         ended = "failed" if kind is None or not issubclass(kind, KeyboardInterrupt) else "interrupted"
@@ -116,18 +125,20 @@ class RecordingFile:
                 self._close("interrupted")
             raise
         finally:
-            rr.set_strict_mode(self._strict)
+            self._at_exit.close()
             if kind is not None or self.part.exists():
                 logger.warning("the run ended early; what was recorded until then is in %s", self.part)
-            if self._viewer is not None and not self._viewer.close() and self.live:
+            if self._sender is not None and end(self._sender, 2 * viewer.PATIENCE_S) and self.live:
                 logger.warning(f"the viewer at {HOST}:{PORT} does not answer: not all has arrived there")
 
     def _publish(self) -> None:
-        """Give the file its name. What it says of itself agrees with that, whenever a signal arrives."""
+        """Give the file its name. The status in it agrees with that, whenever a signal arrives."""
         self.flush()  # what may take long
         with deferred():
             self._close(self.status)
-            _check_end(self.part)
+            with warnings.catch_warnings():  # raises if the last bytes did not reach the disk: the footer is missing
+                warnings.simplefilter("error", RerunWarning)
+                RrdReader(self.part)
             os.replace(self.part, self.path)
 
     def _close(self, status: str) -> None:
@@ -140,6 +151,14 @@ class RecordingFile:
         for path, archetype in entities:
             self.stream.log(path, archetype, static=static)
 
+    def write(self, columns: Columns, least_bytes: int = 0) -> None:
+        """Send what waits in columns, see `Columns.write`.
+
+        An interruption waits meanwhile: frames are then whole in the file, and nothing is sent twice.
+        """
+        with deferred():
+            columns.write(self.stream, least_bytes)
+
     def send_numbers(self, name: str, numbers: Mapping[str, float]) -> None:
         """Set a property's keys to numbers, as float64 whatever they are, so that many recordings make one table."""
         self.send_property(name, {key: float(value) for key, value in numbers.items()})
@@ -148,6 +167,11 @@ class RecordingFile:
         """Set a property's keys; those sent earlier under other keys stay."""
         if values:
             self.stream.send_property(name, arrow(values))
+
+    def warn(self, sentence: str) -> None:
+        """Log a sentence, which also waits in `warnings` to be recorded."""
+        logger.warning(sentence)
+        self.warnings.append(sentence)
 
     def check_space(self) -> None:
         """Raise OSError when there is less room than what is there takes, within bounds.
@@ -159,55 +183,58 @@ class RecordingFile:
             raise OSError(errno.ENOSPC, words, str(self.part))
 
     def flush(self) -> None:
-        """Bring what was logged to the disk; raises OSError when that fails. A viewer that has left is told once."""
-        if self.live and self._viewer is not None and self._viewer.has_left:
-            self.live = False
-            self.warn(f"the viewer at {HOST}:{PORT} does not answer: recording to the file only")
+        """Bring what was logged to the disk; raises OSError when that fails."""
+        if self.live and self._sender is not None and self._sender.poll() is not None:
+            self._leave_viewer(f"the viewer at {HOST}:{PORT} does not answer")
         began = monotonic()
         while True:
             try:
-                self.stream.flush(timeout_sec=_LOOK_S)
-                return
+                return self.stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             except RuntimeError as error:
-                if self._room() < resource.getpagesize():
+                full = self._room() < resource.getpagesize()
+                if full or monotonic() - began > _LONGEST_WRITE_S:
                     give_up(self.stream)
-                    raise OSError(errno.ENOSPC, "no room is left for it on the disk", str(self.part)) from None
-                if monotonic() - began > _LONGEST_WRITE_S:
-                    give_up(self.stream)
-                    raise OSError(errno.EIO, f"writing failed, {error}", str(self.part)) from None
+                    words = "no room is left for it on the disk" if full else f"writing failed, {error}"
+                    raise OSError(errno.ENOSPC if full else errno.EIO, words, str(self.part)) from None
 
     def _room(self) -> int:
-        """How many bytes the file may still grow by."""
+        """Return how many bytes the file may still grow by."""
         limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
         free = shutil.disk_usage(self.part.parent).free
         return free if limit == resource.RLIM_INFINITY else min(free, limit - self.part.stat().st_size)
 
-    def _open_viewer(self) -> None:
-        if self.live and viewer_listens():
-            url = f"rerun+http://{HOST}:{PORT}/proxy"
-            self._viewer = Viewer(self.part, url, self._application, self._run_id)
-        elif self.live:
-            self.live = False
-            self.warn(f"no viewer listens at {HOST}:{PORT}: recording to the file only")
-
-    def warn(self, sentence: str) -> None:
-        """Tell a sentence, which waits in `warnings` to be recorded."""
-        logger.warning(sentence)
-        self.warnings.append(sentence)
+    def _leave_viewer(self, reason: str) -> None:
+        self.live = False
+        self.warn(f"{reason}: recording to the file only")
 
 
-def _check_end(path: Path) -> None:
-    """Raise RerunWarning or RuntimeError if the last bytes did not reach the disk; the footer is looked for, not read,
-    which takes 3 kB of memory for each piece of a run."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RerunWarning)
-        RrdReader(path)
+def new_stream(application: str, recording: str, **options: Any) -> rr.RecordingStream:
+    """Return a new stream without the times of logging, and free the streams that nothing refers to any more.
+
+    `rr.init` frees them; otherwise each keeps two threads and about 1 MB until the process ends. It waits for the
+    writers of all streams, so that nothing is freed once one was given up.
+    """
+    if not _given_up:
+        rr.init("workbench", init_logging=False)
+    stream = rr.RecordingStream(application, recording_id=recording, **options)
+    stream.set_log_time_enabled(False)
+    return stream
 
 
-def viewer_listens(timeout_s: float = 0.5) -> bool:
-    """Tell whether something accepts connections there; asked first, since sending to nobody blocks for seconds."""
+def give_up(stream: rr.RecordingStream) -> None:
+    """Keep Rerun from waiting for a stream's writer that has failed, now or as the process ends.
+
+    Rerun waits when the stream is deleted, which a thread that never ends prevents, and in its handler at exit.
+    """
+    _given_up.append(stream)
+    Thread(target=lambda _: Event().wait(), args=(stream,), daemon=True, name="holds a stream given up").start()
+    rr.unregister_shutdown()
+
+
+def viewer_listens() -> bool:
+    """Return whether something accepts connections there; without a listener, sending blocks for seconds."""
     try:
-        socket.create_connection((HOST, PORT), timeout_s).close()
+        socket.create_connection((HOST, PORT), timeout=0.5).close()
     except OSError:
         return False
     return True

@@ -1,9 +1,8 @@
-"""Summaries of a weighted particle set for the eye: marginals over time, 5–95 % bands, histograms."""
+"""Histograms of a weighted particle set: marginals of its parameters over the frames."""
 
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from workbench.utils.arrays import Float32Array, FloatArray
 from workbench.utils.kernel_cache import kernel
@@ -11,10 +10,8 @@ from workbench.utils.kernel_cache import kernel
 LOWEST_LOG_MASS = float(np.log(1e-4))
 """What an empty bin of a marginal shows."""
 MOST_PICTURED = 1024
-"""Columns of a picture: of more frames each stands for two, four, eight …, so that memory stays as it is."""
+"""Columns of a picture: of more frames each is the mean of two, four, eight …, which bounds the memory."""
 _FINE = 4
-_RECENT = 64
-"""The last columns, which are kept in full; of those before only the bins that hold something are, about a sixth."""
 
 
 class Marginals:
@@ -23,19 +20,18 @@ class Marginals:
     An axis starts as the range of the first particle set. When later particles leave it, it doubles towards them and
     neighbouring bins are merged: past frames keep their mass, no sample need be stored, and a frame costs
     the same however long the run is. Four times finer bins than asked for make up for what doubling leaves empty.
-    Of more than MOST_PICTURED frames a picture has a column for the mean of every two, and so on; every: how many.
+    every: frames of a column.
     """
 
     def __init__(self, n_parameters: int, n_bins: int) -> None:
         self._n_bins, self._n_fine = n_bins, _FINE * n_bins
         self._low, self._width = np.zeros(n_parameters), np.zeros(n_parameters)
-        self._before: Any = sparse.csr_array((0, n_parameters * self._n_fine), dtype=np.float32)  # (F, K · B)
-        self._recent: Float32Array = np.empty((_RECENT, n_parameters, self._n_fine), dtype=np.float32)
-        self._n_recent = 0
+        self._mass: Float32Array = np.empty((MOST_PICTURED, n_parameters, self._n_fine), dtype=np.float32)
+        self._n_columns: int = 0
         self.every, self._in_last = 1, 1
 
     def add(self, values: FloatArray, weights: FloatArray) -> None:
-        """Take in one more frame: values (N, K), finite, with weights (N,) that sum to one."""
+        """Add one more frame: values (N, K), finite, with weights (N,) that sum to one."""
         lowest, highest = values.min(axis=0), values.max(axis=0)
         if self._n_columns == 0:
             spread = np.maximum(highest - lowest, 1e-6 * np.maximum(np.abs(highest), 1.0))
@@ -43,46 +39,34 @@ class Marginals:
         for k in np.flatnonzero((lowest < self._low) | (highest >= self._low + self._width)):
             while lowest[k] < self._low[k] or highest[k] >= self._low[k] + self._width[k]:
                 self._double(int(k), downwards=bool(lowest[k] < self._low[k]))
-        mass = masses(values, weights, self._low, self._n_fine / self._width, self._n_fine)
-        self._append(mass.astype(np.float32))
-
-    @property
-    def _n_columns(self) -> int:
-        return int(self._before.shape[0]) + self._n_recent
-
-    def _append(self, mass: Float32Array) -> None:
+        mass = masses(values, weights, self._low, self._n_fine / self._width, self._n_fine).astype(np.float32)
         if self._in_last < self.every:
             self._in_last += 1
-            last = self._recent[self._n_recent - 1]
+            last = self._mass[self._n_columns - 1]
             last += (mass - last) / np.float32(self._in_last)
             return
-        full = self._n_columns == MOST_PICTURED
-        if full or self._n_recent == _RECENT:
-            recent = self._recent.reshape(_RECENT, -1)[: self._n_recent]
-            self._before = sparse.vstack([self._before, sparse.csr_array(recent)], format="csr")
-            self._n_recent = 0
-        if full:
-            self._before = self._before[0::2] + self._before[1::2]
-            self._before.data *= np.float32(0.5)
+        if self._n_columns == len(self._mass):
+            self._n_columns //= 2
+            for i in range(self._n_columns):  # one by one, which takes little memory
+                self._mass[i] = (self._mass[2 * i] + self._mass[2 * i + 1]) * np.float32(0.5)
             self.every *= 2
-        self._recent[self._n_recent] = mass
-        self._n_recent, self._in_last = self._n_recent + 1, 1
+        self._mass[self._n_columns] = mass
+        self._n_columns, self._in_last = self._n_columns + 1, 1
 
     def take_over(self, low: FloatArray, high: FloatArray, log_mass: FloatArray, n_frames: int) -> int:
         """Begin with frames of which only a `picture` is left; its bins' mass is spread evenly over the finer ones.
 
-        n_frames: that there were at least, of which the picture shows all but less than a column. Returns how many are
+        n_frames: the number of frames, of which the picture shows all but less than a column. Returns how many are
         taken over, those of whole columns.
         """
         while self.every * (log_mass.shape[2] + 1) <= n_frames:
             self.every *= 2
-        whole = n_frames // self.every
+        self._n_columns = n_frames // self.every
         mass = np.where(log_mass > LOWEST_LOG_MASS + 1e-3, np.exp(log_mass) / _FINE, 0.0).astype(np.float32)
         self._low, self._width = low.copy(), high - low
-        fine = np.repeat(np.moveaxis(mass, 2, 0)[:whole], _FINE, axis=2)
-        self._before, self._n_recent = sparse.csr_array(fine.reshape(whole, -1)), 0
+        self._mass[: self._n_columns] = np.repeat(np.moveaxis(mass, 2, 0)[: self._n_columns], _FINE, axis=2)
         self._in_last = self.every
-        return whole * self.every
+        return self._n_columns * self.every
 
     def picture(self) -> tuple[FloatArray, FloatArray, Float32Array]:
         """Return the axes' low and high ends (K,), and each bin's log mass (K, B, frames), from LOWEST_LOG_MASS up.
@@ -93,8 +77,7 @@ class Marginals:
         log_mass = np.empty((n_parameters, self._n_bins, n_frames), dtype=np.float32)
         starts, merged = np.empty((2, n_parameters), dtype=np.int64)
         for k in range(n_parameters):  # one by one, which takes little memory
-            before = self._before[:, k * self._n_fine : (k + 1) * self._n_fine].toarray()
-            fine = np.ascontiguousarray(np.concatenate([before, self._recent[: self._n_recent, k]]).T)
+            fine = np.ascontiguousarray(self._mass[:n_frames, k].T)
             seen = np.flatnonzero((fine > np.exp(LOWEST_LOG_MASS)).any(axis=1))
             merged[k] = -(-(seen[-1] + 1 - seen[0]) // self._n_bins)
             window = self._n_bins * merged[k]
@@ -108,16 +91,10 @@ class Marginals:
 
     def _double(self, k: int, downwards: bool) -> None:
         half = self._n_fine // 2
-        kept = slice(half, None) if downwards else slice(half)
-        mass = self._recent[: self._n_recent, k]
+        mass = self._mass[: self._n_columns, k]
         merged = mass.reshape(-1, half, 2).sum(axis=2)
         mass[:] = 0.0
-        mass[:, kept] = merged
-        places, first = self._before.indices.copy(), k * self._n_fine
-        own = (first <= places) & (places < first + self._n_fine)
-        places[own] = first + (places[own] - first) // 2 + (half if downwards else 0)
-        self._before = sparse.csr_array((self._before.data, places, self._before.indptr), shape=self._before.shape)
-        self._before.sum_duplicates()
+        mass[:, slice(half, None) if downwards else slice(half)] = merged
         self._low[k] -= self._width[k] if downwards else 0.0
         self._width[k] *= 2.0
 

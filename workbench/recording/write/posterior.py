@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from typing import Any
 
+import cv2
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from workbench.body.angles import nearest_turn
 from workbench.body.skeleton import Skeleton
@@ -15,7 +15,7 @@ from workbench.core.step import Step
 from workbench.evaluation.intervals import weighted_quantiles
 from workbench.evaluation.posterior_calibration import rank_histogram
 from workbench.evaluation.step_calibration import pose_ranks
-from workbench.recording.write import colours, marginal_pictures
+from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.recording.write.marginals import LOWEST_LOG_MASS, Marginals, histogram
 from workbench.utils.arrays import Float32Array, FloatArray
@@ -23,24 +23,25 @@ from workbench.utils.arrays import Float32Array, FloatArray
 SHOWN_ANGLES = tuple(
     f"{side}_{angle}_flexion" for angle in ("hip", "knee", "shoulder", "elbow") for side in ("left", "right")
 )
-"""The joint angles whose posterior is recorded beside that of the state's columns."""
+"""The joint angles whose posterior is recorded as well as that of the state's columns."""
 UNSEEN = ("held", "ahead")
-"""Slices of a state whose columns nobody estimates: held parameters never change, "ahead" is the implicit's memory."""
-_FAVOURITES = 4
-_BAND, _BAND_ROWS = (0.05, 0.95), ("mean", "low", "high")
-_MOST_SORTED = 1000
-_COEFFICIENTS_SHOWN = 3
-_COEFFICIENT_BINS = 32
-RANKS = "evaluation/ranks"
-_RANK_BINS = 10
+"""Slices of a state whose columns are not estimated: held parameters never change, "ahead" is the implicit's memory."""
 PARAMETERS, DEGREES = "posterior/parameters", "posterior/degrees"
 """The bands of favourites that are angles, to be looked at; `posterior/parameters` has them in radians."""
-_CURVES = (  # row, name in the viewer, colour, width
-    ("mean", "estimate", colours.ESTIMATE, 2.5),
-    ("low", "5 %", colours.BAND, 1.0),
-    ("high", "95 %", colours.BAND, 1.0),
-    ("truth", "truth", colours.TRUTH, 1.5),
-)
+PICTURES, RANKS = "posterior/pictures", "evaluation/ranks"
+PICTURE_SIZE = np.array([320.0, 80.0])
+"""A picture's size, a view's points at 1500 × 950, so that labels fit next to it."""
+_LABEL_ABOVE = 13.0  # points from a label to its point below
+_FAVOURITES = 4
+_BAND, _MOST_SORTED = (0.05, 0.95), 1000
+_COEFFICIENTS_SHOWN, _COEFFICIENT_BINS, _RANK_BINS = 3, 32, 10
+_CURVES = {
+    "mean": ("estimate", styles.ESTIMATE, 2.5),
+    "low": ("5 %", styles.BAND, 1.0),
+    "high": ("95 %", styles.BAND, 1.0),
+    "truth": ("truth", styles.TRUTH, 1.5),
+}
+"""A band's curves (label, colour, width), in the order in which they are drawn."""
 
 
 class Posterior:
@@ -56,20 +57,19 @@ class Posterior:
         self._columns = [i for i in range(len(space)) if i not in hidden]
         self.names = (*(space.names[i] for i in self._columns), *angles)
         self.units = (*(space.units[i] for i in self._columns), *["rad"] * len(angles))
-        self._varying = self.names  # of the first particles, once they are known
-        self._began = False
+        self._varying: tuple[str, ...] = ()  # those in which the first particles differ
         self.frames: list[int] = []
         self._truth: list[dict[str, float]] = []  # by frame
         self._skeleton, self._angles = skeleton, [skeleton.dof(name) for name in angles]
         self._marginals = Marginals(len(self.names), n_bins)
         self.coefficients = range(len(space))[space.slices.get("coefficients", slice(0))][:_COEFFICIENTS_SHOWN]
         self._scale, self._edges = scale, list[FloatArray]()
-        self._kept = np.empty((len(self.names), 0))
-        self._band_paths = [_band(name, row) for row in _BAND_ROWS for name in self.names]
+        self._values = np.empty((len(self.names), 0))
+        self._band_paths = [_band(name, row) for row in ("mean", "low", "high") for name in self.names]
 
     @property
     def favourites(self) -> tuple[str, ...]:
-        """Name up to four parameters worth a picture of their own, of those in which the first particles differ.
+        """Up to four parameters with a picture of their own, of those in which the first particles differ.
 
         Flexion of hips and knees where legs and arms move; else the pose's first moving parameters, such as an arm's.
         """
@@ -78,44 +78,42 @@ class Posterior:
             shown = [name for name in self._skeleton.dof_names if name in self._varying]
         return tuple(shown or self._varying)[:_FAVOURITES]
 
+    def unit(self, name: str) -> str:
+        """Return a parameter's unit."""
+        return self.units[self.names.index(name)]
+
     def add(self, step: Step) -> dict[str, float]:
-        """Take one step in; returns the numbers of its bands, {entity path: value}."""
-        values = self._values(step)
-        weights = np.exp(step.log_weights)
+        """Add one step; returns the numbers of its bands, {entity path: value}.
+
+        Raises ValueError for particles that are not finite, and weights that do not sum to one.
+        """
+        columns = [step.particles[:, i] for i in self._columns] + [step.poses[:, i] for i in self._angles]
+        if self._values.shape[1] != len(step.particles):
+            self._values = np.empty((len(columns), len(step.particles)))  # making it each time takes longer
+        values, weights = np.stack(columns, out=self._values).T, np.exp(step.log_weights)
         if not np.isfinite(values).all() or not abs(weights.sum() - 1.0) < 1e-6:
             raise ValueError(f"frame {step.frame.index}: particles must be finite and their weights sum to one")
-        if not self._began and (differ := np.ptp(values, axis=0) > 0.0).any():
-            self._varying = tuple(np.array(self.names)[differ].tolist())
-        self._began = True
+        if not self._varying:
+            self._varying = tuple(np.array(self.names)[np.ptp(values, axis=0) > 0.0].tolist()) or self.names
         self._marginals.add(values, weights)
         self.frames.append(step.frame.index)
         ends = [weights @ values, *_band_ends(values, weights)]
         numbers = dict(zip(self._band_paths, np.concatenate(ends).tolist(), strict=True))
         true: dict[str, float] = {}
         if (known := step.frame.truth) is not None and known.pose is not None:
-            dofs, pose = self._skeleton.dof_names, nearest_turn(known.pose, step.expected_pose)
-            true = {name: float(pose[dofs.index(name)]) for name in self.names if name in dofs}
+            truth = nearest_turn(known.pose, step.expected_pose).tolist()
+            pose = dict(zip(self._skeleton.dof_names, truth, strict=True))
+            true = {name: pose[name] for name in self.names if name in pose}
             numbers |= {_band(name, "truth"): value for name, value in true.items()}
         self._truth.append({name: true[name] for name in self.favourites if name in true})
         angles = [name for name in self.favourites if self.unit(name) == "rad"]
-        bands = [(name, row) for name in angles for row, *_ in _CURVES if _band(name, row) in numbers]
+        bands = [(name, row) for name in angles for row in _CURVES if _band(name, row) in numbers]
         return numbers | {_band(*each, DEGREES): float(np.degrees(numbers[_band(*each)])) for each in bands}
-
-    def unit(self, name: str) -> str:
-        """Return a parameter's unit."""
-        return self.units[self.names.index(name)]
-
-    def _values(self, step: Step) -> FloatArray:
-        """Return the parameters (N, K) of the particles, column by column, in memory that the next step overwrites."""
-        columns = [step.particles[:, i] for i in self._columns] + [step.poses[:, i] for i in self._angles]
-        if self._kept.shape[1] != len(step.particles):
-            self._kept = np.empty((len(columns), len(step.particles)))  # new memory each time takes longer than copying
-        return np.stack(columns, out=self._kept).T
 
     def take_over(self, frames: Iterable[int], low: FloatArray, high: FloatArray, log_mass: FloatArray) -> None:
         """Begin with frames whose marginals were `pictures`."""
-        told = [*frames]
-        self.frames += told[: self._marginals.take_over(low, high, log_mass, len(told))]
+        known = [*frames]
+        self.frames += known[: self._marginals.take_over(low, high, log_mass, len(known))]
         self._truth = [{} for _ in self.frames]  # not drawn over their marginals
 
     def begin(self, step: Step) -> Entities:
@@ -123,25 +121,22 @@ class Posterior:
 
         The bins reach to four standard deviations of the model, or without one to twice the first step's samples.
         """
-        lines = {
-            row: rr.SeriesLines(colors=[colour], widths=[width], names=[label]) for row, label, colour, width in _CURVES
-        }
         for name in self.favourites:
-            known = name in self._skeleton.dof_names  # else there is no truth to compare with
-            for row in [*lines] if known else [*lines][:3]:
+            compared = name in self._skeleton.dof_names  # with a truth
+            for row in [*_CURVES] if compared else [*_CURVES][:3]:
                 for root in (PARAMETERS, DEGREES)[: 1 + (self.unit(name) == "rad")]:
-                    yield _band(name, row, root), lines[row]
+                    yield _band(name, row, root), styles.line(*_CURVES[row])
         for k, column in enumerate(self.coefficients, start=1):
             samples = step.particles[:, column]
             reach = 2.0 * np.abs(samples).max() if self._scale is None else 4.0 * self._scale[k - 1]
             edges = max(float(reach), 1e-6) * np.linspace(-1.0, 1.0, _COEFFICIENT_BINS + 1)
             self._edges.append(edges)
-            empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(edges, 1.0), color=colours.ESTIMATE)
+            empty = rr.BarChart(np.zeros(_COEFFICIENT_BINS), **_bars(edges, 1.0), color=styles.ESTIMATE)
             values = rr.BarChart.descriptor_values()  # static ones would stand for those of every frame
             yield f"coefficients/{k}", [b for b in empty.as_component_batches() if b.component_descriptor() != values]
             if self._scale is not None:
                 density = np.exp(-0.5 * ((edges[1:] + edges[:-1]) / (2.0 * self._scale[k - 1])) ** 2)
-                model = rr.BarChart(density / density.sum(), **_bars(edges, 0.25), color=colours.MODEL)
+                model = rr.BarChart(density / density.sum(), **_bars(edges, 0.25), color=styles.MODEL)
                 yield f"coefficients/{k}/model", model
 
     def histograms(self, step: Step) -> Rows:
@@ -152,8 +147,8 @@ class Posterior:
             yield f"coefficients/{k}", Row(rr.BarChart, {"values": heights})
 
     def pictures(self) -> tuple[Entities, dict[str, Any]]:
-        """Return the marginals so far, [parameter, bin, frame] log mass, and what their axes stand for; where a column
-        is the mean of several frames, it is called by the last of them."""
+        """Return the marginals so far, [parameter, bin, frame] log mass, and their axes; a column that is the mean of
+        several frames has the number of the last of them."""
         low, high, log_mass = self._marginals.picture()
         last = [*range(self._marginals.every - 1, len(self.frames), self._marginals.every)]
         frames = [self.frames[i] for i in sorted({*last, len(self.frames) - 1})]
@@ -171,50 +166,71 @@ class Posterior:
     def _picture(self, name: str, low: FloatArray, high: FloatArray, log_mass: Float32Array) -> Entities:
         k, truth = self.names.index(name), np.array([each.get(name, np.nan) for each in self._truth])
         axis = (float(low[k]), float(high[k]))
-        return marginal_pictures.entities(name, self.units[k], axis, log_mass[k], self.frames, truth)
+        return marginal_picture(name, self.units[k], axis, log_mass[k], self.frames, truth)
+
+
+def marginal_picture(
+    name: str, unit: str, axis: tuple[float, float], log_mass: Float32Array, frames: list[int], truth: FloatArray
+) -> Entities:
+    """Yield one parameter's marginal over the frames (paper A, fig. 4), to be logged static.
+
+    Parameters
+    ----------
+    axis : the lowest and the highest value of the bins, in `unit`.
+    log_mass : (B, F) of the bins, drawn by brightness upwards.
+    frames, truth : (F,) their numbers, of which the first and last are written below, and the true values or NaN.
+    """
+    path, factor = f"{PICTURES}/{name}", np.degrees(1.0) if unit == "rad" else 1.0
+    bright = np.rint(255.0 * (1.0 - log_mass[::-1] / LOWEST_LOG_MASS)).astype(np.uint8)
+    _, png = cv2.imencode(".png", cv2.applyColorMap(bright, cv2.COLORMAP_INFERNO))
+    yield f"{path}/mass", rr.EncodedImage(contents=png.tobytes(), media_type="image/png")
+    scale = [*(PICTURE_SIZE / bright.shape[::-1]), 1.0]
+    yield f"{path}/mass", rr.Transform3D(scale=scale)  # at a view's origin it would not count
+    low, high = axis
+    across, down = (np.arange(len(truth)) + 0.5) / len(truth), (high - truth) / (high - low)
+    inside = np.isfinite(down) & (down >= 0.0) & (down <= 1.0)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    places = (np.column_stack([across, down]) * PICTURE_SIZE).astype(np.float32)
+    strips = [places[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    blue, thin = [styles.TRUTH], rr.Radius.ui_points(1.25)
+    yield f"{path}/truth", rr.LineStrips2D(strips, colors=blue, radii=thin, draw_order=20.0)
+    width, height = PICTURE_SIZE
+    spots = np.array([[-24.0, 0.0], [-24.0, height], [12.0, height + 14.0], [width - 12.0, height + 14.0]])
+    labels = [f"{factor * high:.3g}", f"{factor * low:.3g}", f"#{frames[0]}", f"#{frames[-1]}"]
+    grey, none = [styles.MODEL], rr.Radius.ui_points(0.0)
+    spots -= [0.0, _LABEL_ABOVE]
+    yield f"{path}/values", rr.Points2D(spots, labels=labels, show_labels=True, colors=grey, radii=none)
 
 
 class Ranks:
-    """Counts the ranks of the true pose's numbers, frame by frame; not of the first frame, which is given."""
+    """Collects the ranks of the true pose's numbers, frame by frame; not of the first frame, which is given."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_RANK_BINS, dtype=np.int64)
-        self._uncounted: list[FloatArray] = []
-        self._began = False
+        self._ranks: list[FloatArray] = []
 
     def add(self, step: Step) -> FloatArray:
-        """Take one step in; returns the ranks (k,) that count."""
-        ranks = pose_ranks(step) if self._began else np.zeros(0)
-        self.take_over(ranks)
-        return ranks
+        """Add one step; returns the ranks (k,) that count."""
+        self._ranks.append(pose_ranks(step) if self._ranks else np.zeros(0))
+        return self._ranks[-1]
 
     def take_over(self, ranks: FloatArray) -> None:
-        """Count the ranks (k,) of a frame."""
-        self._uncounted.append(ranks)
-        self._began = True
+        """Add the ranks (k,) of an earlier frame."""
+        self._ranks.append(ranks)
 
     def pictures(self) -> Entities:
-        """Yield each tenth's share of all ranks so far, to be logged static, before even ones; without truth none."""
-        if self._uncounted:  # all at once, as most of the time goes into calling NumPy
-            self._counts += rank_histogram(np.concatenate(self._uncounted), _RANK_BINS)
-            self._uncounted.clear()
-        if (total := self._counts.sum()) == 0:
+        """Yield each tenth's share of all ranks so far, to be logged static, and even shares; without truth none."""
+        counts = rank_histogram(np.concatenate([np.zeros(0), *self._ranks]), _RANK_BINS)
+        if not counts.sum():
             return
         left = np.arange(_RANK_BINS) / _RANK_BINS
         wide, thin = np.full(_RANK_BINS, 1.0 / _RANK_BINS), np.full(_RANK_BINS, 0.1 / _RANK_BINS)
-        yield RANKS, rr.BarChart(self._counts / total, abscissa=left, widths=wide, color=colours.ESTIMATE)
-        even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=colours.MODEL)
+        yield RANKS, rr.BarChart(counts / counts.sum(), abscissa=left, widths=wide, color=styles.ESTIMATE)
+        even = rr.BarChart(wide, abscissa=left + 0.45 / _RANK_BINS, widths=thin, color=styles.MODEL)
         yield f"{RANKS}/even", even
 
 
-def ranks_view() -> rrb.BarChartView:
-    """Lay out the bars."""
-    name = "ranks of the truth (even: right, U: too sure)"
-    return rrb.BarChartView(origin=f"/{RANKS}", name=name, plot_legend=rrb.PlotLegend(visible=False))
-
-
 def _band_ends(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """The ends of the bands, (2, K); of many particles those of a thousand resampled ones, since sorting takes longest.
+    """Return the ends of the bands, (2, K), for many particles those of a thousand resampled ones, as sorting is slow.
 
     The weight beyond an end is then 5 % with a standard error of at most 0.7 %, √(0.05 · 0.95 / 1000).
     """
@@ -231,7 +247,7 @@ def _band(name: str, row: str, root: str = PARAMETERS) -> str:
 
 
 def _bars(edges: FloatArray, fill: float) -> dict[str, FloatArray]:
-    """Bars in the middle of their bins, `fill` of a bin wide; the viewer's abscissa is a bar's left edge."""
+    """Return bars in the middle of their bins, `fill` of a bin wide; the viewer's abscissa is a bar's left edge."""
     bin_width = edges[1] - edges[0]
     left = edges[:-1] + 0.5 * (1.0 - fill) * bin_width
     return {"abscissa": left, "widths": np.full(len(left), fill * bin_width)}

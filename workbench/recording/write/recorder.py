@@ -20,20 +20,8 @@ from workbench.core.frame import true_cameras
 from workbench.core.resampling import systematic_indices
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Step
-from workbench.recording.write import (
-    blueprint,
-    columns,
-    file,
-    images,
-    posterior,
-    residuals,
-    scene,
-    trails,
-    verdict_view,
-)
 from workbench.recording.write import checkpoints as stored
-from workbench.recording.write import point_fit_views as fit
-from workbench.recording.write import series_styles as styles
+from workbench.recording.write import columns, file, images, layout, outcome, posterior, scene, styles
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
@@ -44,7 +32,7 @@ if TYPE_CHECKING:
     from workbench.evaluation.verdict import Verdict
 
 FLUSH_EVERY = 3
-"""Frames: two that a run has told may not be on the disk when it is killed. Fewer take longer, and more room."""
+"""Frames: the last two may not be on the disk when a run is killed. Fewer take longer, and more room."""
 LONG, OF_LONG, MOST_TOGETHER = 100, 10, 60
 """After so many frames, a tenth of them, but at most two seconds of a video: the file's footer has a row for each piece
 with a column for each of some 190 kinds of values, 8 kB a piece that stay in memory to the end."""
@@ -52,24 +40,31 @@ MOST_WAITING = 1_000_000
 """Bytes of one path: images do not wait longer, since writing takes several times their room."""
 PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
+_RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_quality": (1, 100)}
 
 
 class Recorder:
     """Writes a run's steps to `path`, an .rrd, at the entity paths that readers depend on.
 
-    A context manager, published as `RecordingFile` says, which also explains run_id, config_yaml, provenance, settings
-    and live. The file is flushed every FLUSH_EVERY frames, less often in long runs.
+    A context manager, published as `RecordingFile` describes. The file is flushed every FLUSH_EVERY frames, less often
+    in long runs. Cameras stand still; images of one with distortion are straightened first, since the viewer's pinhole
+    has none. A run without views is shown by its way through the world.
 
-    body, space: of the steps to come. n_particles_shown: skeletons drawn per frame at most. marginal_bins: bins of a
-    marginal. coefficient_scale: (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
-    surface: record the expected pose's implicit surface as a mesh; without scikit-image a sentence says that there is
-    none. checkpoints: store what the run needs to be continued, see `Checkpoints`; decode: of whoever makes the steps,
-    states (N, D) to poses (N, P), without which nothing is stored. constant: metrics that say nothing, as
-    they are the same in all runs of such parts: recorded, but not shown.
-    Raises InputError when a number is out of range.
+    Parameters
+    ----------
+    body, space : of the steps to come.
+    run_id, config_yaml, provenance, settings, live : see `RecordingFile`.
+    n_particles_shown : skeletons drawn per frame at most.
+    marginal_bins : bins of a marginal.
+    surface : record the expected pose's implicit surface as a mesh; a warning says where scikit-image is missing.
+    coefficient_scale : (d,) standard deviations of the prior's Gaussian model for the columns `coefficients`.
+    checkpoints : store what the run needs to be continued, see `Checkpoints`.
+    decode : gives the poses (N, P) of states (N, D); without it no checkpoints are stored.
+    constant : uninformative metrics, equal in all runs of such components: recorded, but not shown.
 
-    Cameras stand still; images of one with distortion are straightened first, since the viewer's pinhole has none.
-    Frames without views are shown by the way they go through the world.
+    Raises
+    ------
+    InputError : a number is out of range.
     """
 
     def __init__(
@@ -80,26 +75,23 @@ class Recorder:
         coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
         decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        for name, value, lowest, highest in (
-            ("n_particles_shown", n_particles_shown, 1, 10_000), ("marginal_bins", marginal_bins, 2, 1024),
-            ("jpeg_quality", jpeg_quality, 1, 100),
-        ):  # fmt: skip
-            if not lowest <= value <= highest:
-                raise InputError(f"recorder: {name} must lie between {lowest} and {highest}, found {value}")
+        for (name, (least, most)), value in zip(
+            _RANGES.items(), (n_particles_shown, marginal_bins, jpeg_quality), strict=True
+        ):
+            if not least <= value <= most:
+                raise InputError(f"recorder: {name} must lie between {least} and {most}, found {value}")
         self._body, self._figure = body, scene.figure(body)
         self._posterior = posterior.Posterior(space, body.skeleton, coefficient_scale, marginal_bins)
-        self._bands, self._columns = columns.Columns(), columns.Columns()
+        self._bands, self._columns, self._ranks = columns.Columns(), columns.Columns(), posterior.Ranks()
         self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
-        self._trails, self._ranks = trails.Trails(self._figure), posterior.Ranks()
-        self._pictures: dict[str, images.Picture] = {}
+        self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
+        self._cameras: dict[str, images.RecordedCamera] = {}
         self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
-        self._constant, self._told = frozenset(constant), dict[str, int]()
-        self._spans: dict[str, tuple[float, float]] = {}
-        self._marks = False
-        self._with_keypoints: set[str] = set()
-        self._shown: blueprint.Shown | None = None
+        self._constant, self._measured = frozenset(constant), dict[str, list[float]]()
+        self._marks, self._with_keypoints = False, set[str]()
+        self._shown: layout.LayoutInput | None = None
         self._warned, self._laid_out = False, True
         labels: dict[str, Any] = {"config_yaml": config_yaml, "provenance": provenance, "settings": settings}
         self._file = file.RecordingFile(path, run_id=run_id, live=live, **labels)
@@ -115,14 +107,14 @@ class Recorder:
         self._file.send_property("shape", self._body.shape.as_dict())
         self._file.send(scene.fixed(self._figure), static=True)
         self._stream.log("estimate/pose", rr.SeriesLines(names=list(skeleton.dof_names)), static=True)
-        self._file.send(verdict_view.running(), static=True)
+        self._stream.log(outcome.VERDICT, outcome.verdict_text(), static=True)
         self._flush()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             self._send_pictures()
-            self._columns.write(self._stream)
+            self._file.write(self._columns)
         except BaseException as error:
             kind = type(error)
             raise
@@ -133,19 +125,23 @@ class Recorder:
         self, chunks: "Sequence[Chunk]", frames: Sequence[int], poses: FloatArray, ranks: Iterable[FloatArray],
         picture: tuple[FloatArray, FloatArray, FloatArray],
     ) -> None:  # fmt: skip
-        """Begin with the frames of an earlier recording of the same run, as its chunks have them.
+        """Begin with the frames of an earlier recording of the same run.
 
-        poses: (F, P), told of these frames. ranks: (k,) for each after the first. picture: the ends (K,) of the bins of
-        their marginals and the log mass (K, B, F) in these; it is all that is left of their particles.
+        Parameters
+        ----------
+        chunks : all that was recorded of these frames.
+        frames, poses : (F,) numbers and (F, P) expected poses.
+        ranks : (k,) of the true pose's numbers for each frame after the first.
+        picture : the ends (K,) of the bins of the marginals and the log mass (K, B, F) in these, which is all that is
+            left of the particles.
         """
         self._stream.send_chunks(chunks)
         self._posterior.take_over(frames, *picture)
         for each in ranks:
             self._ranks.take_over(each)
         paths = {chunk.entity_path for chunk in chunks}
-        if any(path.startswith(f"/{scene.ESTIMATE}/trails") for path in paths):
-            for pose in poses:
-                self._trails.add(joints(self._body.skeleton, pose[None])[0])
+        if any(path.startswith(f"/{scene.TRAILS}") for path in paths):
+            self._places += [joints(self._body.skeleton, pose[None])[0] for pose in poses]
         self._with_keypoints |= {path.split("/")[2] for path in paths if path.endswith("/keypoints")}
         self._warned = "/log" in paths
         if self._checkpoints is not None:
@@ -155,11 +151,13 @@ class Recorder:
         self._flush()
 
     def remember(self, before: Iterable[tuple[int, float, FloatArray, FloatArray]]) -> None:
-        """Store, where checkpoints are, what going on needs of the frames before the first: number, time, s, and the
-        poses (P,) that were told, and that the likelihood was told."""
+        """Store, where checkpoints are, what a continuation needs of the frames before the first.
+
+        before: number, time, s, the recorded pose (P,) and the pose (P,) given to the likelihood.
+        """
         if self._checkpoints is not None:
             for frame, time_s, told, expected in before:
-                self._columns.add(frame, _time(time_s), self._checkpoints.before(told, expected))
+                self._columns.add(frame, columns.nanoseconds(time_s), self._checkpoints.before(told, expected))
 
     def log(self, step: Step, metrics: Mapping[str, float]) -> None:
         """Record one step; metrics: this frame's numbers, in which `error...` get a view of their own.
@@ -168,61 +166,59 @@ class Recorder:
         Raises ValueError for particles that are not finite or not normalised, InputError for a camera's unusable name,
         OSError when the disk is nearly full.
         """
-        frame = step.frame
-        time = _time(frame.time_s)
+        frame, time = step.frame, columns.nanoseconds(step.frame.time_s)
         self._stream.set_time("frame", sequence=frame.index)
         self._stream.set_time("time", duration=time)
         measured = {"ess": step.ess, **step.diagnostics, **metrics}
         self._bands.add_numbers(frame.index, time, self._posterior.add(step))
-        numbers = {f"metrics/{name}": value for name, value in measured.items()}
-        numbers |= styles.guides(measured)
-        numbers |= {} if frame.points is None else fit.curves(self._body.skeleton, step)
+        numbers = {f"metrics/{name}": value for name, value in measured.items()} | styles.guides(measured)
+        numbers |= {} if frame.points is None else scene.flexion_angles(self._body.skeleton, step)
         self._columns.add_numbers(frame.index, time, numbers)
-        self._file.send(fit.activities(step))
+        self._file.send(scene.activities(step))
         ranks = self._ranks.add(step)
-        self._told |= {name: self._told.get(name, 0) + 1 for name in measured}
-        for path, value in ((f"metrics/{name}", value) for name, value in measured.items() if np.isfinite(value)):
-            low, high = self._spans.get(path, (value, value))
-            self._spans[path] = (min(low, value), max(high, value))
+        for name, value in measured.items():
+            self._measured.setdefault(name, []).append(value)
         self._diagnostics = tuple(step.diagnostics)
-        if self._shown is None:  # what stays as the first step finds it
-            self._file.send(self._posterior.begin(step), static=True)
-            self._file.send(fit.fixed(self._legs(step)), static=True)
+        if self._shown is None:
+            self._file.send(chain(self._posterior.begin(step), scene.flexion_lines(self._flexions(step))), static=True)
         self._lay_out(step, tuple(measured))
         pose = columns.curves({"estimate/pose": step.expected_pose})
-        rows = chain(pose, self._scene(step), self._posterior.histograms(step))
-        self._columns.add(frame.index, time, rows)
+        self._columns.add(frame.index, time, chain(pose, self._scene(step), self._posterior.histograms(step)))
         if self._checkpoints is not None:
-            self._columns.add(frame.index, time, self._checkpoints.beside(step, ranks))
+            self._columns.add(frame.index, time, self._checkpoints.per_frame(step, ranks))
             self._checkpoints.log(self._stream, step, self.part.stat().st_size)
         for sentence in (*self._file.warnings, *step.warnings):
             self._stream.log("log", rr.TextLog(sentence, level=rr.TextLogLevel.WARN))
         self._file.warnings.clear()
         self._n_frames, self._n_waiting = self._n_frames + 1, self._n_waiting + 1
         # Each picture holds all frames so far: sent at growing intervals, they keep long runs linear in size.
-        # What was not in one when a run is killed is lost to who goes on from its checkpoints.
+        # What was not in one when a run is killed is lost to a continuation from its checkpoints.
         growth = 1.1 if self._file.live else 2.5 if self._checkpoints is None else 1.5
         if self._n_frames % PICTURES_EVERY == 0 and self._n_frames >= growth * self._n_frames_pictured:
             self._send_pictures()
-        self._columns.write_large(self._stream, MOST_WAITING)
-        if self._file.live or self._n_waiting >= self._piece():
+        self._file.write(self._columns, least_bytes=MOST_WAITING)
+        together = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
+        if self._file.live or self._n_waiting >= max(FLUSH_EVERY, together):
             self._flush()
             self._file.check_space()
 
     def set_verdict(self, verdict: "Verdict", measured: "RunMeasurements") -> None:
-        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and how far it
-        is from the keypoints; lay the page out anew, without curves of a single frame and with few frames' as marks."""
+        """Record what became of the run as the property `verdict`, at the top of the page and as lanes, and residuals
+        from the keypoints; lay the page out again, without curves of a single frame and with few frames' as marks."""
         self._file.send_property("verdict", {"kind": verdict.kind, "sentence": verdict.sentence})
-        self._file.send(verdict_view.told(verdict), static=True)
-        lanes = verdict_view.log_lanes(self._stream, verdict, measured)
-        far = residuals.log_residuals(self._stream, measured)
-        if self._shown is None or len(self._trails):
+        self._stream.log(outcome.VERDICT, outcome.verdict_text(verdict.sentence), static=True)
+        lanes = outcome.log_lanes(self._stream, verdict, measured)
+        far = outcome.log_residuals(self._stream, measured)
+        if self._shown is None or self._places:
             return
-        names = tuple(name for name in self._shown.metrics if self._told[name] > 1 or self._n_frames == 1)
-        sparse = frozenset(name for name in names if self._told[name] < 0.5 * self._told["ess"])
-        spans = self._spans | far if self._told["ess"] == self._n_frames else {}  # of earlier frames none is known
+        n_values = {name: len(values) for name, values in self._measured.items()}
+        names = tuple(name for name in self._shown.metrics if n_values[name] > 1 or self._n_frames == 1)
+        sparse = frozenset(name for name in names if n_values[name] < 0.5 * n_values["ess"])
+        finite = {f"metrics/{name}": [v for v in values if np.isfinite(v)] for name, values in self._measured.items()}
+        spans = {path: (min(values), max(values)) for path, values in finite.items() if values} | far
         self._shown = replace(
-            self._shown, metrics=names, lanes=lanes, sparse=sparse, spans=spans, residuals=tuple(far),
+            self._shown, metrics=names, lanes=lanes, sparse=sparse, residuals=tuple(far),
+            spans=spans if n_values["ess"] == self._n_frames else {},  # of earlier frames none is known
             letters=len(verdict.sentence),
         )  # fmt: skip
         self._laid_out = False
@@ -238,17 +234,17 @@ class Recorder:
         self._file.status = "stopped"
 
     def set_departures(self, departures: Mapping[str, FloatArray]) -> None:
-        """Record how who and what is shown departs from what was told, as the property `departures`."""
+        """Record how the person and the cameras differ from what the run was given, as the property `departures`."""
         self._file.send_property("departures", departures)
 
     def set_cost(self, cost: Mapping[str, float]) -> None:
-        """Record what the run took as the property `cost`, in which equal runs differ."""
+        """Record the run's time and memory as the property `cost`, in which equal runs differ."""
         self._file.send_numbers("cost", cost)
 
     def _scene(self, step: Step) -> "columns.Rows":
-        """Yield what the world and the images show; meshes, marks and keypoints are logged on the way."""
-        figure, views = self._figure, step.frame.views
-        true = scene.true_joints(figure.skeleton, step.frame.truth)
+        """Yield the rows of the world and the images; meshes, marks and keypoints are logged on the way."""
+        figure, views, known = self._figure, step.frame.views, step.frame.truth
+        true = scene.true_joints(figure.skeleton, known)
         # Equal indices would only draw the same skeleton again: its weight is in its colour.
         drawn = np.unique(systematic_indices(np.exp(step.log_weights), 0.5, self._n_particles_shown))
         cloud, shades = joints(figure.skeleton, step.poses[drawn]), scene.weight_colours(step.log_weights[drawn])
@@ -256,38 +252,38 @@ class Recorder:
         yield from scene.particles(figure, cloud, shades)
         yield from scene.bones(figure, scene.TRUTH, true)
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
-        for view, took in zip(views, true_cameras(step.frame), strict=True):
-            shown = self._picture(view.camera)
+        for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
+            shown = self._camera(view.camera)
             yield from images.image(shown, view.image, self._jpeg_quality)
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
-            yield from images.overlay(images.taken_by(shown, took), "truth", true, figure.chains)
+            yield from images.overlay(shown, "truth", true, figure.chains, true_camera=true_camera)
             self._with_keypoints |= {view.camera.name} if view.keypoints is not None else set()
             if view.camera.name in self._with_keypoints:  # from the first on always, which clears those before
                 self._file.send(images.keypoints(shown, view.keypoints, JOINT_NAMES))
         if step.frame.points is not None:
             yield from scene.points(step.frame.points, step.attachment)
         elif not views:
-            self._trails.add(expected[0])
+            self._places.append(expected[0])
         if self._surface is not None:
             self._file.send(scene.skin(figure, self._surface, step.expected_pose))
-        self._marks |= bool(views) and step.frame.truth is not None and step.frame.truth.marks is not None
+        self._marks |= bool(views) and known is not None and known.marks is not None
         if views and self._marks:  # as the keypoints
-            self._file.send(images.truth_marks(self._picture(views[0].camera), step.frame.truth, figure.skeleton.names))
+            self._file.send(images.truth_marks(self._camera(views[0].camera), known, figure.skeleton.names))
 
-    def _picture(self, camera: Camera) -> "images.Picture":
-        if camera.name not in self._pictures:
-            self._pictures[camera.name] = images.picture(camera)
-            self._file.send(images.fixed(self._pictures[camera.name]), static=True)
-        return self._pictures[camera.name]
+    def _camera(self, camera: Camera) -> "images.RecordedCamera":
+        if camera.name not in self._cameras:
+            self._cameras[camera.name] = images.picture(camera)
+            self._file.send(images.fixed(self._cameras[camera.name]), static=True)
+        return self._cameras[camera.name]
 
-    def _legs(self, step: Step) -> tuple[str, ...]:
+    def _flexions(self, step: Step) -> tuple[str, ...]:
         return () if step.frame.points is None else tuple(flexions(self._body.skeleton, step.expected_pose))
 
     def _lay_out(self, step: Step, metrics: Sequence[str]) -> None:
         """Lay the recording out by what there is to show; again when a metric or a warning comes for the first time."""
-        before = self._shown or blueprint.Shown(
-            cameras=[self._picture(view.camera) for view in step.frame.views],
+        before = self._shown or layout.LayoutInput(
+            cameras=[self._camera(view.camera) for view in step.frame.views],
             person=step.expected_pose[:3],
             towards=scene.seen_from(step),
             parameters=self._posterior.names,
@@ -296,7 +292,7 @@ class Recorder:
             metrics=(),
             n_coefficients=len(self._posterior.coefficients),
             n_particles=len(step.particles),
-            flexions=self._legs(step),
+            flexions=self._flexions(step),
             activity=step.activity is not None,
             surface=self._surface is not None,
             warned=self._warned,
@@ -305,43 +301,39 @@ class Recorder:
         new = tuple(name for name in metrics if name not in before.metrics)
         warned, drawn = before.warned or bool(self._file.warnings or step.warnings), before.drawn | _drawn(step)
         if new or warned > before.warned or drawn > before.drawn:
-            self._file.send(styles.fixed(new), static=True)
+            self._file.send(styles.metric_lines(new), static=True)
             self._shown = replace(before, metrics=(*before.metrics, *new), warned=warned, drawn=drawn)
-            self._laid_out = False  # with what goes to the disk: the second frame has other metrics than the first
+            self._laid_out = False  # sent with the next flush: the second frame has other metrics than the first
 
     def _send_layout(self) -> None:
         if self._shown is not None and not self._laid_out:
-            self._stream.send_blueprint(blueprint.layout(self._shown))
+            self._stream.send_blueprint(layout.layout(self._shown))
         self._laid_out = True
 
     def _send_pictures(self) -> None:
         self._send_layout()  # before that of trails
-        if self._n_frames > self._n_frames_pictured:
-            self._bands.write(self._stream)  # a hundred curves: few long pieces of each take least room and time
-            pictures, axes = self._posterior.pictures()
-            self._file.send(pictures, static=True)  # so that every frame shows the whole run
-            self._file.send_property("marginals", axes)
-            self._file.send(self._ranks.pictures(), static=True)
-            if len(self._trails):
-                warned = self._shown is not None and self._shown.warned
-                self._file.send(self._trails.pictures(), static=True)
-                self._stream.send_blueprint(self._trails.layout(self._diagnostics, warned))
-            self._n_frames_pictured = self._n_frames
-
-    def _piece(self) -> int:
-        """Tell how many frames go to the disk together."""
-        in_long = min(self._n_frames // OF_LONG, MOST_TOGETHER) if self._n_frames >= LONG else 0
-        return max(FLUSH_EVERY, in_long)
+        if self._n_frames == self._n_frames_pictured:
+            return
+        self._file.write(self._bands)  # a hundred curves: few long pieces of each take least room and time
+        pictures, axes = self._posterior.pictures()
+        self._file.send(chain(pictures, self._ranks.pictures()), static=True)  # every frame shows the whole run
+        self._file.send_property("marginals", axes)
+        if self._places:
+            places, warned = np.stack(self._places), self._shown is not None and self._shown.warned
+            self._file.send(scene.trails(self._figure, places), static=True)
+            dof_names = self._body.skeleton.dof_names
+            self._stream.send_blueprint(layout.trails_layout(places, dof_names, self._diagnostics, warned))
+        self._n_frames_pictured = self._n_frames
 
     def _flush(self) -> None:
         self._n_waiting = 0
         self._send_layout()
-        self._columns.write(self._stream)
+        self._file.write(self._columns)
         self._file.flush()
 
 
 def _drawn(step: Step) -> frozenset[str]:
-    """Say which of `blueprint.KEY` a step shows."""
+    """Return those of `layout.KEY` that a step shows."""
     known, views = step.frame.truth, step.frame.views
     shown = {
         "truth": known is not None and (known.joints is not None or known.pose is not None),
@@ -350,7 +342,3 @@ def _drawn(step: Step) -> frozenset[str]:
         "keypoints": any(view.keypoints is not None for view in views),
     }
     return frozenset(name for name, there in shown.items() if there)
-
-
-def _time(time_s: float) -> np.timedelta64:
-    return np.timedelta64(round(time_s * 1e9), "ns")

@@ -1,15 +1,18 @@
-"""What a step looks like in the world: skeletons, the solid body, the particles.
+"""A step in the world: skeletons, the solid body, the particles, observed points; of a fit to points also the flexion
+of hips and knees and the activity (paper D).
 
-Looks and names never change and are logged once, static, as pairs (entity path, archetype); the frames then carry
+Styles and names never change and are logged once, static, as pairs (entity path, archetype); the frames then carry
 positions only, as pairs (entity path, row).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
 import scipy
 
+from workbench.body.angles import flexions
 from workbench.body.kinematics import forward, joints
 from workbench.body.limbs import Body, Limbs
 from workbench.body.skeleton import Skeleton
@@ -17,14 +20,16 @@ from workbench.body.surface import Surface
 from workbench.body.surface_mesh import surface_mesh
 from workbench.core.frame import Truth
 from workbench.core.step import Step
-from workbench.recording.write import colours
+from workbench.recording.write import styles
 from workbench.recording.write.columns import Entities, Row, Rows
 from workbench.utils.arrays import ByteArray, Float32Array, FloatArray, IntArray
 
 ESTIMATE, TRUTH, PARTICLES = "world/estimate", "world/truth", "world/particles"
-POINTS = "world/points"
+POINTS, FLEXION, ACTIVITY = "world/points", "flexion", "activity"
 SKIN_SPACING_M = 0.036
 """Grid of the recorded mesh, with an eye on its size: 60 kB a frame; 130 kB at 25 mm, which looks smoother."""
+TRAILS = f"{ESTIMATE}/trails"
+_TRAIL_EVERY = 4  # frames from one stick figure to the next
 _ELLIPSOIDS_PER_CONE = 11  # with fewer the rings show, with more nothing is gained
 _FAINTEST_LOG_WEIGHT = -6.0  # relative to the heaviest particle
 
@@ -53,12 +58,12 @@ def figure(body: Body) -> Figure:
 def fixed(drawn: Figure) -> Entities:
     """Yield what holds for the whole recording: the world's axes, names of joints, colours, sizes of the solids."""
     yield "world", rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    for path, colour, width in ((ESTIMATE, colours.ESTIMATE, 2.5), (TRUTH, colours.TRUTH, 1.75)):
+    for path, colour, width in ((ESTIMATE, styles.ESTIMATE, 2.5), (TRUTH, styles.TRUTH, 1.75)):
         line, dot = rr.Radius.ui_points(width), rr.Radius.ui_points(width + 1.0)
         yield f"{path}/skeleton", rr.LineStrips3D.from_fields(colors=[colour], radii=line)
         names = list(drawn.skeleton.names)
         yield f"{path}/joints", rr.Points3D.from_fields(labels=names, show_labels=False, colors=[colour], radii=dot)
-    solids = rr.Ellipsoids3D.from_fields(half_sizes=drawn.half_sizes, colors=[colours.BODY], fill_mode="solid")
+    solids = rr.Ellipsoids3D.from_fields(half_sizes=drawn.half_sizes, colors=[styles.BODY], fill_mode="solid")
     yield f"{ESTIMATE}/body", solids
     yield PARTICLES, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(0.15))
     yield POINTS, rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.75))
@@ -81,12 +86,10 @@ def skin(drawn: Figure, surface: Surface, pose: FloatArray) -> Entities:
     normals = np.zeros_like(vertices)
     np.add.at(normals, triangles, np.cross(b - a, c - a)[:, None])  # weighted by the triangles' areas
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    yield (
-        f"{ESTIMATE}/surface",
-        rr.Mesh3D(
-            vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=colours.SKIN
-        ),
+    mesh = rr.Mesh3D(
+        vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=styles.SKIN
     )
+    yield f"{ESTIMATE}/surface", mesh
 
 
 def seen_from(step: Step) -> FloatArray:
@@ -123,9 +126,45 @@ def particles(drawn: Figure, positions: FloatArray, shades: ByteArray) -> Rows:
 def points(positions: FloatArray, attachment: IntArray | None) -> Rows:
     """Yield observed points (K, 3), m, coloured by the part of the body (K,) that each belongs to; grey for -1."""
     numbers = np.full(len(positions), -1) if attachment is None else attachment
-    shades = np.array([*colours.PARTS, colours.NO_PART], dtype=np.uint8)
-    order = np.where(numbers < 0, len(colours.PARTS), numbers % len(colours.PARTS))
+    shades = np.array([*styles.PARTS, styles.NO_PART], dtype=np.uint8)
+    order = np.where(numbers < 0, len(styles.PARTS), numbers % len(styles.PARTS))
     yield POINTS, Row(rr.Points3D, {"positions": positions, "colors": shades[order]})
+
+
+def trails(drawn: Figure, positions: FloatArray) -> Entities:
+    """Yield the way of a body without images so far, joints (F, J, 3), m, to be logged static: stick figures along it
+    and the paths of both hands (paper C, fig. 5)."""
+    thin, thick = rr.Radius.ui_points(0.75), rr.Radius.ui_points(1.75)
+    strips = _strips(drawn, positions[::_TRAIL_EVERY])
+    yield f"{TRAILS}/figures", rr.LineStrips3D(strips, colors=[styles.TRAIL], radii=thin)
+    for name, colour in (("left_wrist", styles.ESTIMATE), ("right_wrist", styles.RIGHT_HAND)):
+        path = positions[:, drawn.skeleton.joint(name)].astype(np.float32)
+        hand = rr.LineStrips3D([path], colors=[colour], radii=thick, labels=[name], show_labels=False)
+        yield f"{TRAILS}/{name}", hand
+
+
+def flexion_angles(skeleton: Skeleton, step: Step) -> dict[str, float]:
+    """Return one frame's flexions by entity path, degrees, of the estimate and, where it is known, of the true pose."""
+    poses, truth = {"estimate": step.expected_pose}, step.frame.truth
+    if truth is not None and truth.pose is not None:
+        poses["truth"] = truth.pose
+    angles = {row: flexions(skeleton, pose) for row, pose in poses.items()}
+    return {f"{FLEXION}/{name}/{row}": angle for row, named in angles.items() for name, angle in named.items()}
+
+
+def flexion_lines(names: Sequence[str]) -> Entities:
+    """Yield the styles of the curves of flexions, estimate and truth."""
+    for name in names:
+        for row, colour, width in (("estimate", styles.ESTIMATE, 4.0), ("truth", styles.TRUTH, 1.5)):
+            yield f"{FLEXION}/{name}/{row}", styles.line(row, colour, width)
+
+
+def activities(step: Step) -> Entities:
+    """Yield the estimated and the true activity, as lanes of a timeline."""
+    truth = step.frame.truth
+    for row, activity in (("estimate", step.activity), ("truth", None if truth is None else truth.activity)):
+        if activity is not None:
+            yield f"{ACTIVITY}/{row}", rr.StateChange(state=activity)
 
 
 def weight_colours(log_weights: FloatArray) -> ByteArray:
@@ -134,7 +173,7 @@ def weight_colours(log_weights: FloatArray) -> ByteArray:
     The viewer draws lines opaque, so that the colour has to say what transparency would.
     """
     height = np.clip(1.0 - (log_weights - log_weights.max()) / _FAINTEST_LOG_WEIGHT, 0.0, 1.0)[:, None]
-    low, high = np.array(colours.LIGHTEST_PARTICLE), np.array(colours.HEAVIEST_PARTICLE)
+    low, high = np.array(styles.LIGHTEST_PARTICLE), np.array(styles.HEAVIEST_PARTICLE)
     return np.rint(low + height * (high - low)).astype(np.uint8)
 
 
@@ -147,15 +186,12 @@ def bones(drawn: Figure, path: str, positions: FloatArray) -> Rows:
 
 
 def _strips(drawn: Figure, positions: FloatArray) -> Float32Array:
-    """Joints (n, J, 3) as strips (n C, longest, 3)."""
+    """Return joints (n, J, 3) as strips (n C, longest, 3)."""
     return positions[:, drawn.chains].reshape(-1, drawn.chains.shape[1], 3).astype(np.float32)
 
 
 def _chains(skeleton: Skeleton) -> IntArray:
-    """Paths from a leaf or fork up to the next fork; short ones repeat their last joint.
-
-    Equal lengths make one array of all strips, which is logged many times faster than a list of arrays.
-    """
+    """Return paths from a leaf or fork up to the next fork, of equal length: short ones repeat their last joint."""
     n_children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.names))
     paths = []
     for end in np.flatnonzero((n_children != 1) & (skeleton.parents >= 0)):
@@ -168,7 +204,7 @@ def _chains(skeleton: Skeleton) -> IntArray:
 
 
 def _solids(limbs: Limbs) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Half sizes (E, 3), centres (E, 3), axes (E, 3, 3) and joints (E,) of the ellipsoids that stand for the limbs.
+    """Return half sizes (E, 3), centres (E, 3), axes (E, 3, 3) and joints (E,) of the ellipsoids that draw the limbs.
 
     Rerun has no truncated cone with elliptical section: each is drawn as a row of ellipsoids with the cone's
     section at their middle, dense near the ends, which rounds the ends too.

@@ -1,7 +1,7 @@
-"""What a study's recording holds: its figures, drawn and as numbers, its note and its metrics."""
+"""Record a study: its figures, drawn and as numbers, its note and its metrics."""
 
 from collections.abc import Sequence
-from itertools import count
+from itertools import groupby
 from typing import TypeAlias
 
 import numpy as np
@@ -38,15 +38,12 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     file.stream.set_time("frame", sequence=0)
     file.send((f"metrics/{name}", rr.Scalars(float(value))) for name, value in result.metrics.items())
     file.stream.log("note", rr.TextDocument(result.note, media_type="text/markdown"), static=True)
-    tabs, order = [], count()
+    tabs, order = [], {figure.name: k for k, figure in enumerate(result.figures)}
     for title, figures in pages(result.figures):
         columns, rows = grid(len(figures))
-        lines = []
+        height, lines = _WINDOW[1] / rows - _TITLE, []
         for line in (figures[k : k + columns] for k in range(0, len(figures), columns)):  # the last may have fewer
-            views = []
-            for figure in line:
-                file.stream.log(entity(figure), arrow(numbers(figure) | {"order": next(order)}), static=True)
-                views.append(_draw(file, figure, _WINDOW[0] / len(line), _WINDOW[1] / rows - _TITLE))
+            views = [_record(file, figure, order[figure.name], _WINDOW[0] / len(line), height) for figure in line]
             lines.append(rrb.Horizontal(*views))
         tabs.append(rrb.Vertical(*lines, name=title))
     config = rrb.TextDocumentView(origin="/__properties/config", name="config")
@@ -56,8 +53,9 @@ def record_study(file: RecordingFile, result: StudyResult) -> None:
     file.stream.send_blueprint(rrb.Blueprint(content, hidden, auto_views=False, collapse_panels=True))
 
 
-def _draw(file: RecordingFile, figure: Figure, width: float, height: float) -> View:
+def _record(file: RecordingFile, figure: Figure, order: int, width: float, height: float) -> View:
     path, title = entity(figure), figure.name.rpartition("/")[2]
+    file.stream.log(path, arrow(numbers(figure) | {"order": order}), static=True)
     if isinstance(figure, Sticks):
         file.send(_sticks(path, figure), static=True)
         return rrb.Spatial3DView(origin=path, name=title, eye_controls=eye(figure))
@@ -74,24 +72,20 @@ def entity(figure: Figure) -> str:
 
 
 def pages(figures: Sequence[Figure]) -> list[tuple[str, list[Figure]]]:
-    """Put figures in their order on pages of at most eight with a title; those named "page/name" share a page."""
-    found: list[tuple[str, list[Figure]]] = []
-    for figure in figures:
-        title = figure.name.rpartition("/")[0] or "figures"
-        if not found or found[-1][0] != title or len(found[-1][1]) == _PER_PAGE:
-            found.append((title, []))
-        found[-1][1].append(figure)
-    return found
+    """Return pages (title, figures) of at most eight figures, in their order; those named "page/name" share a page."""
+    titled = groupby(figures, lambda figure: figure.name.rpartition("/")[0] or "figures")
+    grouped = [(title, list(group)) for title, group in titled]
+    return [(title, group[k : k + _PER_PAGE]) for title, group in grouped for k in range(0, len(group), _PER_PAGE)]
 
 
 def grid(n: int) -> tuple[int, int]:
-    """Count columns and rows for n figures of one page, of which the last row may have fewer."""
+    """Return columns and rows for n figures of one page, of which the last row may have fewer."""
     columns = n if n <= 3 else -(-n // 2)
     return columns, -(-n // columns)
 
 
 def _sticks(path: str, figure: Sticks) -> Entities:
-    """Skeletons as strips bone by bone, coloured by their shade; trails as curves with their names."""
+    """Yield skeletons as strips bone by bone, coloured by their shade; trails as curves with their names."""
     yield path, rr.ViewCoordinates.RIGHT_HAND_Z_UP
     children = np.flatnonzero(figure.parents >= 0)
     bones = figure.positions[:, np.stack([figure.parents[children], children], axis=1)]
@@ -106,7 +100,7 @@ def _sticks(path: str, figure: Sticks) -> Entities:
 
 
 def eye(figure: Sticks) -> rrb.EyeControls3D:
-    """From the side, far enough to see everything: across the way the roots went, or across x where they stayed."""
+    """Return a viewpoint from the side that sees everything: across the roots' way, or across x where they stayed."""
     places = np.concatenate([figure.positions.reshape(-1, 3), *figure.trails.values()])
     middle, reach = 0.5 * (places.min(axis=0) + places.max(axis=0)), float(np.linalg.norm(np.ptp(places, axis=0)))
     roots = figure.positions[:, int(np.argmin(figure.parents)), :2]
