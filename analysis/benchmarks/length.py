@@ -11,7 +11,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -27,10 +26,10 @@ from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import Clip
 from workbench.evaluation.evidence import Evidence
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.running import record, recorder_of
+from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
+from workbench.experiment.tracking import assemble
 
 SHORT, LONG = 50, 5000
 _CLIP = 50  # frames of the clip that is gone through
@@ -79,7 +78,7 @@ def run_ms(n_frames: int, folder: Path) -> float:
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"):
         warnings.simplefilter("ignore")
-        parts = assemble(config, lambda stage: nullcontext())
+        parts = assemble(config)
         parts = replace(parts, clip=Clip(ToAndFro(parts.clip.dataset, n_frames)))
         summary, evidence = Summary("length", 0, folder / "run.rrd"), Evidence(parts.body)
         with recorder_of(config, parts, summary) as recorder:

@@ -7,7 +7,6 @@ repeats counts; it is by the clock, and so wants a quiet machine.
 import os
 import tempfile
 import warnings
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -19,11 +18,10 @@ from threadpoolctl import threadpool_limits
 from tqdm import trange
 
 from analysis.benchmarks.figure import Figure
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.running import record, recorder_of
+from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Parts
+from workbench.experiment.tracking import Parts, assemble
 
 N_FRAMES, REPEATS = 50, 10
 
@@ -70,7 +68,7 @@ def fastest(n_particles: int, repeats: int, *overrides: str) -> Times:
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="blas"), tempfile.TemporaryDirectory() as to:
         warnings.simplefilter("ignore")
-        parts = assemble(config, lambda stage: nullcontext())
+        parts = assemble(config)
         runs = [_once(parts, config, Path(to)) for _ in trange(repeats + 1, disable=None, leave=False)]
     return min(runs[1:], key=lambda times: times.whole)
 

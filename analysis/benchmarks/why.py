@@ -20,9 +20,9 @@ from scipy.stats import binomtest
 
 from workbench.datasets.rendering import occluder
 from workbench.datasets.synthetic import Synthetic
-from workbench.experiment.branch import branched
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.execute import execute
+from workbench.experiment.resume import branched
+from workbench.experiment.run import execute
 from workbench.inference.smc.reinitializing import mirrored
 from workbench.recording.read.reader import Run, read
 from workbench.results.why.changes import changes_of

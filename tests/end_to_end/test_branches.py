@@ -7,8 +7,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.cli.run import main
-from workbench.experiment.execute import execute
-from workbench.experiment.resuming import resumed
+from workbench.experiment.resume import resumed
+from workbench.experiment.run import execute
 from workbench.recording.read import checkpoints as reading
 from workbench.recording.read import partial_run as earlier
 from workbench.recording.read.checkpoints import checkpoint_frames

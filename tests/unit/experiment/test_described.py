@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from workbench.core.keys import keeps_keys, kept
-from workbench.experiment.config.object_config import described
+from workbench.experiment.provenance import described
 from workbench.likelihoods.keypoints import Keypoints
 from workbench.priors.smooth import Smooth
 

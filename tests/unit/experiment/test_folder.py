@@ -4,10 +4,10 @@ import logging
 
 import pytest
 
-from workbench.experiment.folder import run_folder, set_aside
+from workbench.experiment.summary import set_aside
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
-from workbench.utils.run_lock import is_locked
+from workbench.utils.run_lock import is_locked, run_folder
 
 
 def test_a_folder_is_made_and_locked_for_one_run(tmp_path):

@@ -5,8 +5,8 @@ import shutil
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.experiment.config import identity as module
-from workbench.experiment.config.identity import identity
+from workbench.experiment import provenance as module
+from workbench.experiment.provenance import identity
 
 
 def config(**changes):

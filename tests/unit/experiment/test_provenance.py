@@ -6,8 +6,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.experiment import provenance as module
-from workbench.experiment.config.identity import input_files
-from workbench.experiment.provenance import CUT, code_state, has_commit
+from workbench.experiment.provenance import CUT, code_state, has_commit, input_files
 
 
 def git(folder, *arguments):

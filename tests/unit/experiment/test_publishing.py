@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from workbench.experiment import execute, summary
-from workbench.experiment.execute import ending
+from workbench.experiment import run, summary
+from workbench.experiment.run import ending
 from workbench.experiment.summary import Summary
 from workbench.recording.read.reader import read
 from workbench.recording.write import file as files
@@ -16,7 +16,7 @@ from workbench.results.entry import entry_of_folder
 from workbench.utils import signals
 from workbench.utils.signals import Interrupted, interruptible
 
-STEPS = [module.__file__ for module in (files, execute, summary, signals)]
+STEPS = [module.__file__ for module in (files, run, summary, signals)]
 
 
 def publish(folder, number=None, at=None):

@@ -10,9 +10,9 @@ from omegaconf import OmegaConf
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import build, check_targets, resolved
+from workbench.experiment.config.instantiate import build, check_targets, keys_of, resolved
 from workbench.experiment.config.options import GROUPS, options
-from workbench.experiment.config.schema import PartsConfigSource, keys_of, prepare_hydra, typed
+from workbench.experiment.config.schema import ComponentSource, prepare_hydra, typed
 from workbench.utils.errors import InputError
 
 CHOICES = [(group, option) for group in GROUPS for option in options(group)]
@@ -56,7 +56,7 @@ def _plain(default):
 
 
 def test_nothing_but_options_is_listed():
-    source = PartsConfigSource("main", "parts://workbench")
+    source = ComponentSource("main", "parts://workbench")
     assert source.list("", None) == sorted(["config", "experiment", "paper", *(set(GROUPS) - {"study"})])
     for group in ("experiment", *GROUPS):
         assert source.list(group, None) == sorted(options(group))

@@ -1,13 +1,19 @@
-"""The protocol of strangers: which clips there are to choose parameters by and to report, and what each is shown with.
+"""Resolvers of `conf/`, among them those of the protocol of strangers.
 
-All follows from names, by a hash that nobody chose: a clip's half from its own, what a run is shown with from the
-clip's and the seed's. So neither depends on what else is in the list, and every seed of a clip has its own view.
+A clip's half, and what a run is shown with, follow from names by a hash that nobody chose: the half from the clip's
+name, what is shown from the clip's and the seed's. So neither depends on what else is in the list, and every seed of a
+clip has its own view.
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any
 
-from workbench.motion.formats.names import clip_name
+from omegaconf import ListConfig
+
+from workbench.motion.formats.names import clip_name, left_out
 from workbench.utils.errors import InputError
 
 HALVES = ("report", "choose")
@@ -47,3 +53,29 @@ def first_frame(activities: Activities, clip: object) -> int:
     """Tell the first frame shown of a clip, at 30 Hz; 0 of one that is not listed."""
     name = clip_name(str(clip))
     return next((int(clips[name]) for clips in activities.values() if name in clips), 0)
+
+
+def _given(value: str | None, then: object, otherwise: object) -> object:
+    """Return `then` where there is a value, `otherwise` where it is null or the built-in walker."""
+    return otherwise if value in (None, "builtin") else then
+
+
+def _performers(*motions: Any, by_style: bool = False) -> list[str]:
+    """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
+    listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
+    return left_out((str(name) for names in listed for name in names), by_style)
+
+
+def _each(values: Sequence[str]) -> str:
+    """Write a list as a sweep's choices."""
+    return ",".join(f"'{value}'" for value in values)
+
+
+RESOLVERS: Mapping[str, Callable[..., object]] = MappingProxyType(
+    {
+        "given": _given, "performers": _performers, "styles": partial(_performers, by_style=True), "each": _each,
+        "hashed": hashed, "half_of": half_of, "clips_of": clips_of, "activity_of": activity_of,
+        "first_frame": first_frame,
+    }
+)  # fmt: skip
+"""By name, as `${name:…}` refers to them."""

@@ -1,20 +1,22 @@
-"""The schema of a configuration: of its top level, and of every part, read off the signature of what it builds.
+"""The configuration: its top level, and the keys of every component, read off the signature of its class.
 
-A constructor's keyword-only or defaulted parameters are the part's keys, with their types and defaults, so that
+A constructor's keyword-only or defaulted parameters are the component's keys, with their types and defaults, so that
 neither is written twice and a typo or a wrong type in an override is an error that names the key.
 """
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, is_dataclass, make_dataclass
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, make_dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin
 
+from hydra import compose, initialize_config_module, version
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
@@ -25,16 +27,9 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from workbench.experiment.config import options as parts
-from workbench.experiment.config import resolvers as strangers
-from workbench.experiment.config.instantiate import resolved
-from workbench.motion.formats.names import left_out
+from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
-
-LIVE = frozenset(
-    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
-)
-"""Parameters that the run fills with live objects, so that they are no keys of a configuration; beside those whose type
-says as much: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
 
 _PLAIN = (str, int, float, bool)
 WHEN = "when"
@@ -52,48 +47,12 @@ class PathsSchema:
     cache: str = MISSING
 
 
-@dataclass
-class LearnSchema:
-    """What learned priors learn from, whichever is chosen. motions: see them; missing: what each has of its own.
-    leave_out: clips or performers, see `mocap.names`; by default those who are tracked."""
-
-    motions: str = MISSING
-    leave_out: list[Any] = field(default_factory=list)
+def _section(*keys: str) -> type:
+    """Return the schema of keys of any type, which config.yaml sets and explains."""
+    return make_dataclass("Section", [(key, Any, MISSING) for key in keys])
 
 
-@dataclass
-class PeopleSchema:
-    """Who is there, recorded or generated. walk, run: clips. walks: motions of walkers. library: of all activities."""
-
-    walk: str = MISSING
-    run: str = MISSING
-    walks: str = MISSING
-    library: str = MISSING
-
-
-@dataclass
-class ClipsSchema:
-    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported; report_run,
-    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton.
-    strangers: the first frame of every clip of the protocol of strangers, by activity. half: of those, None for both.
-    """
-
-    choose: list[str] = MISSING
-    report: list[str] = MISSING
-    report_run: list[str] = MISSING
-    report_walk_run: list[Any] = MISSING
-    report_full: list[str] = MISSING
-    strangers: dict[str, dict[str, int]] = MISSING
-    half: str | None = None
-
-
-@dataclass
-class ProtocolSchema:
-    """What a report divides runs by, see `strangers`. half: of the clips. activity: the clip's. shown: with what."""
-
-    half: str | None = None
-    activity: str | None = None
-    shown: str | None = None
+_CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half")
 
 
 @dataclass
@@ -140,26 +99,53 @@ class RunSchema:
     parts: list[str] = field(default_factory=list)
     given: list[str] = field(default_factory=list)
     paper: str = "ours"
-    learn: LearnSchema = field(default_factory=LearnSchema)
-    people: PeopleSchema = field(default_factory=PeopleSchema)
-    clips: ClipsSchema = field(default_factory=ClipsSchema)
-    protocol: ProtocolSchema = field(default_factory=ProtocolSchema)
+    learn: Any = field(default_factory=_section("motions", "leave_out"))
+    people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
+    clips: Any = field(
+        default_factory=_section(
+            "choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half"
+        )
+    )
+    protocol: Any = field(default_factory=_section("half", "activity", "shown"))
     paths: PathsSchema = field(default_factory=PathsSchema)
     check: dict[str, ToleranceSchema] = field(default_factory=dict)
     sweep: SweepSchema = field(default_factory=SweepSchema)
 
 
 def prepare_hydra() -> None:
-    """Tell Hydra where options are and what `conf/` refers to: the schema of its top level, and its resolvers."""
+    """Register with Hydra the options, the schema of the top level, and the resolvers of `conf/`."""
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
-    for plugin in (PartsConfigSource, PartsSearchPath):
+    for plugin in (ComponentSource, ComponentSearchPath):
         Plugins.instance().register(plugin)
-    OmegaConf.register_new_resolver("given", _given, replace=True)
-    OmegaConf.register_new_resolver("performers", _performers, replace=True)
-    OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
-    OmegaConf.register_new_resolver("each", _each, replace=True)
-    for each in (strangers.hashed, strangers.half_of, strangers.clips_of, strangers.activity_of, strangers.first_frame):
-        OmegaConf.register_new_resolver(each.__name__, each, replace=True)
+    for name, resolver in RESOLVERS.items():
+        OmegaConf.register_new_resolver(name, resolver, replace=True)
+
+
+def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
+    """Compose the configuration as the command `workbench` does, also within another Hydra application.
+
+    Parameters
+    ----------
+    overrides
+        As on the command line, such as "experiment=walk_circle" and "seed=3".
+    with_hydra
+        Keep Hydra's own settings, under `hydra`.
+
+    Raises
+    ------
+    HydraException, OmegaConfBaseException
+        As Hydra.
+    """
+    prepare_hydra()
+    application, base = GlobalHydra.instance().hydra, version.getbase()
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_module("workbench.conf", version_base="1.3"):
+            return compose("config", list(overrides), return_hydra_config=with_hydra)
+    finally:
+        GlobalHydra.instance().hydra = application
+        if application is not None and base is not None:
+            version.VersionBase.instance().setbase(base)
 
 
 @lru_cache(maxsize=256)
@@ -184,27 +170,6 @@ def schema_of(target: str, with_defaults: bool = False) -> type:
         columns.append(("defaults", list[Any], field(default_factory=list)))
     columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
     return make_dataclass(f"{component.__name__}_keys", columns)
-
-
-def keys_without_default(target: str) -> list[str]:
-    """Name the keys that a component must be given, by its dotted name; raises InputError as `resolved`."""
-    return [key for key, (_, default) in keys_of(resolved(target)).items() if default is inspect.Parameter.empty]
-
-
-def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
-    """Type and default, `inspect.Parameter.empty` for none, of every parameter of `target` that is not live."""
-    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
-    types = get_type_hints(target.__init__ if constructed else target)
-    found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
-    return {name: each for name, each in found.items() if name not in LIVE and not _is_live(each[0])}
-
-
-def _is_live(hint: Any) -> bool:
-    if get_origin(hint) in (Union, UnionType):
-        return any(map(_is_live, get_args(hint)))
-    of_run = getattr(hint, "__module__", "").startswith(("workbench.body.", "workbench.core."))
-    made = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
-    return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
 def _field(default: object) -> Any:
@@ -238,7 +203,7 @@ def _schema_type(hint: Any) -> Any:
     return Any
 
 
-class PartsConfigSource(ConfigSource):
+class ComponentSource(ConfigSource):
     """The folders with options that `parts` has when Hydra starts, looked through in this order.
 
     An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
@@ -350,14 +315,14 @@ class PartsConfigSource(ConfigSource):
         return OmegaConf.create({}) if path is None else _parsed(_text(path), str(path))
 
 
-class PartsSearchPath(SearchPathPlugin):
+class ComponentSearchPath(SearchPathPlugin):
     """Puts the options of all packages and folders where Hydra would look for ours alone."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Called by Hydra whenever it is started, so that packages named since then are found too."""
         for element in search_path.get_path():
             if element.path == f"pkg://{parts.OURS}.conf":
-                element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.folders())}"
+                element.path = f"{ComponentSource.scheme()}://{','.join(parts.folders())}"
 
 
 def open_mappings(schema: DictConfig) -> DictConfig:
@@ -432,19 +397,3 @@ def typed(config: Any, file: str) -> Any:
         return OmegaConf.merge(schema, config)
     except OmegaConfBaseException as error:
         raise ConfigCompositionException(f"{file}: {' '.join(str(error).split())}") from error
-
-
-def _given(value: str | None, then: object, otherwise: object) -> object:
-    """`then` where there is a value, `otherwise` where it is null or the built-in walker."""
-    return otherwise if value in (None, "builtin") else then
-
-
-def _performers(*motions: Any, by_style: bool = False) -> list[str]:
-    """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
-    listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
-    return left_out((str(name) for names in listed for name in names), by_style)
-
-
-def _each(values: Sequence[str]) -> str:
-    """Write a list as a sweep's choices."""
-    return ",".join(f"'{value}'" for value in values)
