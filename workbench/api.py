@@ -106,9 +106,8 @@ def _node(part: object, group: str) -> DictConfig:
     """
     if group not in GROUPS:
         raise InputError(f"expected a part by its group, one of {', '.join(GROUPS)}, found {group!r}")
-    config = OmegaConf.create(_keys(part, group))
     try:
-        found: DictConfig = typed(OmegaConf.create({group: config}), "Python")[group]
+        found: DictConfig = typed(_keys(part, group), "Python")
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(" ".join(str(error).split())) from error
     return found

@@ -16,7 +16,6 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from workbench.core.filter_state import Past
-from workbench.core.frame import Frame
 from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing, Inference, Step, continues
 from workbench.experiment.config.options import GROUPS, options
@@ -44,14 +43,14 @@ _FOLDER = "hydra.run.dir="
 
 @dataclass(frozen=True, eq=False)
 class Continued:
-    """A frame of a recorded run to go on from. was: the recorded configuration as it runs here. changed: whether the
-    run that goes on has another. earlier: the frames before it, which what goes on takes over and so becomes the whole
-    run; None: it begins with the frame.
+    """A frame of a recorded run to go on from.
 
-    The frames since the last checkpoint before it, or all where there is none, are repeated as they were, which takes
-    as long as it took. Then come the frame itself, which counts as given, and those after it. Unchanged, they are the
-    run's, bit by bit; otherwise they start from its particles, its likelihood's memory, and where the seed is the same,
-    from its random streams.
+    The frames since the last checkpoint before it, or all where there is none, are repeated as they were. Then come the
+    frame itself, which counts as given, and those after it. Unchanged, they are the run's, bit by bit; otherwise they
+    start from its particles, its likelihood's memory, and where the seed is the same, from its random streams.
+
+    was: the recorded configuration as it runs here. changed: whether the run that goes on has another. earlier: the
+    frames before it, which what goes on takes over and so becomes the whole run; None: it begins with the frame.
     """
 
     run: Run
@@ -86,8 +85,7 @@ class Continued:
         """Tell apart what comes out from a whole run of the configuration of this identity, unless it is one."""
         if self.earlier is not None:
             return configuration
-        come_from = f"{configuration} from {self.run.id}@{self.frame}"
-        return hashlib.sha256(come_from.encode()).hexdigest()
+        return hashlib.sha256(f"{configuration} from {self.run.id}@{self.frame}".encode()).hexdigest()
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -113,7 +111,9 @@ class Continued:
         steps = self._steps(parts, seed, expected)
         first = next(steps)
         before: list[tuple[int, float, FloatArray]] = []
-        for frame, pose in self._told_before(parts):
+        for number, pose, frame in zip(*(each[: self.skipped] for each in self.told), parts.clip, strict=False):
+            if frame.index != number:
+                raise InputError(f"config: the run began with frame {self.told[0][0]}, this one would with another")
             meter.catch_up(replace(first, frame=frame, expected_pose=pose))
             before.append((frame.index, frame.time_s, pose))
         if own is None:
@@ -121,13 +121,6 @@ class Continued:
         yield first, meter.errors(first)
         for step in steps:
             yield step, meter.errors(step)
-
-    def _told_before(self, parts: Parts) -> Iterator[tuple[Frame, FloatArray]]:
-        """Return the frames before this one, with the poses that the run told of them."""
-        for number, pose, frame in zip(*(each[: self.skipped] for each in self.told), parts.clip, strict=False):
-            if frame.index != number:
-                raise InputError(f"config: the run began with frame {self.told[0][0]}, this one would with another")
-            yield frame, pose
 
     def _steps(self, parts: Parts, seed: int, expected: list[FloatArray]) -> Iterator[Step]:
         """Yield the steps from the frame on; `expected` is filled with what the likelihood was told up to it."""
@@ -151,22 +144,17 @@ class Continued:
         return step, Past(np.array(expected), step.memory)
 
     def _on(self, parts: Parts, expected: list[FloatArray]) -> Iterator[Step]:
-        """Yield the recorded configuration's steps from the frame on; `expected` is filled with the poses of all."""
+        """Yield the recorded configuration's steps from the frame on; `expected` is filled with the poses of all.
+
+        Warns of the first repeated frame that is not as it was recorded.
+        """
         past = past_before(self.run, self.frame)
         expected += [] if past is None else list(past.expected)
-        start = parts.start if past is None else past
-        repeated = continuing(parts.inference).run(parts.clip, start, rng_streams(int(self.was.seed)))
-        for step in self._repeated(repeated, self.skipped - len(expected)):
-            expected.append(step.expected_pose if step.memory is None else step.memory.expected)
-            if step.frame.index >= self.frame:
-                yield step
-
-    def _repeated(self, steps: Iterator[Step], n: int) -> Iterator[Step]:
-        """Pass the steps on, and warn of the first that is not as it was recorded; n: of those before the frame."""
+        start, n = parts.start if past is None else past, self.skipped - len(expected)
         recorded, same = dict(zip(self.told[0].tolist(), self.told[1], strict=True)), True
         log.info("%d frames are repeated before frame %d", n, self.frame)
         with tqdm(total=n, desc="repeat", unit="frame", disable=None, leave=False) as bar:
-            for step in steps:
+            for step in continuing(parts.inference).run(parts.clip, start, rng_streams(int(self.was.seed))):
                 number = step.frame.index
                 if same and number <= self.frame and number in recorded:
                     same = np.array_equal(step.expected_pose, recorded[number])
@@ -174,12 +162,14 @@ class Continued:
                         words = "code, libraries or data are not the run's; it goes on from what comes out now"
                         log.warning("frame %d does not come out as it was recorded: %s", number, words)
                 bar.update(number < self.frame)
-                yield step
+                expected.append(step.expected_pose if step.memory is None else step.memory.expected)
+                if number >= self.frame:
+                    yield step
 
 
 def carried(past: Past, same_streams: bool) -> Past:
-    """Return a past for others than the parts that it is of: their prior decodes, and other streams may be drawn
-    from."""
+    """Return a past for other parts than its own: without the poses that their prior decoded, and, where the streams
+    are not the same, without the states of the generators."""
     arrays = {name: array for name, array in past.memory.arrays.items() if name != "poses"}
     streams = past.memory.streams if same_streams else {}
     return replace(past, memory=replace(past.memory, arrays=arrays, streams=streams))
@@ -198,9 +188,8 @@ def continuing(inference: Inference) -> Continuing:
 def _check_columns(were: StateSpace, are: StateSpace) -> None:
     """Raise InputError where particles of one state space are none of the other."""
     if (were.names, were.units) != (are.names, are.units):
-        other = next(
-            (name for name in (*were.names, *are.names) if (name in were.names) != (name in are.names)), "order"
-        )
+        both = (*were.names, *are.names)
+        other = next((name for name in both if (name in were.names) != (name in are.names)), "order")
         raise InputError(
             f"prior: the run's particles have {len(were)} columns, this prior's {len(are)}, which differ in {other}; "
             "a run goes on with a prior of the same columns only"

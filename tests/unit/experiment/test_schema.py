@@ -120,12 +120,12 @@ def test_files_by_camera_are_given_without_a_plus_and_with_one(plus):
 )  # fmt: skip
 def test_a_file_with_a_key_that_is_none_is_named(text, match):
     with pytest.raises(HydraException, match=match):
-        typed(OmegaConf.create(text), "conf/prior/mine.yaml")
+        typed(OmegaConf.to_container(OmegaConf.create(text)), "conf/prior/mine.yaml")
 
 
 def test_parts_within_a_file_have_the_keys_of_their_classes():
     text = "_target_: workbench.priors.ar_offsets.Jitter\nbase: {_target_: workbench.priors.smooth.Smooth, damping: 1}"
-    found = typed(OmegaConf.create(text), "mine.yaml")
+    found = typed(OmegaConf.to_container(OmegaConf.create(text)), "mine.yaml")
     assert (found.base.damping, found.base.start_pose, found.keep) == (1.0, 2.0, 0.9)
 
 

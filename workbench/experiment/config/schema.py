@@ -5,7 +5,7 @@ neither is written twice and a typo or a wrong type in an override is an error t
 """
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, make_dataclass
 from functools import lru_cache
@@ -22,7 +22,7 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
@@ -101,11 +101,7 @@ class RunSchema:
     paper: str = "ours"
     learn: Any = field(default_factory=_section("motions", "leave_out"))
     people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
-    clips: Any = field(
-        default_factory=_section(
-            "choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half"
-        )
-    )
+    clips: Any = field(default_factory=_CLIPS)
     protocol: Any = field(default_factory=_section("half", "activity", "shown"))
     paths: PathsSchema = field(default_factory=PathsSchema)
     check: dict[str, ToleranceSchema] = field(default_factory=dict)
@@ -124,17 +120,7 @@ def prepare_hydra() -> None:
 def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
     """Compose the configuration as the command `workbench` does, also within another Hydra application.
 
-    Parameters
-    ----------
-    overrides
-        As on the command line, such as "experiment=walk_circle" and "seed=3".
-    with_hydra
-        Keep Hydra's own settings, under `hydra`.
-
-    Raises
-    ------
-    HydraException, OmegaConfBaseException
-        As Hydra.
+    with_hydra: keep Hydra's own settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra.
     """
     prepare_hydra()
     application, base = GlobalHydra.instance().hydra, version.getbase()
@@ -149,25 +135,10 @@ def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
 
 
 @lru_cache(maxsize=256)
-def schema_of(target: str, with_defaults: bool = False) -> type:
-    """Return a dataclass with `_target_` and a typed field for each configurable parameter of a component.
-
-    Parameters
-    ----------
-    target
-        The component's dotted name.
-    with_defaults
-        Add a field for Hydra's own list `defaults`, which Hydra takes out again.
-
-    Raises
-    ------
-    InputError
-        As `resolved`.
-    """
+def _schema_of(target: str) -> type:
+    """Return a dataclass with `_target_` and a typed field for each key of a component; InputError as `resolved`."""
     component = resolved(target)
     columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{component.__module__}.{component.__qualname__}")]
-    if with_defaults:
-        columns.append(("defaults", list[Any], field(default_factory=list)))
     columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
     return make_dataclass(f"{component.__name__}_keys", columns)
 
@@ -252,15 +223,15 @@ class ComponentSource(ConfigSource):
         """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
         if config_path.startswith(f"{WHEN}/"):
             experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
-            return self._result(self._chosen_settings(experiment, set(chosen)), {"package": "_global_"})
-        path = self._find(config_path)
-        assert path is not None
-        text = _text(path)
-        self._check_options(config_path, _parsed(text, str(path)))
-        config = _typed_text(text, str(path), config_path.startswith("experiment/"), parts.packages())
-        return self._result(deepcopy(config), ConfigSource._get_header_dict(text))
-
-    def _result(self, config: Any, header: dict[str, str | None]) -> ConfigResult:
+            config: Any = self._chosen_settings(experiment, set(chosen))
+            header: dict[str, str | None] = {"package": "_global_"}
+        else:
+            path = self._find(config_path)
+            assert path is not None
+            text = _text(path)
+            self._check_options(config_path, _parsed(text, str(path)))
+            config = deepcopy(_typed_text(text, str(path), parts.packages()))
+            header = ConfigSource._get_header_dict(text)
         return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
 
     def _find(self, config_path: str) -> Path | None:
@@ -276,43 +247,37 @@ class ComponentSource(ConfigSource):
                 raise ConfigCompositionException(f"In '{config_path}': Could not find '{name}'")
 
     def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
-        """Collect what an experiment sets of the parts chosen, each `group.option`; its paper's own words last.
+        """Collect what an experiment and those it begins with set of the parts chosen, each `group.option`.
 
-        Raises ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
+        An experiment's own settings follow those of the ones it begins with, and its paper's words follow all. Raises
+        ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
         """
-        found = self._settings(experiment, chosen)
-        if LITERAL in chosen:
-            if LITERAL not in self._own(experiment).get(WHEN, {}):
-                raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
-            found.merge_with(self._settings(experiment, chosen, literal=True))
+        settings, found = dict(self._settings(experiment)), OmegaConf.create({})
+        if LITERAL in chosen and LITERAL not in settings.get(experiment, {}):
+            raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
+        every = list(settings.items())
+        every += [(name, own.get(LITERAL, {})) for name, own in every] if LITERAL in chosen else []
+        for name, own in every:
+            for place, keys in ((str(place), keys) for place, keys in own.items()):
+                group, _, option = place.partition(".")
+                if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                    raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
+                if not isinstance(keys, DictConfig):
+                    raise ConfigCompositionException(
+                        f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
+                    )
+                if place != LITERAL and place in chosen:
+                    found.merge_with({group: keys})
         return found
 
-    def _settings(self, experiment: str, chosen: set[str], literal: bool = False) -> DictConfig:
-        """What an experiment and those it begins with set of the parts chosen, each `group.option`; its own last.
-
-        literal: what they set under `paper.literal` instead.
-        """
-        found, own = OmegaConf.create({}), self._own(experiment)
-        for base in own.get("defaults", ()):
-            if isinstance(base, str) and base != "_self_":
-                found.merge_with(self._settings(base, chosen, literal))
-        settings = own.get(WHEN) or {}
-        for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
-            group, _, option = str(place).partition(".")
-            if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
-                raise ConfigCompositionException(f"In 'experiment/{experiment}': {WHEN}: there is no part {place}")
-            if not isinstance(keys, DictConfig):
-                raise ConfigCompositionException(
-                    f"In 'experiment/{experiment}': {WHEN}: {place}: expected keys and values, found {keys}"
-                )
-            if place != LITERAL and place in chosen:
-                found.merge_with({group: keys})
-        return found
-
-    def _own(self, experiment: str) -> DictConfig:
-        """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
-        path = self._find(f"experiment/{experiment}")
-        return OmegaConf.create({}) if path is None else _parsed(_text(path), str(path))
+    def _settings(self, experiment: str) -> Iterator[tuple[str, DictConfig]]:
+        """Yield what an experiment and those it begins with have under WHEN, by their names; its own last."""
+        if path := self._find(f"experiment/{experiment}"):  # where there is none, Hydra itself refuses
+            own = _parsed(_text(path), str(path))
+            for base in own.get("defaults", ()):
+                if isinstance(base, str) and base != "_self_":
+                    yield from self._settings(base)
+            yield experiment, own.get(WHEN) or OmegaConf.create({})
 
 
 class ComponentSearchPath(SearchPathPlugin):
@@ -323,15 +288,6 @@ class ComponentSearchPath(SearchPathPlugin):
         for element in search_path.get_path():
             if element.path == f"pkg://{parts.OURS}.conf":
                 element.path = f"{ComponentSource.scheme()}://{','.join(parts.folders())}"
-
-
-def open_mappings(schema: DictConfig) -> DictConfig:
-    """Let a command line fill the mappings that a class leaves empty, such as a file by camera, without a plus."""
-    for key in schema:
-        node = schema._get_node(key)
-        if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
-            OmegaConf.set_struct(node, False)
-    return schema
 
 
 def _text(path: Path) -> str:
@@ -361,39 +317,43 @@ def _parsed(text: str, file: str) -> DictConfig:
 
 
 @lru_cache(maxsize=512)
-def _typed_text(text: str, file: str, experiment: bool, packages: tuple[str, ...]) -> Any:
-    """Parse and type a file's text, an experiment's without what it sets of particular parts; to be left as it is.
+def _typed_text(text: str, file: str, _packages: tuple[str, ...]) -> DictConfig:
+    """Parse and type a file's text, without what an experiment sets of particular parts; to be left as it is.
 
-    packages: those whose classes may be named, on which it depends, too.
+    _packages: those whose classes may be named, on which it depends, too.
     """
-    config = deepcopy(_parsed(text, file))
-    if experiment and WHEN in config:
-        del config[WHEN]
-    return typed(config, file)
+    plain: Any = OmegaConf.to_container(_parsed(text, file))
+    plain.pop(WHEN, None)
+    return OmegaConf.create(typed(plain, file))
 
 
-def typed(config: Any, file: str) -> Any:
+def typed(value: Any, file: str) -> Any:
     """Merge every mapping that names a class over the schema of that class, so that its keys are checked.
 
-    Raises ConfigCompositionException, naming the file, for a key that is none or a value of another type.
+    value: of plain mappings and lists. Raises ConfigCompositionException, naming the file, for a key that is none or a
+    value of another type.
     """
-    for key in list(config.keys()) if isinstance(config, DictConfig) else range(len(config)):
-        node = config._get_node(key)
-        if key == "hydra" or not isinstance(node, DictConfig | ListConfig):  # Hydra looks after its own
-            continue
-        if not (node._is_none() or node._is_interpolation()):
-            config._set_item_impl(key, typed(node, file))
-    if not isinstance(config, DictConfig) or "_target_" not in config:
+    if isinstance(value, list):
+        return [typed(item, file) for item in value]
+    if not isinstance(value, dict):
+        return value
+    config = {key: item if key == "hydra" else typed(item, file) for key, item in value.items()}  # Hydra checks its own
+    if "_target_" not in config:
         return config
     try:
-        schema = open_mappings(OmegaConf.structured(schema_of(config._target_, "defaults" in config)))
-    except InputError as error:
-        raise ConfigCompositionException(f"{file}: {error}") from error
-    known = [str(key) for key in schema]  # which `in` would not find where they have no default
-    if unknown := [str(key) for key in config if key not in known]:
-        keys = ", ".join(key for key in known if key not in ("_target_", "defaults")) or "none"
-        raise ConfigCompositionException(f"{file}: {config._target_} has no key {unknown[0]!r}; it has {keys}")
-    try:
-        return OmegaConf.merge(schema, config)
-    except OmegaConfBaseException as error:
+        defaults = {key: config.pop(key) for key in ("defaults",) if key in config}
+        schema = OmegaConf.structured(_schema_of(str(config["_target_"])))
+        for key in schema:  # a command line may fill mappings that the class leaves empty without a plus
+            node = schema._get_node(key)
+            if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
+                OmegaConf.set_struct(node, False)
+        known = [str(key) for key in schema]  # which `in` would not find where they have no default
+        if unknown := [str(key) for key in config if key not in known]:
+            keys = ", ".join(key for key in known if key != "_target_") or "none"
+            raise InputError(f"{config['_target_']} has no key {unknown[0]!r}; it has {keys}")
+        merged: Any = OmegaConf.merge(schema, config)
+        with open_dict(merged):
+            merged.update(defaults)
+        return merged
+    except (InputError, OmegaConfBaseException) as error:
         raise ConfigCompositionException(f"{file}: {' '.join(str(error).split())}") from error
