@@ -144,7 +144,7 @@ def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhe
     if ended and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
         os.utime(folder / SUMMARY)
         return True
-    set_aside(folder)
+    _set_aside(folder)
     return take_over(wanted, folder, places)
 
 
@@ -179,7 +179,7 @@ def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
     return False
 
 
-def set_aside(folder: Path) -> None:
+def _set_aside(folder: Path) -> None:
     """Move a complete run out of the way of another that is to have its folder, where `take_over` finds it."""
     summary = read_summary(folder) or {}
     if summary.get("status") != "complete" or not (folder / RECORDING).is_file():
@@ -188,11 +188,6 @@ def set_aside(folder: Path) -> None:
     target.mkdir(parents=True, exist_ok=True)
     for name in (RECORDING, SUMMARY):
         os.replace(folder / name, target / name)
-
-
-def left_aside(folder: Path) -> int:
-    """Count the runs of an earlier sweep in this folder that are none of its jobs any more."""
-    return len(list((folder / ASIDE).glob(f"*/{SUMMARY}")))
 
 
 def _runs(places: Sequence[Path]) -> Iterator[Path]:

@@ -79,10 +79,10 @@ def plan_of(config: DictConfig) -> Plan:
             raise InputError(f"hydra/sweeper must be basic or optuna, found {sweeper._target_}")
         if resume is not None and (sweeper.get("sampler") or {}).get("seed") is None:
             raise InputError("sweep.resume: a tuner repeats its trials only if hydra.sweeper.sampler.seed is set")
-    return jobs_of(config, folder)
+    return _jobs_of(config, folder)
 
 
-def jobs_of(config: Any, folder: Path) -> Plan:
+def _jobs_of(config: Any, folder: Path) -> Plan:
     """Return the plan of a sweep in `folder` by its configuration, or what Hydra saved of it.
 
     Raises InputError for more jobs than MOST_JOBS and for unknown numbers in sweep.jobs.
@@ -119,6 +119,6 @@ def read_plan(folder: Path) -> Plan:
     prepare_hydra()  # parameters may use our resolvers, as those of experiment=strangers do
     try:
         check_file(place, MOST_CONFIG)
-        return jobs_of(OmegaConf.load(place), folder)
+        return _jobs_of(OmegaConf.load(place), folder)
     except (OSError, YAMLError, OmegaConfBaseException, HydraException, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{place}: expected what Hydra leaves of a sweep: {' '.join(str(error).split())}") from None

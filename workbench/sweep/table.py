@@ -16,7 +16,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.results.report.tables import printable
-from workbench.sweep.job import ASIDE, FAILED, left_aside, metric_of, read_summary
+from workbench.sweep.job import ASIDE, FAILED, metric_of, read_summary
 from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import SUMMARY
@@ -190,7 +190,7 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     progress.stop()
     Watch.lock.close()
     folder = progress.plan.folder
-    if left := left_aside(folder):
+    if left := len(list((folder / ASIDE).glob(f"*/{SUMMARY}"))):
         print(f"{left} complete runs that were here are none of these jobs: moved to {folder / ASIDE}")
     if not (missing := progress.not_complete()):
         return 0

@@ -40,7 +40,7 @@ LITERAL = "paper.literal"
 
 
 @dataclass
-class PathsSchema:
+class _Paths:
     """data: folder with recorded motion and video. cache: folder for what can be made again."""
 
     data: str | None = None
@@ -56,7 +56,7 @@ _CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_f
 
 
 @dataclass
-class ToleranceSchema:
+class _Tolerance:
     """What a metric may move by: absolute, in its unit, or relative to what it was."""
 
     absolute: float = 0.0
@@ -64,7 +64,7 @@ class ToleranceSchema:
 
 
 @dataclass
-class SweepSchema:
+class _Sweep:
     """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
 
     fail_fast: begin no job after one has failed. stop_when: ends a run early.
@@ -103,15 +103,15 @@ class RunSchema:
     people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
     clips: Any = field(default_factory=_CLIPS)
     protocol: Any = field(default_factory=_section("half", "activity", "shown"))
-    paths: PathsSchema = field(default_factory=PathsSchema)
-    check: dict[str, ToleranceSchema] = field(default_factory=dict)
-    sweep: SweepSchema = field(default_factory=SweepSchema)
+    paths: _Paths = field(default_factory=_Paths)
+    check: dict[str, _Tolerance] = field(default_factory=dict)
+    sweep: _Sweep = field(default_factory=_Sweep)
 
 
 def prepare_hydra() -> None:
     """Register with Hydra the options, the schema of the top level, and the resolvers of `conf/`."""
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
-    for plugin in (ComponentSource, ComponentSearchPath):
+    for plugin in (ComponentSource, _ComponentSearchPath):
         Plugins.instance().register(plugin)
     for name, resolver in RESOLVERS.items():
         OmegaConf.register_new_resolver(name, resolver, replace=True)
@@ -280,7 +280,7 @@ class ComponentSource(ConfigSource):
             yield experiment, own.get(WHEN) or OmegaConf.create({})
 
 
-class ComponentSearchPath(SearchPathPlugin):
+class _ComponentSearchPath(SearchPathPlugin):
     """Puts the options of all packages and folders where Hydra would look for ours alone."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
