@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from compositions import TRACKING, composed
 
-from workbench.core.side_information import MEANING
+from workbench.core.side_information import ORDER
 from workbench.experiment.config.requirements import assumptions, first_conflict
 
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
@@ -15,7 +15,7 @@ EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 @pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
 def test_an_experiment_lists_what_its_parts_take(experiment):
     config = composed(f"experiment={experiment}")
-    assert set(config.given) == assumptions(config, {}).keys()
+    assert set(config.given) == set(assumptions(config))
 
 
 @pytest.mark.parametrize(
@@ -32,8 +32,8 @@ def test_an_experiment_lists_what_its_parts_take(experiment):
     ],
 )
 def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
-    before = set(assumptions(composed(overrides[0]), {}))
-    assert set(assumptions(composed(*overrides), {})) == (before | more) - less
+    before = set(assumptions(composed(overrides[0])))
+    assert set(assumptions(composed(*overrides))) == (before | more) - less
 
 
 def test_the_table_of_the_documents_says_what_is_given():
@@ -48,10 +48,10 @@ def test_the_table_of_the_documents_says_what_is_given():
         for name in [name[0] or name[1]]
     }
     assert {name: words for name, words in told.items() if name in TRACKING} == {
-        name: set(assumptions(composed(f"experiment={name}"), {})) for name in TRACKING if name != "custom"
+        name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
     }
     explained = re.search(r"## What is given\n\nIn words: (.+?)\n\n", text, re.DOTALL)
-    assert set(re.findall(r"`(\w+)`", explained[1])) == set(MEANING)
+    assert set(re.findall(r"`(\w+)`", explained[1])) == set(ORDER)
 
 
 @pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])

@@ -51,28 +51,23 @@ def execute(
     config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
     continued: "Continued | None" = None, stop: Stop | None = None,
 ) -> Summary:  # fmt: skip
-    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it locks.
+    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it makes and locks.
 
     Parameters
     ----------
-    config, experiment, folder
-        The resolvable configuration, the name to record for it, and the folder, which is made where there is none.
-    quiet
-        Show no progress bar.
+    config, experiment
+        The resolvable configuration, and the name to record for it.
     command
         What was said, which is recorded; error messages name its choices.
-    continued
-        Where a recorded run goes on; None: from the first frame.
-    stop
-        Ends the run where it holds.
+    continued, stop
+        Where a recorded run goes on, None for the first frame; a condition that ends the run.
 
     Raises
     ------
     InputError
         For what a user can mend.
     DegenerateWeights
-        Where the configuration asks to end there. summary.json then says so, and the recording up to there is kept as
-        `run.rrd.part`.
+        Where the configuration asks to end there: the recording up to there is kept as `run.rrd.part`.
     """
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
     with run_folder(folder), ending(summary):
@@ -118,7 +113,7 @@ def run_checked(
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
     with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
-            config = _with_assumptions(config, command.choices)
+            config = _with_assumptions(config)
             summary.given = list(config.given)
         summary.settings = _plain(config)
         if config.study is not None:
@@ -151,9 +146,9 @@ def _plain(config: DictConfig) -> dict[str, Any]:
     return found
 
 
-def _with_assumptions(config: DictConfig, names: Mapping[str, str]) -> DictConfig:
+def _with_assumptions(config: DictConfig) -> DictConfig:
     """Put the side information that the run uses in place of what its experiment lists, and log both."""
-    taken, listed = list(assumptions(config, names)), list(config.get("given") or [])
+    taken, listed = assumptions(config), list(config.get("given") or [])
     log.info("given: %s", ", ".join(taken) or "nothing")
     if listed and listed != taken:
         log.info("the experiment as it stands lists: %s", ", ".join(listed))

@@ -10,7 +10,6 @@ from workbench.utils.errors import InputError
 _DATASETS = "workbench.datasets"
 _VIDEOS = (f"{_DATASETS}.video.Video", f"{_DATASETS}.multi_view.MultiView")
 _POINTS = f"{_DATASETS}.point_files.PointFiles"
-_PRODUCT = "workbench.likelihoods.product.Product"
 _MODULES = {
     "workbench.inference.fit.frame_by_frame": "workbench.inference.least_squares.frame_by_frame",
     "workbench.inference.fit.least_squares": "workbench.inference.least_squares.least_squares",
@@ -40,24 +39,21 @@ _MODULES = {
     "workbench.priors.partwise": "workbench.priors.factored",
 }
 """Modules of targets that have moved."""
+_REMOVED: Mapping[str, Mapping[str, object]] = {
+    "workbench.likelihoods.product.Product": {"device": "cpu"},
+    "workbench.recording.write.recorder.Recorder": {"jpeg_quality": 80},
+}
+"""Keys that components have no more, by target, with the one value that holds today; null stands for it."""
 
 
 def in_todays_words(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration with today's keys; a warning names each key whose value changes.
 
     Targets get the modules they are in today, a video's `last_frame` becomes `n_frames`, the `first_frame` of files of
-    points becomes `truth_first`, and a product's `device` is removed.
-
-    Parameters
-    ----------
-    path : the recording, for messages.
-    settings : the recorded configuration.
-
-    Raises
-    ------
-    InputError : a product computed on another device than the CPU.
+    points becomes `truth_first`, and keys that components have no more are removed. path: of the recording, for
+    messages. Raises InputError for a removed key with another value than the one that holds today.
     """
-    today = {key: _on_the_cpu(path, key, _moved_targets(value)) for key, value in settings.items()}
+    today = {key: _without_removed(path, key, _moved_targets(value)) for key, value in settings.items()}
     if isinstance(dataset := today.get("dataset"), Mapping):
         today["dataset"] = _dataset(dataset)
     return today
@@ -91,14 +87,15 @@ def _dataset(recorded: Mapping[str, Any]) -> dict[str, Any]:
     return dataset
 
 
-def _on_the_cpu(path: Path, place: str, value: Any) -> Any:
-    """Remove `device` from every product in a part of a configuration."""
+def _without_removed(path: Path, place: str, value: Any) -> Any:
+    """Remove the keys that components have no more from a part of a configuration."""
     if not isinstance(value, Mapping):
         return value
-    found = {key: _on_the_cpu(path, f"{place}.{key}", item) for key, item in value.items()}
-    if found.get("_target_") == _PRODUCT and (device := found.pop("device", None)) not in ("cpu", None):
-        raise InputError(
-            f"{path}: {place}.device: expected cpu, the only device of the workbench's own likelihoods, found "
-            f"{device!r}; run its experiment again without this key"
-        )
+    found = {key: _without_removed(path, f"{place}.{key}", item) for key, item in value.items()}
+    for key, today in _REMOVED.get(str(found.get("_target_")), {}).items():
+        if (recorded := found.pop(key, None)) not in (today, None):
+            raise InputError(
+                f"{path}: {place}.{key}: expected {today}, the only value that holds today, found {recorded!r}; "
+                "run its experiment again without this key"
+            )
     return found

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.core.capabilities import EVIDENCE, IMAGES, KEYPOINTS, ONE_CAMERA, POINTS, START, Traits
-from workbench.core.side_information import CAMERA, FIRST_FRAMES, MARKS, MEANING, RADII, START_POSE, TRAJECTORY
+from workbench.core.side_information import CAMERA, FIRST_FRAMES, MARKS, ORDER, RADII, START_POSE, TRAJECTORY
 from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import GROUPS, options
 from workbench.recording.settings import leaves
@@ -144,23 +144,18 @@ def no_evidence(config: DictConfig, names: Mapping[str, str]) -> str | None:
     return f"{_name_of(config, 'likelihood', names)} is not {EVIDENCE}"
 
 
-def assumptions(config: DictConfig, names: Mapping[str, str]) -> dict[str, str]:
-    """Return the side information that a run uses, in the order of `MEANING`, and the component that uses it.
-
-    names: the options chosen, by group. A study uses none.
-    """
-    traits, called = _chosen(config, ("body", *_INTERACTING) if config.get("inference") is not None else (), names)
+def assumptions(config: DictConfig) -> list[str]:
+    """Return the side information that a run uses, in its `ORDER`; a study uses none."""
+    traits, _ = _chosen(config, ("body", *_INTERACTING) if config.get("inference") is not None else (), {})
     offers = traits["dataset"].offers if "dataset" in traits else frozenset()
-    taken: dict[str, str] = {}
-    for group, part in traits.items():
-        words = part.needs.get("given", frozenset()) | (part.needs.get("known", frozenset()) & offers)
-        words |= {CAMERA} if _WITH_CAMERA & part.needs.get("dataset", frozenset()) else set()
-        taken |= dict.fromkeys(words - taken.keys(), called[group])
-    if "inference" in traits and TRAJECTORY not in taken:  # which knows the first pose
-        taken |= dict.fromkeys(_start(offers, traits["inference"]), called["inference"])
-    shown = frozenset().union(*(part.needs.get("dataset", frozenset()) for part in traits.values()))
+    shown = frozenset().union(*(part.needs.get("dataset", ()) for part in traits.values()))
+    words = {CAMERA} if _WITH_CAMERA & shown else set()
+    for part in traits.values():
+        words |= part.needs.get("given", frozenset()) | (part.needs.get("known", frozenset()) & offers)
+    if "inference" in traits and TRAJECTORY not in words:  # which knows the first pose
+        words |= _start(offers, traits["inference"])
     unused = set() if _WITH_SURFACE & shown else {RADII}
-    return {word: taken[word] for word in MEANING if word in taken and word not in unused}
+    return [word for word in ORDER if word in words - unused]
 
 
 def _start(offers: frozenset[str], inference: Traits) -> set[str]:
