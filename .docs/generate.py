@@ -13,9 +13,9 @@ import yaml
 from pictures import of_experiment
 
 import workbench.core
-from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import GROUPS, Option, options
-from workbench.experiment.config.schema import LITERAL, WHEN, keys_of
+from workbench.experiment.config.schema import LITERAL, WHEN
 from workbench.recording.read.reader import read
 
 BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"

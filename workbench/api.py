@@ -13,20 +13,17 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from threadpoolctl import threadpool_limits
 
-from workbench.experiment.config.composition import composed
-from workbench.experiment.config.object_config import PYTHON, settings_of
 from workbench.experiment.config.options import GROUPS, name_parts, parts_in
-from workbench.experiment.config.schema import typed
-from workbench.experiment.execute import ending, execute
-from workbench.experiment.folder import run_folder
-from workbench.experiment.provenance import Command, provenance
-from workbench.experiment.running import record as record_steps
-from workbench.experiment.running import recorder_of
+from workbench.experiment.config.schema import composed, typed
+from workbench.experiment.provenance import PYTHON, Command, described, provenance
+from workbench.experiment.run import ending, execute, recorder_of
+from workbench.experiment.run import record as record_steps
 from workbench.experiment.summary import Summary
 from workbench.experiment.tracking import Parts
 from workbench.recording.read.reader import Run, read
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import RECORDING
+from workbench.utils.run_lock import run_folder
 
 
 def run(
@@ -60,12 +57,12 @@ def run(
 def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, quiet: bool = False) -> Run:
     """Track with parts that were built in Python, without a configuration, record every step, and read it back.
 
-    The recording's settings are read off the live objects, see `experiment.described`, so that what was swapped is what
+    The recording's settings are read off the live objects, see `provenance.described`, so that what was swapped is what
     it says. folder: where run.rrd and summary.json go; None: recordings/runs/python/TIME. Raises InputError as `track`
     does; a note on the error says where the run was left.
     """
     place = _place(folder, PYTHON)
-    settings = settings_of(parts, seed)
+    settings = _settings(parts, seed)
     recorder_keys = {"_target_": "workbench.recording.write.recorder.Recorder"}
     config = OmegaConf.create({**settings, "recorder": recorder_keys})
     summary = Summary(PYTHON, seed, place / RECORDING, settings=settings)
@@ -75,11 +72,19 @@ def record(parts: Parts, folder: str | Path | None = None, *, seed: int = 0, qui
         _telling(place, quiet), run_folder(place), ending(summary), one_thread,
         recorder_of(config, parts, summary) as recorder,
     ):  # fmt: skip
-        recorder.set_departures(parts.clip.known.departures)
         record_steps(parts, recorder, seed, summary, quiet)
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
     return read(place)
+
+
+def _settings(parts: Parts, seed: int) -> dict[str, Any]:
+    """Return what tracks in the shape of a configuration; likelihood: the inference's attribute, if it has one."""
+    likelihood = getattr(parts.inference, "likelihood", None)
+    live = {"dataset": parts.clip.dataset, "prior": parts.prior, "likelihood": likelihood, "inference": parts.inference}
+    nodes = {group: None if part is None else described(part) for group, part in live.items()}
+    body = {"_target_": described(parts.body)["_target_"], "shape": parts.body.shape.as_dict()}
+    return {"experiment": PYTHON, "seed": seed, "body": body, **nodes}
 
 
 def _composed(experiment: str, overrides: tuple[str, ...]) -> tuple[DictConfig, dict[str, str]]:
@@ -101,9 +106,8 @@ def _node(part: object, group: str) -> DictConfig:
     """
     if group not in GROUPS:
         raise InputError(f"expected a part by its group, one of {', '.join(GROUPS)}, found {group!r}")
-    config = OmegaConf.create(_keys(part, group))
     try:
-        found: DictConfig = typed(OmegaConf.create({group: config}), "Python")[group]
+        found: DictConfig = typed(_keys(part, group), "Python")
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(" ".join(str(error).split())) from error
     return found

@@ -28,11 +28,10 @@ from workbench.core.dataset import Dataset
 from workbench.core.frame import Frame
 from workbench.core.frame_cache import FrameCache
 from workbench.evaluation.evidence import Evidence
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.running import record, recorder_of
+from workbench.experiment.run import record, recorder_of
 from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Parts
+from workbench.experiment.tracking import Parts, assemble
 
 N_FRAMES, REPEATS, FEW = 50, 10, 64
 

@@ -1,7 +1,6 @@
 """Runs of which nothing is kept but their numbers."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 from hydra import compose, initialize_config_module
@@ -9,10 +8,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.summary import Summary
-from workbench.experiment.tracking import Meter, track
+from workbench.experiment.tracking import Meter, assemble, track
 from workbench.utils.errors import InputError
 
 
@@ -30,7 +28,7 @@ def finished(config: DictConfig, experiment: str) -> Summary:
     """Track as a configuration says, on one BLAS thread as `workbench` does, and sum up; raises InputError likewise."""
     summary = Summary(experiment=experiment, seed=int(config.seed), recording=Path("none"))
     with threadpool_limits(limits=1, user_api="blas"):
-        parts = assemble(config, lambda stage: nullcontext())
+        parts = assemble(config)
         meter = Meter(parts)
         for step, errors in track(parts, int(config.seed), meter):
             summary.add(step, errors)

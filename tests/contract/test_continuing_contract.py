@@ -1,6 +1,5 @@
 """What continues goes on from any frame with the same bits: every inference, every prior, and cues that remember."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +8,9 @@ from hydra import compose, initialize_config_module
 
 from workbench.core.filter_state import Past
 from workbench.core.step import Continuing
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.tracking import assemble
 from workbench.priors.fitted_rest import Following, Trajectory
 from workbench.utils.errors import InputError
 from workbench.utils.rng import rng_streams
@@ -41,7 +40,7 @@ def made(cache):
             config = compose("config", overrides=[*SCENE, *overrides, f"paths.cache={cache}"])
         if "n_particles" in config.inference:
             config.inference.n_particles = 40
-        return assemble(config, lambda stage: nullcontext())
+        return assemble(config)
 
     return parts
 

@@ -4,9 +4,9 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import options
-from workbench.experiment.config.schema import keys_of, prepare_hydra
+from workbench.experiment.config.schema import prepare_hydra
 from workbench.motion.formats.names import performer
 
 TRACKING = sorted(name for name, each in options("experiment").items() if "_study" not in each.text)

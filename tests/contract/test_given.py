@@ -5,33 +5,17 @@ from pathlib import Path
 
 import pytest
 from compositions import TRACKING, composed
-from omegaconf import OmegaConf
 
-from workbench.core.side_information import MEANING
-from workbench.experiment.config.assumptions import check_given, givens
-from workbench.experiment.config.compatibility import incompatibility
-from workbench.utils.errors import InputError
+from workbench.core.side_information import ORDER
+from workbench.experiment.config.requirements import assumptions, first_conflict
 
 EXPERIMENTS = Path(__file__).parents[2] / ".docs" / "experiments.md"
 
 
 @pytest.mark.parametrize("experiment", sorted(set(TRACKING) - {"custom"}))
 def test_an_experiment_lists_what_its_parts_take(experiment):
-    check_given(composed(f"experiment={experiment}"))
-
-
-@pytest.mark.parametrize(
-    ("listed", "sentence"),
-    [
-        (["start", "rotation", "limb_lengths", "radii"], "given: likelihood=image_motion takes camera"),
-        (["start", "rotation", "limb_lengths", "radii", "camera", "height"], "given: height .* no part takes it"),
-        (["luck"], "given: no such word 'luck', expected some of start"),
-    ],
-)
-def test_a_list_that_is_not_what_the_parts_take_is_refused_with_part_and_word(listed, sentence):
-    config = OmegaConf.merge(composed("experiment=walk_straight"), {"given": listed})
-    with pytest.raises(InputError, match=sentence):
-        check_given(config, {"likelihood": "image_motion"})
+    config = composed(f"experiment={experiment}")
+    assert set(config.given) == set(assumptions(config))
 
 
 @pytest.mark.parametrize(
@@ -48,8 +32,8 @@ def test_a_list_that_is_not_what_the_parts_take_is_refused_with_part_and_word(li
     ],
 )
 def test_what_a_run_is_given_follows_its_parts(overrides, more, less):
-    before = set(givens(composed(overrides[0])))
-    assert set(givens(composed(*overrides))) == (before | more) - less
+    before = set(assumptions(composed(overrides[0])))
+    assert set(assumptions(composed(*overrides))) == (before | more) - less
 
 
 def test_the_table_of_the_documents_says_what_is_given():
@@ -64,17 +48,17 @@ def test_the_table_of_the_documents_says_what_is_given():
         for name in [name[0] or name[1]]
     }
     assert {name: words for name, words in told.items() if name in TRACKING} == {
-        name: set(givens(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
+        name: set(assumptions(composed(f"experiment={name}"))) for name in TRACKING if name != "custom"
     }
     explained = re.search(r"## What is given\n\nIn words: (.+?)\n\n", text, re.DOTALL)
-    assert set(re.findall(r"`(\w+)`", explained[1])) == set(MEANING)
+    assert set(re.findall(r"`(\w+)`", explained[1])) == set(ORDER)
 
 
 @pytest.mark.parametrize("likelihood", ["likelihood=keypoints", "likelihood=product"])
 def test_restarts_from_joints_are_refused_where_the_likelihood_weighs_these(likelihood):
     chosen = ["experiment=walk_keypoints_synthetic", "prior=smooth", "inference=restarting", likelihood]
     names = {"inference": "restarting", "likelihood": "keypoints"}
-    refused = incompatibility(composed(*chosen), names)
+    refused = first_conflict(composed(*chosen), names)
     if likelihood == "likelihood=keypoints":
         start = "config: inference=restarting starts from 2-D joints"
         assert refused == f"{start}, which likelihood=keypoints would use a second time"

@@ -1,15 +1,13 @@
 """What every inference keeps, on rendered people: whole steps, costs, seeds, threads."""
 
-from contextlib import nullcontext
-
 import numba
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
-from workbench.experiment.assembly import assemble
 from workbench.experiment.config.options import options
 from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.tracking import assemble
 from workbench.utils.rng import rng_streams
 
 NAMES = sorted(options("inference"))
@@ -41,7 +39,7 @@ def parts(cache):
             for key in ("n_particles", "n_paths"):
                 if key in config.inference:
                     config.inference[key] = N
-            made[name] = assemble(config, lambda stage: nullcontext())
+            made[name] = assemble(config)
     return made
 
 

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from workbench.cli.run import main
 from workbench.experiment.config import options as parts
-from workbench.experiment.config.composition import composed as compose
+from workbench.experiment.config.schema import composed as compose
 from workbench.utils.run_files import SUMMARY
 
 FILES = sorted((parts.folder(parts.OURS) / "experiment").glob("*.yaml"))

@@ -14,9 +14,9 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.instantiate import resolved
+from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import GROUPS, options
-from workbench.experiment.config.schema import keys_of, prepare_hydra
+from workbench.experiment.config.schema import prepare_hydra
 
 KEPT = Path(__file__).with_name("resolved_experiments.yaml")
 EXPERIMENTS = sorted(options("experiment"))

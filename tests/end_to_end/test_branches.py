@@ -7,10 +7,10 @@ import pytest
 from omegaconf import OmegaConf
 
 from workbench.cli.run import main
-from workbench.experiment.execute import execute
-from workbench.experiment.resuming import resumed
-from workbench.recording.read import checkpoints as reading
+from workbench.experiment.resume import resumed
+from workbench.experiment.run import execute
 from workbench.recording.read import partial_run as earlier
+from workbench.recording.read import partial_run as reading
 from workbench.recording.read.partial_run import checkpoint_frames
 from workbench.recording.read.reader import read
 from workbench.recording.write import checkpoints, recorder

@@ -9,9 +9,9 @@ import sys
 import pytest
 from kills import MOST_LOST, main
 
-from workbench.experiment.folder import run_folder
 from workbench.recording.read.reader import read
 from workbench.utils.run_files import EARLIER, LOCK
+from workbench.utils.run_lock import run_folder
 
 SMALL = ("dataset.n_frames=4", "inference.n_particles=60", "dataset.width=160", "dataset.height=120")
 SMALL += ("dataset.person_px=80", "dataset.focal_px=175")

@@ -16,7 +16,7 @@ import pytest
 from workbench.cli.runs import main as runs
 from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
-from workbench.sweep.reuse import read_summary
+from workbench.sweep.job import read_summary
 from workbench.utils.errors import InputError
 from workbench.utils.run_lock import is_locked
 

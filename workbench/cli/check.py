@@ -14,10 +14,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from workbench.cli.hydra_quoting import quoted
 from workbench.cli.run_output import tell_warnings
-from workbench.experiment.branch import changes
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults
+from workbench.experiment.resume import changes
 from workbench.recording.read.reader import find_recordings
 from workbench.recording.side_by_side import write_side_by_side
 from workbench.results.check.against import check_against

@@ -20,7 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from workbench.camera_calibration.findings import CalibrationCheck, CalibrationFinding, check_calibration
 from workbench.camera_calibration.observed_joints import ObservedJoints, observe_joints
 from workbench.camera_calibration.overlay import draw_overlay
-from workbench.experiment.config import composition
+from workbench.experiment.config import schema
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.utils.atomic_write import whole_file
@@ -64,7 +64,7 @@ def composed(words: Sequence[str]) -> DictConfig:
     chosen = {word.partition("=")[0] for word in words}
     if not chosen & {"dataset", "experiment"}:
         raise InputError("expected a dataset, such as dataset=video dataset.source=walk.mp4, or an experiment")
-    config = composition.composed([*([] if "experiment" in chosen else ["experiment=custom"]), *words])
+    config = schema.composed([*([] if "experiment" in chosen else ["experiment=custom"]), *words])
     if config.dataset is None:
         raise InputError("expected an experiment with a dataset, found none")
     if lacking := sorted(OmegaConf.missing_keys(config.dataset)):

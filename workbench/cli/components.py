@@ -41,8 +41,8 @@ def listing() -> str:
 
 def _combinations() -> str:
     """Which options go with which, and what the others lack; wrappers as they stand, with the parts they begin with."""
-    from workbench.experiment.config.compatibility import PAIRS, table, traits_of
-    from workbench.experiment.config.composition import composed
+    from workbench.experiment.config.requirements import PAIRS, table, traits_of
+    from workbench.experiment.config.schema import composed
 
     named, groups = f"parts=[{','.join(packages()[1:])}]", {group for pair in PAIRS for group in pair}
     traits = {
@@ -85,8 +85,7 @@ def _keys(option: Option) -> dict[str, str]:
     """Key = value, as the option has it or else its class, and the note on it."""
     from omegaconf import OmegaConf
 
-    from workbench.experiment.config.instantiate import resolved
-    from workbench.experiment.config.schema import keys_of
+    from workbench.experiment.config.instantiate import keys_of, resolved
 
     own: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
     found, notes = {}, option.notes

@@ -4,15 +4,14 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 from tqdm import tqdm
 
-from workbench.experiment.assembly import assemble
-from workbench.experiment.branch import branched
 from workbench.experiment.config.options import name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.resume import branched
+from workbench.experiment.tracking import assemble
 from workbench.recording.futures import Shown, write_futures
 from workbench.recording.read.crash_probe import read_sound_run
 from workbench.recording.read.reader import Run
@@ -78,7 +77,7 @@ def _explain(run: Run, loss: Loss, overrides: list[str], seeds: int, jobs: int, 
     verdicts = ranked([verdict(found) for found in every])
     print(table(verdicts))
     print(sentence(verdicts))
-    body = assemble(config, lambda stage: nullcontext()).body
+    body = assemble(config).body
     write_futures(output, run, body, [_shown(each) for found in every for each in found], _markdown(verdicts))
     print(f"look at them: rerun {output}")
 

@@ -23,9 +23,9 @@ from workbench.cli.hydra_quoting import quoted, unquoted
 from workbench.cli.run_output import lines, tell_warnings
 from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
+from workbench.sweep.early_stop import stop_when
 from workbench.sweep.job import metric_of, run_job
-from workbench.sweep.progress import Watch, close, rest_of
-from workbench.sweep.stopping import stop_when
+from workbench.sweep.table import Watch, close, rest_of
 from workbench.utils.errors import InputError, shortened
 from workbench.utils.signals import Interrupted, interruptible
 
@@ -140,7 +140,7 @@ def _plain(argument: str) -> str:
 
 def _branch(arguments: list[str]) -> None:
     """Run a recorded configuration with changes, without Hydra's own way of composing one."""
-    from workbench.experiment.branch import branch  # here, as in `_job`
+    from workbench.experiment.resume import branch  # here, as in `_job`
 
     root = logging.getLogger()
     root.addHandler(logging.StreamHandler(sys.stdout))
@@ -177,8 +177,8 @@ def _job(config: DictConfig) -> float | None:
     experiment = str(settings.runtime.choices.get("experiment") or "custom")
     if settings.mode == RunMode.MULTIRUN:
         return run_job(config, sweep, experiment, settings)
-    from workbench.experiment.execute import execute  # here, so that help and a sweep's own process do without
     from workbench.experiment.provenance import Command
+    from workbench.experiment.run import execute  # here, so that help and a sweep's own process do without
 
     try:
         choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}

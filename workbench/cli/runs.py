@@ -165,7 +165,7 @@ def _changes(place: str) -> int:
 
 
 def _watch(place: Path) -> int:
-    from workbench.sweep.watch import watch
+    from workbench.sweep.table import watch
 
     try:
         return watch(place)

@@ -1,7 +1,6 @@
 """Every option of a package composes, runs, and keeps what is asked of its group."""
 
 from collections.abc import Iterator
-from contextlib import nullcontext
 from itertools import pairwise
 from typing import Any
 
@@ -12,12 +11,11 @@ from omegaconf import DictConfig
 
 from workbench.core.capabilities import KEYPOINTS, POINTS, RESIDUALS, Traits
 from workbench.core.prior import propose
-from workbench.experiment.assembly import assemble
-from workbench.experiment.config.compatibility import traits_of
 from workbench.experiment.config.instantiate import build
 from workbench.experiment.config.options import GROUPS, name_parts, options
+from workbench.experiment.config.requirements import traits_of
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.tracking import Parts, track
+from workbench.experiment.tracking import Parts, assemble, track
 from workbench.utils.arrays import FloatArray
 
 N_FRAMES, N = 4, 30
@@ -67,7 +65,7 @@ def composed(group: str, option: str, cache: str, *overrides: str) -> DictConfig
 
 def assembled(group: str, option: str, cache: str) -> Parts:
     """The parts of a small run."""
-    return assemble(composed(group, option, cache), lambda name: nullcontext())
+    return assemble(composed(group, option, cache))
 
 
 def start_of(parts: Parts) -> FloatArray:

@@ -1,11 +1,14 @@
-"""A run's scalar results, as `summary.json` keeps them."""
+"""A run's folder, and its scalar results as `summary.json` there keeps them."""
 
 import json
+import logging
+import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -15,24 +18,28 @@ import numpy as np
 from workbench import __version__
 from workbench.evaluation.verdict import lost_and_found, lost_share
 from workbench.utils.atomic_write import replace_text
+from workbench.utils.run_files import EARLIER, RECORDING, SUMMARY
+from workbench.utils.signals import deferred
 
 if TYPE_CHECKING:  # a run that is refused does without
     from workbench.core.step import Step
     from workbench.evaluation.verdict import Verdict
 
-RMS = ("knee_deg", "hip_deg")
+log = logging.getLogger(__name__)
+
+_RMS = ("knee_deg", "hip_deg")
 """Errors that a run sums up by their root mean square, not their mean."""
 
 _ROOM = 32_768
 """Bytes that the summary of a run takes while it goes on, so that how it ended can be written on a full disk."""
 _LEFT_OUT_FIRST = ("settings", "provenance", "versions")
 
-PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
+_PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "h5py", "hydra-core", "rerun-sdk")
 
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages a result depends on."""
-    found = {name: version(name) for name in PACKAGES}
+    found = {name: version(name) for name in _PACKAGES}
     return {"python": platform.python_version(), "workbench": __version__, **found}
 
 
@@ -41,14 +48,15 @@ class Summary:
     """What a run comes to, gathered step by step.
 
     Means are over the frames after the first, which is the given start and was not tracked, and where there was
-    truth; log_evidence is that of all frames. given: what the run was given beforehand, see `given.givens`. counted:
-    what the dataset counted in what it read, see `Known`. settings: the resolved configuration. provenance: see there.
-    over_run: numbers of the run as a whole, see `Meter.over_run`. stopped: why it ended before its last frame, and in
-    which; the status is then "stopped". before: frames at the beginning that an earlier attempt took, which the cost
-    does not count. anew: why nothing of an earlier attempt was taken over. left_out: numbers that would mean nothing,
-    with the reason. verdict: what became of the person, known when all steps are in. constant: numbers that say
-    nothing, as they are the same in all runs of such parts. compiling_s: what went into compiling kernels, once for a
-    machine, which is in no other time.
+    truth; log_evidence is that of all frames.
+
+    given: the side information used, see `requirements.assumptions`. counted: what the dataset counted in what it read,
+    see `Known`. settings: the resolved configuration. provenance: see there. over_run: metrics of the run as a whole,
+    see `Meter.over_run`. stopped: why and in which frame it ended early; the status is then "stopped". before: frames
+    taken over from an earlier attempt, which the cost does not count. anew: why nothing of an earlier attempt was taken
+    over. left_out: metrics that would mean nothing, with the reason. verdict: known when all steps are in. constant:
+    metrics that are the same in all runs of such parts. compiling_s: time to compile kernels, which is in no other
+    time.
     """
 
     experiment: str
@@ -111,7 +119,7 @@ class Summary:
         if self.study is not None:
             return dict(self.study)
         means = {name: float(np.mean(values)) for name, values in self.per_frame.items()}
-        means |= {name: float(np.sqrt(np.mean(np.square(self.per_frame[name])))) for name in RMS if name in means}
+        means |= {name: float(np.sqrt(np.mean(np.square(self.per_frame[name])))) for name in _RMS if name in means}
         means |= {f"{name}_mean": means.pop(name) for name in ("ess", "jump_deg") if name in means}
         if "jump_deg_mean" in means:
             means["jump_deg_p99"] = float(np.percentile(self.per_frame["jump_deg"], 99.0))
@@ -174,3 +182,27 @@ class Summary:
         short = {name: value for name, value in content.items() if name not in _LEFT_OUT_FIRST}
         text, shorter = (json.dumps(each, indent=2) + "\n" for each in (content, short))
         replace_text(path, text.ljust(_ROOM if self.status == "running" else 0), shorter)
+
+
+def earlier_runs(folder: Path) -> list[Path]:
+    """Return the folders of complete runs that a folder held before its own, the oldest first."""
+    numbers = sorted((name for name in earlier_names(folder) if name.isdecimal()), key=int)
+    return [each for name in numbers if ((each := folder / EARLIER / name) / RECORDING).is_file()]
+
+
+def earlier_names(folder: Path) -> list[str]:
+    """Return the names of the earlier runs and attempts in a folder; none where it does not exist."""
+    return [each.name for each in (folder / EARLIER).glob("*")]
+
+
+def set_aside(folder: Path) -> None:
+    """Move a complete run to EARLIER, its summary first, which alone would describe what is not there."""
+    if not (folder / RECORDING).is_file():
+        return
+    aside = next(place for k in count(1) if not (place := folder / EARLIER / str(k)).exists())
+    aside.mkdir(parents=True)
+    with deferred():
+        for name in (SUMMARY, RECORDING):
+            if (folder / name).is_file():
+                os.replace(folder / name, aside / name)
+    log.warning("%s: held a complete run, which is now in %s", folder, aside)

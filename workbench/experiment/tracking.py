@@ -1,26 +1,43 @@
-"""The tracking loop: steps of an inference with their errors, whoever asks for them."""
+"""The live objects of a run, built from a configuration, and their steps with errors."""
 
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from omegaconf import DictConfig
 
+from workbench.body.camera import Camera
 from workbench.body.limbs import Body
+from workbench.core.dataset import Known
 from workbench.core.frame_cache import FrameCache
+from workbench.core.likelihood import Likelihood
 from workbench.core.prior import Prior
 from workbench.core.step import Inference, Step
 from workbench.evaluation.marker_offsets import MarkerOffsets
 from workbench.evaluation.pose_errors import AccelerationError, step_errors
 from workbench.evaluation.posterior_calibration import expected_calibration_error
 from workbench.evaluation.step_calibration import group_errors, pose_ranks, stated_doubt
+from workbench.experiment.config.instantiate import build
+from workbench.experiment.config.requirements import check_requirements, ignores_likelihood
+from workbench.inference.initialization.from_keypoints import trajectory_of_keypoints
+from workbench.inference.initialization.poses import start_poses
 from workbench.utils.arrays import FloatArray
+from workbench.utils.errors import InputError
 from workbench.utils.rng import rng_streams
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The live objects of one run. prior: None where the inference does without. start: (P,) the first pose, (n, P)
-    several that are as likely, or None where the inference finds it."""
+    """The live objects of one run.
+
+    prior: None where the inference does without. start: (P,) the first pose, (n, P) several that are as likely, or None
+    where the inference finds it.
+    """
 
     clip: FrameCache
     body: Body
@@ -32,6 +49,59 @@ class Parts:
     def parameters(self) -> tuple[str, ...]:
         """Names of the pose's parameters that move."""
         return self.body.skeleton.dof_names if self.prior is None else self.prior.parameters
+
+
+def assemble(config: DictConfig) -> Parts:
+    """Check a configuration's requirements and build its parts; raises InputError as `check_requirements`."""
+    check_requirements(config, {})
+    return build_parts(config)
+
+
+def build_parts(config: DictConfig, stage: Callable[[str], AbstractContextManager[Any]] = nullcontext) -> Parts:
+    """Build dataset, body, prior, likelihood and inference, and find the starting pose.
+
+    stage: measures the time of a named stage. Raises InputError for components that do not share one skeleton.
+    """
+    with stage("dataset"):
+        clip = FrameCache(build(config.dataset))
+    known = clip.known
+    body: Body = build(config.body, known=known, clip=clip)
+    with stage("prior_learning"):
+        prior: Prior | None = None if config.prior is None else build(
+            config.prior, camera=lambda: _only_camera(known), frames_hz=known.rate_hz,
+            trajectory=lambda: trajectory_of_keypoints(body.skeleton, clip),
+        )  # fmt: skip
+    _check_skeletons(known, body, prior)
+    live = {"body": body, "clip": clip, "known": known, "phase_ends": known.phase_ends, "prior": prior}
+    if ignored := ignores_likelihood(config):
+        log.info("the likelihood is not built: this inference looks at none")
+    unused = ignored or config.likelihood is None
+    likelihood: Likelihood | None = None if unused else build(config.likelihood, **live)
+    inference: Inference = build(config.inference, likelihood=likelihood, **live)
+    with stage("start"):
+        start = None
+        if known.start_pose is not None or known.start_marks is not None or not inference.finds_start:
+            start, sentence = start_poses(prior, body, clip)
+            if sentence:
+                log.info(sentence)
+    return Parts(clip, body, prior, inference, start)
+
+
+def _only_camera(known: Known) -> Camera:
+    if len(known.cameras) != 1:
+        raise InputError(f"prior: limbs flip before one camera, found {len(known.cameras)}")
+    return known.cameras[0]
+
+
+def _check_skeletons(known: Known, body: Body, prior: Prior | None) -> None:
+    """Raise InputError where dataset, body and prior do not share one skeleton."""
+    if known.body is not None and known.body.skeleton.names != body.skeleton.names:
+        raise InputError("body: dataset.skeleton=full shows every joint of the motion file: choose body=dataset")
+    if unknown := [name for name in (prior.parameters if prior else ()) if name not in body.skeleton.dof_names]:
+        raise InputError(
+            f"prior: it moves {unknown[0]}, which the tracked body does not have; dataset.skeleton and prior.skeleton "
+            "must be the same"
+        )
 
 
 class Meter:

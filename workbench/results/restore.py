@@ -11,8 +11,7 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.experiment.config.identity import input_files
-from workbench.experiment.provenance import CUT, has_commit
+from workbench.experiment.provenance import CUT, has_commit, input_files
 from workbench.experiment.summary import versions
 from workbench.recording.read.reader import Run
 from workbench.utils.errors import InputError

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
-from workbench.experiment.folder import earlier_names, earlier_runs
+from workbench.experiment.summary import earlier_names, earlier_runs
 from workbench.results.entry import Entry, entry_of_folder
 from workbench.results.index import runs_in
 from workbench.utils.errors import InputError

@@ -1,10 +1,12 @@
 """One job of a sweep, run by its launcher: however it ends, its summary.json is true and the sweep goes on."""
 
+import json
 import logging
 import math
 import os
+import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import time_ns
 from typing import Any
@@ -13,14 +15,16 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.evaluation.headline import ERRORS
-from workbench.experiment.config.identity import identity
-from workbench.sweep.reuse import read_summary, set_aside, take_over
-from workbench.sweep.stopping import StopWhen, stop_when
+from workbench.sweep.early_stop import StopWhen, stop_when
+from workbench.utils.atomic_write import NotWrittenError, whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER, PART, RECORDING, SUMMARY
 from workbench.utils.run_lock import is_locked, locked
 
 log = logging.getLogger(__name__)
+
+ASIDE = ".aside"
+"""In a sweep's folder: where a job's run waits whose number now belongs to another."""
 
 FAILED = ".failed"
 """In a sweep's folder: the number of a job that has failed since the sweep began."""
@@ -92,9 +96,9 @@ def _run_unless_there(config: DictConfig, sweep: DictConfig, experiment: str, se
 
 def _run(config: DictConfig, experiment: str, settings: Any, folder: Path, stop: StopWhen | None) -> None:
     """Run the configuration in the folder, from where an earlier attempt ended if it has checkpoints."""
-    from workbench.experiment.execute import ending, run_checked  # here, as the sweep's own process may do without
     from workbench.experiment.provenance import Command
-    from workbench.experiment.resuming import resumed
+    from workbench.experiment.resume import resumed
+    from workbench.experiment.run import ending, run_checked
     from workbench.experiment.summary import Summary
 
     choices = {str(group): str(option) for group, option in settings.runtime.choices.items()}
@@ -128,6 +132,8 @@ def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhe
     places = [Path(place) for place in (sweep.resume, sweep.reuse) if place is not None]
     if not places:
         return False
+    from workbench.experiment.provenance import identity  # here and below, as the sweep's own process may do without
+
     try:
         wanted = identity(config)
     except (InputError, OmegaConfBaseException):  # the run itself will report it
@@ -138,5 +144,63 @@ def _is_there(config: DictConfig, sweep: DictConfig, folder: Path, stop: StopWhe
     if ended and (folder / RECORDING).is_file() and summary.get("identity") == wanted:
         os.utime(folder / SUMMARY)
         return True
-    set_aside(folder)
+    _set_aside(folder)
     return take_over(wanted, folder, places)
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Read summary.json in a folder; None where there is none or it cannot be read."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text())
+    except (OSError, ValueError):
+        return None
+    return summary if isinstance(summary, dict) else None
+
+
+def take_over(identity: str, folder: Path, places: Sequence[Path]) -> bool:
+    """Put a complete run of this identity, if any of the places holds one, into `folder`; tells whether it did.
+
+    The recording is linked where the file system allows that, else copied; its summary says where it is from.
+    """
+    for source in _runs(places):
+        summary = read_summary(source) or {}
+        if source == folder or (summary.get("status"), summary.get("identity")) != ("complete", identity):
+            continue
+        try:
+            with whole_file(folder / RECORDING) as part:
+                _link(source / RECORDING, part)
+        except NotWrittenError:  # another process has just removed it
+            continue
+        with whole_file(folder / SUMMARY) as part:
+            part.write_text(json.dumps({**summary, "taken_from": str(source)}, indent=2) + "\n")
+        if source.parent.name == ASIDE:
+            shutil.rmtree(source, ignore_errors=True)  # another sweep may take it over, too
+        return True
+    return False
+
+
+def _set_aside(folder: Path) -> None:
+    """Move a complete run out of the way of another that is to have its folder, where `take_over` finds it."""
+    summary = read_summary(folder) or {}
+    if summary.get("status") != "complete" or not (folder / RECORDING).is_file():
+        return
+    target = folder.parent / ASIDE / str(summary.get("identity"))
+    target.mkdir(parents=True, exist_ok=True)
+    for name in (RECORDING, SUMMARY):
+        os.replace(folder / name, target / name)
+
+
+def _runs(places: Sequence[Path]) -> Iterator[Path]:
+    """The folders of runs in the places, those set aside last, as they may have just been."""
+    for place in places:
+        for folder in (place, place / ASIDE):
+            if folder.is_dir():
+                yield from (Path(each) for each in sorted(each.path for each in os.scandir(folder) if each.is_dir()))
+
+
+def _link(source: Path, target: Path) -> None:
+    """Link a file, or copy it to another file system or one without links."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

@@ -1,7 +1,6 @@
 """A sweep over configurations: which jobs it has, and whether it can be started."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -9,24 +8,25 @@ from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, Override, RangeSweep
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from workbench.sweep.stopping import stop_when
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.sweep.early_stop import stop_when
 from workbench.utils.errors import InputError
-from workbench.utils.input_limits import MOST_JOBS, MOST_PROCESSES, check_number, check_sizes
+from workbench.utils.input_limits import MOST_CONFIG, MOST_JOBS, check_file, check_number
 
-SUBDIR = "${hydra.job.num}"
-_BOUNDS: Mapping[str, tuple[int, int]] = {
-    "hydra.sweeper.n_trials": (1, MOST_JOBS),
-    "hydra.sweeper.n_jobs": (1, MOST_PROCESSES),
-    "hydra.sweeper.max_failure_rate": (0, 1),
-    "hydra.sweeper.max_batch_size": (1, MOST_JOBS),
-    "hydra.sweeper.sampler.seed": (0, 2**32 - 1),
-    "hydra.launcher.n_jobs": (-1, MOST_PROCESSES),
-}
-"""Least and greatest values of a sweep's numbers, which sweepers and launchers have or not."""
+PLAN = "multirun.yaml"
+"""In a sweep's folder: its configuration, as Hydra leaves it."""
+
+_SUBDIR = "${hydra.job.num}"
+_COUNTS = (
+    "hydra.sweeper.n_trials", "hydra.sweeper.n_jobs", "hydra.sweeper.max_batch_size", "hydra.launcher.n_jobs",
+)  # fmt: skip
+"""Numbers of jobs, trials and processes that sweepers and launchers may have."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ def plan_of(config: DictConfig) -> Plan:
     refused, and for a tuner that would try something else the second time.
     """
     sweeper, folder, resume = config.hydra.sweeper, Path(config.hydra.sweep.dir), config.sweep.resume
-    if f"subdir: {SUBDIR}\n" not in OmegaConf.to_yaml(config.hydra.sweep):
-        raise InputError(f"hydra.sweep.subdir must be {SUBDIR}, so that no job overwrites another")
+    if f"subdir: {_SUBDIR}\n" not in OmegaConf.to_yaml(config.hydra.sweep):
+        raise InputError(f"hydra.sweep.subdir must be {_SUBDIR}, so that no job overwrites another")
     if resume is None and any(each.name.isdecimal() for each in folder.glob("*")):
         raise InputError(f"{folder}: holds a sweep already; sweep.resume={folder} resumes it")
     for key in ("resume", "reuse"):
@@ -69,16 +69,20 @@ def plan_of(config: DictConfig) -> Plan:
             raise InputError(f"sweep.{key}: expected the folder of an earlier sweep, found no {place}")
     if config.sweep.stop_when is not None:
         stop_when(config.sweep.stop_when)
-    _check_numbers(config)
+    for name in _COUNTS:
+        found = OmegaConf.select(config, name)
+        every = found == -1 and name == "hydra.launcher.n_jobs"  # all processors
+        if isinstance(found, int) and not (1 <= found <= MOST_JOBS or every):
+            raise InputError(f"{name}: expected a number of 1 to {MOST_JOBS}, found {found}")
     if not sweeper._target_.endswith(".BasicSweeper"):
         if "n_trials" not in sweeper:
             raise InputError(f"hydra/sweeper must be basic or optuna, found {sweeper._target_}")
         if resume is not None and (sweeper.get("sampler") or {}).get("seed") is None:
             raise InputError("sweep.resume: a tuner repeats its trials only if hydra.sweeper.sampler.seed is set")
-    return jobs_of(config, folder)
+    return _jobs_of(config, folder)
 
 
-def jobs_of(config: Any, folder: Path) -> Plan:
+def _jobs_of(config: Any, folder: Path) -> Plan:
     """Return the plan of a sweep in `folder` by its configuration, or what Hydra saved of it.
 
     Raises InputError for more jobs than MOST_JOBS and for unknown numbers in sweep.jobs.
@@ -94,18 +98,6 @@ def jobs_of(config: Any, folder: Path) -> Plan:
     return Plan(folder, OmegaConf.select(config, "sweep.metric"), tuple(swept), jobs, tuned=n_trials is not None)
 
 
-def _check_numbers(config: DictConfig) -> None:
-    """Raise InputError for numbers on which a sweeper or a launcher would fail or never end."""
-    for name, (least, most) in _BOUNDS.items():
-        found = OmegaConf.select(config, name)
-        if isinstance(found, int | float) and not least <= found <= most:
-            raise InputError(f"{name}: expected a number of {least} to {most}, found {found}")
-    if OmegaConf.select(config, "hydra.launcher.n_jobs") == 0:
-        raise InputError("hydra.launcher.n_jobs: expected -1, which is all processors, or 1 and more, found 0")
-    for part in ("sweeper", "launcher"):
-        check_sizes(OmegaConf.to_container(config.hydra[part]), f"hydra.{part}")
-
-
 def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
     """Return the keys that vary and, where they are a list and not an interval, their values, in the sweep's order."""
     loader = GlobalHydra.instance().config_loader() if GlobalHydra.instance().is_initialized() else None
@@ -115,14 +107,18 @@ def _swept(sweeper: DictConfig, task: list[str]) -> dict[str, list[str]]:
 
 
 def _values(swept: Override) -> list[str]:
-    """Return the values of a key, none of an interval; raises InputError for too many and for impossible numbers."""
-    key, numbers, found = swept.get_key_element().lstrip("+"), [], swept.value()
-    if isinstance(found, RangeSweep):
-        numbers = list(islice(iter(found.range()), MOST_JOBS + 1))
-        check_number(f"sweep: {key}", "values", len(numbers), MOST_JOBS)
-    elif isinstance(found, ChoiceSweep):
-        numbers = found.list
-    elif isinstance(found, IntervalSweep):
-        numbers = [found.start, found.end]
-    check_sizes(numbers, key)
-    return list(swept.sweep_string_iterator()) if swept.is_discrete_sweep() else []
+    return list(islice(swept.sweep_string_iterator(), MOST_JOBS + 1)) if swept.is_discrete_sweep() else []
+
+
+def read_plan(folder: Path) -> Plan:
+    """Read which jobs a sweep has from what Hydra left in its folder; raises InputError where that cannot be read."""
+    places = (folder / PLAN, *sorted(folder.glob("*/.hydra/hydra.yaml")))
+    place = next((path for path in places if path.is_file()), None)
+    if place is None:
+        raise InputError(f"{folder}: expected the folder of a sweep, with {PLAN} or jobs in it, found neither")
+    prepare_hydra()  # parameters may use our resolvers, as those of experiment=strangers do
+    try:
+        check_file(place, MOST_CONFIG)
+        return _jobs_of(OmegaConf.load(place), folder)
+    except (OSError, YAMLError, OmegaConfBaseException, HydraException, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{place}: expected what Hydra leaves of a sweep: {' '.join(str(error).split())}") from None

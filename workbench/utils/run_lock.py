@@ -40,6 +40,20 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def run_folder(folder: Path) -> Iterator[None]:
+    """Make the folder where there is none, and hold its lock until the block ends.
+
+    Raises InputError where another process is at work in it, or where it cannot be the folder of a run.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be the folder of a run: {error.strerror}") from None
+    with locked(folder):
+        yield
+
+
 def is_locked(folder: Path) -> bool:
     """Return whether a process, this one included, holds the lock of the folder."""
     try:

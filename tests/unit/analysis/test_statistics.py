@@ -10,7 +10,7 @@ from scipy import stats
 from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
 from analysis.figures.recordings import Source
 from workbench.datasets.synthetic import Synthetic
-from workbench.experiment.config.compatibility import incompatibility
+from workbench.experiment.config.requirements import first_conflict
 from workbench.utils.errors import InputError
 
 ROWS = {"one": ("walk_straight", ("prior=walking",)), "other": ("walk_circle", ())}
@@ -131,7 +131,7 @@ def test_what_has_no_replicates_is_refused(experiment, paper, tmp_path):
 def test_every_row_of_a_table_can_be_run():
     for row, (experiment, overrides) in left_out.ROWS.items():
         config = composed(f"experiment={experiment}", "dataset.motion='02_01'", *overrides)
-        assert incompatibility(config, {}) is None
+        assert first_conflict(config, {}) is None
         assert "02" in config.learn.leave_out
         assert config.dataset.exact == row.endswith("exact")
     for overrides in sensitivity.ROWS.values():

@@ -60,7 +60,7 @@ WRAPPED = {"likelihood": {"_target_": "my.Wrapped", "device": "tpu"}, "terms": [
 
 
 @pytest.mark.parametrize("device", ["cpu", None])
-def test_the_device_of_a_product_is_removed_wherever_it_is(device):
+def test_a_key_that_is_gone_is_removed_wherever_it_is(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         recorded = {"likelihood": {**WRAPPED, "terms": {"both": {**PRODUCT, "device": device}}}}
@@ -69,7 +69,7 @@ def test_the_device_of_a_product_is_removed_wherever_it_is(device):
 
 
 @pytest.mark.parametrize("device", ["gpu", ["cpu"], {"cpu": 1}])
-def test_another_device_is_refused_with_its_place(device):
+def test_another_value_of_a_key_that_is_gone_is_refused_with_its_place(device):
     with pytest.raises(InputError, match=r"run\.rrd: likelihood\.device: expected cpu, .* found "):
         in_todays_words(PATH, {"likelihood": {**PRODUCT, "device": device}})
 

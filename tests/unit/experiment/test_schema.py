@@ -10,9 +10,9 @@ from omegaconf import OmegaConf
 
 from workbench.body.limbs import person
 from workbench.body.shape import from_height
-from workbench.experiment.config.instantiate import build, check_targets, resolved
+from workbench.experiment.config.instantiate import build, check_targets, keys_of, resolved
 from workbench.experiment.config.options import GROUPS, options
-from workbench.experiment.config.schema import PartsConfigSource, keys_of, prepare_hydra, typed
+from workbench.experiment.config.schema import ComponentSource, prepare_hydra, typed
 from workbench.utils.errors import InputError
 
 CHOICES = [(group, option) for group in GROUPS for option in options(group)]
@@ -25,14 +25,10 @@ def hydra_is_ready():
         yield
 
 
-@pytest.mark.parametrize(("group", "choice"), CHOICES)
-def test_every_option_composes_and_names_its_class_on_line_1(group, choice):
-    config = compose("config", overrides=["experiment=custom", f"{group}={choice}", "paths.data=somewhere"])
-    option = options(group)[choice]
-    assert config[group]["_target_"] == option.target
-    assert option.about
-    assert set(option.notes) <= set(keys_of(resolved(option.target)))
-    OmegaConf.to_container(config, resolve=True)
+def test_every_option_names_its_class_on_line_1_and_notes_keys_of_it():
+    for option in [options(group)[choice] for group, choice in CHOICES]:
+        assert option.about
+        assert set(option.notes) <= set(keys_of(resolved(option.target))), option
 
 
 def test_no_default_stands_twice():
@@ -56,7 +52,7 @@ def _plain(default):
 
 
 def test_nothing_but_options_is_listed():
-    source = PartsConfigSource("main", "parts://workbench")
+    source = ComponentSource("main", "parts://workbench")
     assert source.list("", None) == sorted(["config", "experiment", "paper", *(set(GROUPS) - {"study"})])
     for group in ("experiment", *GROUPS):
         assert source.list(group, None) == sorted(options(group))
@@ -120,12 +116,12 @@ def test_files_by_camera_are_given_without_a_plus_and_with_one(plus):
 )  # fmt: skip
 def test_a_file_with_a_key_that_is_none_is_named(text, match):
     with pytest.raises(HydraException, match=match):
-        typed(OmegaConf.create(text), "conf/prior/mine.yaml")
+        typed(OmegaConf.to_container(OmegaConf.create(text)), "conf/prior/mine.yaml")
 
 
 def test_parts_within_a_file_have_the_keys_of_their_classes():
     text = "_target_: workbench.priors.ar_offsets.Jitter\nbase: {_target_: workbench.priors.smooth.Smooth, damping: 1}"
-    found = typed(OmegaConf.create(text), "mine.yaml")
+    found = typed(OmegaConf.to_container(OmegaConf.create(text)), "mine.yaml")
     assert (found.base.damping, found.base.start_pose, found.keep) == (1.0, 2.0, 0.9)
 
 
@@ -148,27 +144,8 @@ def test_the_terms_of_a_product_are_built_with_the_live_objects():
     assert product.terms["edges"].cache == config.paths.cache  # interpolations keep their root
 
 
-@pytest.mark.parametrize("experiment", ["learn_walk", "period_snr", "align_cycles", "impute_gaps"])
-def test_a_study_takes_recorded_walks_where_there_are_any_and_nothing_to_track_with(experiment):
-    config = compose("config", overrides=[f"experiment={experiment}", "paths.data=null"])
-    assert {group for group in GROUPS if config[group] is not None} == {"study"}
-    assert config.study.motions == "builtin"
-    config = compose("config", overrides=[f"experiment={experiment}", "paths.data=somewhere"])
-    assert (config.study.motions, config.study.data) == ("cmu", "somewhere")
-
-
 @pytest.mark.parametrize(
-    "target",
-    [
-        "os.system",
-        "workbench",
-        "workbench.",
-        "workbench.cli.run.os",
-        "workbench.cli.run.hydra",
-        "workbenchx.y",
-        3,
-        None,
-    ],
+    "target", ["os.system", "workbench", "workbench.", "workbench.cli.run.os", "workbench.cli.run.hydra", 3, None]
 )
 def test_only_targets_of_the_workbench_pass(target):
     with pytest.raises(InputError, match=r"a\.b\[0\]\._target_"):

@@ -7,10 +7,13 @@ import pytest
 from compositions import composed
 from omegaconf import OmegaConf
 
-from workbench.experiment.config.resolvers import activity_of, clips_of, first_frame, half_of, hashed
+from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.motion.models.training import database_motions
 from workbench.utils.errors import InputError
 
+activity_of, clips_of, first_frame, half_of, hashed = (
+    RESOLVERS[name] for name in ("activity_of", "clips_of", "first_frame", "half_of", "hashed")
+)
 REPORT = {
     "02_01", "dataset-1_walk_old_001", "dataset-2_walk_elderly_002", "03_04", "32_02", "dataset-1_run_old_001",
     "dataset-2_run_elderly_026", "dataset-1_byebye_active_001", "dataset-1_byebye_masculinity_001",

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from run_folders import leave, leave_sweep
 
-from workbench.experiment.folder import set_aside
+from workbench.experiment.summary import set_aside
 from workbench.results import tidy
 from workbench.results.index import entries
 from workbench.utils.errors import InputError

@@ -2,13 +2,15 @@
 
 import json
 import math
+import os
+import shutil
 from types import SimpleNamespace
 
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.experiment import execute, resuming
-from workbench.sweep.job import FAILED, run_job
+from workbench.experiment import resume, run
+from workbench.sweep.job import ASIDE, FAILED, run_job, take_over
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import is_locked, locked
@@ -30,8 +32,8 @@ def runs(monkeypatch):
     def resumed(config, attempts):
         runs.found.append(sorted(each.read_text() for each in attempts))
 
-    monkeypatch.setattr(execute, "run_checked", run_checked)
-    monkeypatch.setattr(resuming, "resumed", resumed)
+    monkeypatch.setattr(run, "run_checked", run_checked)
+    monkeypatch.setattr(resume, "resumed", resumed)
     return runs
 
 
@@ -122,3 +124,40 @@ def test_a_metric_that_the_run_has_not_is_a_sentence(tmp_path, runs):
     runs.acts = [completes]
     with locked(tmp_path), pytest.raises(InputError, match=r"sweep\.metric: expected one of .*error_abs_mm"):
         act(tmp_path, metric="error")
+
+
+@pytest.fixture
+def aside(tmp_path):
+    """A sweep's folder with a complete run that was set aside, and the folders of two jobs."""
+    (aside := tmp_path / ASIDE / "same").mkdir(parents=True)
+    (aside / "run.rrd").write_text("recorded")
+    (aside / "summary.json").write_text(json.dumps({"status": "complete", "identity": "same"}))
+    for name in ("0", "1"):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_run_removed_meanwhile_is_not_taken_over(aside, monkeypatch, links):
+    def removed(*_):
+        shutil.rmtree(aside / ASIDE / "same")
+        raise FileNotFoundError(2, "No such file or directory") if links else OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(os, "link", removed)
+    assert not take_over("same", aside / "0", [aside])
+    assert os.listdir(aside / "0") == []
+
+
+def test_a_run_that_another_sweep_takes_over_too_is_taken_over(aside, monkeypatch):
+    whole = shutil.rmtree
+
+    def other(folder, **options):
+        monkeypatch.undo()
+        whole(folder)
+        shutil.rmtree(folder, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", other)
+    assert take_over("same", aside / "0", [aside])
+    assert (aside / "0" / "run.rrd").read_text() == "recorded"
+    assert json.loads((aside / "0" / "summary.json").read_text())["taken_from"] == str(aside / ASIDE / "same")
+    assert not take_over("same", aside / "1", [aside / "1"])

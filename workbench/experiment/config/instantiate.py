@@ -1,37 +1,45 @@
-"""From a configuration to live objects, for targets of the workbench and of packages that a person named only."""
+"""From a configuration to live objects, for targets of the workbench and of packages that the user named only."""
 
+import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from importlib import import_module
-from inspect import signature
-from typing import Any
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from hydra.utils import instantiate
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from workbench.experiment.config.options import OURS, how_to_allow, is_allowed, targets
+from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
 from workbench.utils.signals import deferred
 
+LIVE = frozenset(
+    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
+)
+"""Parameters that the run fills with live objects, so that they are no keys of a configuration; as are those whose type
+says so: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
 
-def check_targets(config: DictConfig | ListConfig, place: str = "") -> None:
-    """Refuse a configuration in which any `_target_` is not what an option of the workbench or of a package that was
-    named builds.
 
-    A configuration may come from a stranger's recording, so this runs over the whole of it before anything is built,
-    and over all names before anything is imported. Raises InputError naming the place and the target.
+def check_targets(config: DictConfig) -> None:
+    """Raise InputError, naming the place, for a `_target_` that no option of the workbench or a named package builds.
+
+    A configuration may come from an untrusted recording, so all names are checked before anything is imported, and all
+    are imported before anything is built.
     """
-    found = targets_in(OmegaConf.to_container(config, resolve=True), place)
-    check_names(found)
-    for here, target in found.items():
-        resolved(target, f"{here} ")
+    places = leaves(OmegaConf.to_container(config, resolve=True), lists=True)
+    found = {place: value for place, value in places if "_target_" in place}
+    known = targets()
+    for place, target in found.items():
+        if not (place.endswith("_target_") and isinstance(target, str) and target in known):
+            raise _refusal(target, f"{place} ")
+    for place, target in found.items():
+        resolved(target, f"{place} ")
 
 
-def check_names(found: Mapping[str, object]) -> None:
-    """Refuse targets, by their places, that no option names; nothing is imported. Raises InputError."""
-    known = targets() if found else set()
-    for here, target in found.items():
-        if not (isinstance(target, str) and target in known):
-            raise InputError(f"config: {here} must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+def _refusal(target: object, place: str) -> InputError:
+    return InputError(f"config: {place}must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
 
 
 def build(node: DictConfig, **live: object) -> Any:
@@ -43,13 +51,15 @@ def build(node: DictConfig, **live: object) -> Any:
     """
     if not isinstance(node, DictConfig):
         raise InputError(f"config: expected a part with the keys of its class, found {node!r}")
-    check_targets(node)
-    known = signature(resolved(node["_target_"])).parameters
-    if unknown := sorted(str(key) for key in node if key != "_target_" and key not in known):
+    component = resolved(node["_target_"])
+    known = inspect.signature(component).parameters
+    keys = [str(key) for key in node if key != "_target_"]
+    if unknown := sorted(key for key in keys if key not in known):
         raise InputError(f"config: {node['_target_']} has no parameter {unknown[0]!r}")  # +group.key=… skips the schema
+    plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    built = {key: _built(node[key], live) for key in keys if _has_target(node[key])}
     given = {name: value for name, value in live.items() if name in known}
-    given |= {str(key): _built(node[key], live) for key in node if _has_target(node, key)}
-    return instantiate(node, _partial_=True, _recursive_=False, _convert_="all")(**given)
+    return component(**given | {key: plain[key] for key in keys} | built)
 
 
 def resolved(target: str, place: str = "") -> Callable[..., object]:
@@ -69,7 +79,23 @@ def resolved(target: str, place: str = "") -> Callable[..., object]:
             found = None
         if callable(found) and is_allowed(f"{getattr(found, '__module__', '')}."):
             return found
-    raise InputError(f"config: {place}must name a part of the {OURS}, refused {target!r}{how_to_allow(target)}")
+    raise _refusal(target, place)
+
+
+def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
+    """Type and default, `inspect.Parameter.empty` for none, of every parameter of `target` that is not live."""
+    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
+    types = get_type_hints(target.__init__ if constructed else target)
+    found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
+    return {name: each for name, each in found.items() if name not in LIVE and not _is_live(each[0])}
+
+
+def _is_live(hint: Any) -> bool:
+    if get_origin(hint) in (Union, UnionType):
+        return any(map(_is_live, get_args(hint)))
+    of_run = getattr(hint, "__module__", "").startswith(("workbench.body.", "workbench.core."))
+    made = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
+    return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
 def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
@@ -77,20 +103,5 @@ def _built(node: DictConfig, live: Mapping[str, object]) -> Any:
     return build(node, **live) if "_target_" in node else {str(key): _built(node[key], live) for key in node}
 
 
-def _has_target(node: DictConfig, key: Any) -> bool:
-    if OmegaConf.is_missing(node, key):
-        return False
-    inner = node[key]
-    return isinstance(inner, DictConfig) and ("_target_" in inner or any(_has_target(inner, name) for name in inner))
-
-
-def targets_in(value: object, place: str) -> dict[str, Any]:
-    """Find every `_target_` by its place."""
-    if isinstance(value, list):
-        return {here: each for k, item in enumerate(value) for here, each in targets_in(item, f"{place}[{k}]").items()}
-    found: dict[str, Any] = {}
-    if isinstance(value, dict):
-        for key, item in value.items():
-            here = f"{place}.{key}" if place else str(key)
-            found |= {here: item} if key == "_target_" else targets_in(item, here)
-    return found
+def _has_target(node: object) -> bool:
+    return isinstance(node, DictConfig) and ("_target_" in node or any(_has_target(node[name]) for name in node))

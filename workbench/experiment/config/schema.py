@@ -1,40 +1,35 @@
-"""The schema of a configuration: of its top level, and of every part, read off the signature of what it builds.
+"""The configuration: its top level, and the keys of every component, read off the signature of its class.
 
-A constructor's keyword-only or defaulted parameters are the part's keys, with their types and defaults, so that
+A constructor's keyword-only or defaulted parameters are the component's keys, with their types and defaults, so that
 neither is written twice and a typo or a wrong type in an override is an error that names the key.
 """
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, is_dataclass, make_dataclass
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, make_dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin
 
+from hydra import compose, initialize_config_module, version
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from workbench.experiment.config import options as parts
-from workbench.experiment.config import resolvers as strangers
-from workbench.experiment.config.instantiate import resolved
-from workbench.motion.formats.names import left_out
+from workbench.experiment.config.instantiate import keys_of, resolved
+from workbench.experiment.config.resolvers import RESOLVERS
 from workbench.utils.errors import InputError
-
-LIVE = frozenset(
-    {"config_yaml", "constant", "frames_hz", "likelihood", "phase_ends", "prior", "provenance", "run_id", "settings"}
-)
-"""Parameters that the run fills with live objects, so that they are no keys of a configuration; beside those whose type
-says as much: functions, arrays, paths, and the classes of `body` and `core` (a body, a clip, what is known of it)."""
 
 _PLAIN = (str, int, float, bool)
 WHEN = "when"
@@ -45,59 +40,23 @@ LITERAL = "paper.literal"
 
 
 @dataclass
-class PathsSchema:
+class _Paths:
     """data: folder with recorded motion and video. cache: folder for what can be made again."""
 
     data: str | None = None
     cache: str = MISSING
 
 
-@dataclass
-class LearnSchema:
-    """What learned priors learn from, whichever is chosen. motions: see them; missing: what each has of its own.
-    leave_out: clips or performers, see `mocap.names`; by default those who are tracked."""
-
-    motions: str = MISSING
-    leave_out: list[Any] = field(default_factory=list)
+def _section(*keys: str) -> type:
+    """Return the schema of keys of any type, which config.yaml sets and explains."""
+    return make_dataclass("Section", [(key, Any, MISSING) for key in keys])
 
 
-@dataclass
-class PeopleSchema:
-    """Who is there, recorded or generated. walk, run: clips. walks: motions of walkers. library: of all activities."""
-
-    walk: str = MISSING
-    run: str = MISSING
-    walks: str = MISSING
-    library: str = MISSING
+_CLIPS = _section("choose", "report", "report_run", "report_walk_run", "report_full", "strangers", "half")
 
 
 @dataclass
-class ClipsSchema:
-    """Clips of different people. choose: to choose parameters by. report: whose numbers are reported; report_run,
-    report_walk_run, report_full: of those who run, who walk and then run, and of files with the full skeleton.
-    strangers: the first frame of every clip of the protocol of strangers, by activity. half: of those, None for both.
-    """
-
-    choose: list[str] = MISSING
-    report: list[str] = MISSING
-    report_run: list[str] = MISSING
-    report_walk_run: list[Any] = MISSING
-    report_full: list[str] = MISSING
-    strangers: dict[str, dict[str, int]] = MISSING
-    half: str | None = None
-
-
-@dataclass
-class ProtocolSchema:
-    """What a report divides runs by, see `strangers`. half: of the clips. activity: the clip's. shown: with what."""
-
-    half: str | None = None
-    activity: str | None = None
-    shown: str | None = None
-
-
-@dataclass
-class ToleranceSchema:
+class _Tolerance:
     """What a metric may move by: absolute, in its unit, or relative to what it was."""
 
     absolute: float = 0.0
@@ -105,7 +64,7 @@ class ToleranceSchema:
 
 
 @dataclass
-class SweepSchema:
+class _Sweep:
     """resume, reuse: folders of earlier sweeps. jobs: numbers of those to run. metric: what a tuner minimises.
 
     fail_fast: begin no job after one has failed. stop_when: ends a run early.
@@ -140,71 +99,48 @@ class RunSchema:
     parts: list[str] = field(default_factory=list)
     given: list[str] = field(default_factory=list)
     paper: str = "ours"
-    learn: LearnSchema = field(default_factory=LearnSchema)
-    people: PeopleSchema = field(default_factory=PeopleSchema)
-    clips: ClipsSchema = field(default_factory=ClipsSchema)
-    protocol: ProtocolSchema = field(default_factory=ProtocolSchema)
-    paths: PathsSchema = field(default_factory=PathsSchema)
-    check: dict[str, ToleranceSchema] = field(default_factory=dict)
-    sweep: SweepSchema = field(default_factory=SweepSchema)
+    learn: Any = field(default_factory=_section("motions", "leave_out"))
+    people: Any = field(default_factory=_section("walk", "run", "walks", "library"))
+    clips: Any = field(default_factory=_CLIPS)
+    protocol: Any = field(default_factory=_section("half", "activity", "shown"))
+    paths: _Paths = field(default_factory=_Paths)
+    check: dict[str, _Tolerance] = field(default_factory=dict)
+    sweep: _Sweep = field(default_factory=_Sweep)
 
 
 def prepare_hydra() -> None:
-    """Tell Hydra where options are and what `conf/` refers to: the schema of its top level, and its resolvers."""
+    """Register with Hydra the options, the schema of the top level, and the resolvers of `conf/`."""
     ConfigStore.instance().store(name="run_schema", node=RunSchema)
-    for plugin in (PartsConfigSource, PartsSearchPath):
+    for plugin in (ComponentSource, _ComponentSearchPath):
         Plugins.instance().register(plugin)
-    OmegaConf.register_new_resolver("given", _given, replace=True)
-    OmegaConf.register_new_resolver("performers", _performers, replace=True)
-    OmegaConf.register_new_resolver("styles", partial(_performers, by_style=True), replace=True)
-    OmegaConf.register_new_resolver("each", _each, replace=True)
-    for each in (strangers.hashed, strangers.half_of, strangers.clips_of, strangers.activity_of, strangers.first_frame):
-        OmegaConf.register_new_resolver(each.__name__, each, replace=True)
+    for name, resolver in RESOLVERS.items():
+        OmegaConf.register_new_resolver(name, resolver, replace=True)
+
+
+def composed(overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
+    """Compose the configuration as the command `workbench` does, also within another Hydra application.
+
+    with_hydra: keep Hydra's own settings, under `hydra`. Raises HydraException and OmegaConfBaseException as Hydra.
+    """
+    prepare_hydra()
+    application, base = GlobalHydra.instance().hydra, version.getbase()
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_module("workbench.conf", version_base="1.3"):
+            return compose("config", list(overrides), return_hydra_config=with_hydra)
+    finally:
+        GlobalHydra.instance().hydra = application
+        if application is not None and base is not None:
+            version.VersionBase.instance().setbase(base)
 
 
 @lru_cache(maxsize=256)
-def schema_of(target: str, with_defaults: bool = False) -> type:
-    """Return a dataclass with `_target_` and a typed field for each configurable parameter of a component.
-
-    Parameters
-    ----------
-    target
-        The component's dotted name.
-    with_defaults
-        Add a field for Hydra's own list `defaults`, which Hydra takes out again.
-
-    Raises
-    ------
-    InputError
-        As `resolved`.
-    """
+def _schema_of(target: str) -> type:
+    """Return a dataclass with `_target_` and a typed field for each key of a component; InputError as `resolved`."""
     component = resolved(target)
     columns: list[tuple[str, Any, Any]] = [("_target_", str, f"{component.__module__}.{component.__qualname__}")]
-    if with_defaults:
-        columns.append(("defaults", list[Any], field(default_factory=list)))
     columns += [(key, _schema_type(hint), _field(default)) for key, (hint, default) in keys_of(component).items()]
     return make_dataclass(f"{component.__name__}_keys", columns)
-
-
-def keys_without_default(target: str) -> list[str]:
-    """Name the keys that a component must be given, by its dotted name; raises InputError as `resolved`."""
-    return [key for key, (_, default) in keys_of(resolved(target)).items() if default is inspect.Parameter.empty]
-
-
-def keys_of(target: Callable[..., object]) -> dict[str, tuple[Any, Any]]:
-    """Type and default, `inspect.Parameter.empty` for none, of every parameter of `target` that is not live."""
-    constructed = inspect.isclass(target) and not is_dataclass(target)  # whose fields say more than its constructor
-    types = get_type_hints(target.__init__ if constructed else target)
-    found = {name: (types.get(name, Any), each.default) for name, each in inspect.signature(target).parameters.items()}
-    return {name: each for name, each in found.items() if name not in LIVE and not _is_live(each[0])}
-
-
-def _is_live(hint: Any) -> bool:
-    if get_origin(hint) in (Union, UnionType):
-        return any(map(_is_live, get_args(hint)))
-    of_run = getattr(hint, "__module__", "").startswith(("workbench.body.", "workbench.core."))
-    made = inspect.isclass(hint) and of_run and not getattr(hint, "_is_protocol", False)
-    return made or hint in (Callable, Path) or getattr(get_origin(hint), "__name__", "") in ("Callable", "ndarray")
 
 
 def _field(default: object) -> Any:
@@ -238,7 +174,7 @@ def _schema_type(hint: Any) -> Any:
     return Any
 
 
-class PartsConfigSource(ConfigSource):
+class ComponentSource(ConfigSource):
     """The folders with options that `parts` has when Hydra starts, looked through in this order.
 
     An option `when/EXPERIMENT,group=option,group=option,…` is what the experiment sets of the parts chosen:
@@ -287,15 +223,15 @@ class PartsConfigSource(ConfigSource):
         """The option, typed. Raises ConfigCompositionException for a key that its class does not know, naming both."""
         if config_path.startswith(f"{WHEN}/"):
             experiment, *chosen = config_path.removeprefix(f"{WHEN}/").removesuffix(".yaml").split(",")
-            return self._result(self._chosen_settings(experiment, set(chosen)), {"package": "_global_"})
-        path = self._find(config_path)
-        assert path is not None
-        text = _text(path)
-        self._check_options(config_path, _parsed(text, str(path)))
-        config = _typed_text(text, str(path), config_path.startswith("experiment/"), parts.packages())
-        return self._result(deepcopy(config), ConfigSource._get_header_dict(text))
-
-    def _result(self, config: Any, header: dict[str, str | None]) -> ConfigResult:
+            config: Any = self._chosen_settings(experiment, set(chosen))
+            header: dict[str, str | None] = {"package": "_global_"}
+        else:
+            path = self._find(config_path)
+            assert path is not None
+            text = _text(path)
+            self._check_options(config_path, _parsed(text, str(path)))
+            config = deepcopy(_typed_text(text, str(path), parts.packages()))
+            header = ConfigSource._get_header_dict(text)
         return ConfigResult(provider=self.provider, path=self.full_path(), config=config, header=header)
 
     def _find(self, config_path: str) -> Path | None:
@@ -311,62 +247,47 @@ class PartsConfigSource(ConfigSource):
                 raise ConfigCompositionException(f"In '{config_path}': Could not find '{name}'")
 
     def _chosen_settings(self, experiment: str, chosen: set[str]) -> DictConfig:
-        """Collect what an experiment sets of the parts chosen, each `group.option`; its paper's own words last.
+        """Collect what an experiment and those it begins with set of the parts chosen, each `group.option`.
 
-        Raises ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
+        An experiment's own settings follow those of the ones it begins with, and its paper's words follow all. Raises
+        ConfigCompositionException for an experiment that is to be as its paper writes it and does not say how.
         """
-        found = self._settings(experiment, chosen)
-        if LITERAL in chosen:
-            if LITERAL not in self._own(experiment).get(WHEN, {}):
-                raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
-            found.merge_with(self._settings(experiment, chosen, literal=True))
+        settings, found = dict(self._settings(experiment)), OmegaConf.create({})
+        if LITERAL in chosen and LITERAL not in settings.get(experiment, {}):
+            raise ConfigCompositionException(f"paper=literal: experiment={experiment} is in none of the papers")
+        every = list(settings.items())
+        every += [(name, own.get(LITERAL, {})) for name, own in every] if LITERAL in chosen else []
+        for name, own in every:
+            for place, keys in ((str(place), keys) for place, keys in own.items()):
+                group, _, option = place.partition(".")
+                if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
+                    raise ConfigCompositionException(f"In 'experiment/{name}': {WHEN}: there is no part {place}")
+                if not isinstance(keys, DictConfig):
+                    raise ConfigCompositionException(
+                        f"In 'experiment/{name}': {WHEN}: {place}: expected keys and values, found {keys}"
+                    )
+                if place != LITERAL and place in chosen:
+                    found.merge_with({group: keys})
         return found
 
-    def _settings(self, experiment: str, chosen: set[str], literal: bool = False) -> DictConfig:
-        """What an experiment and those it begins with set of the parts chosen, each `group.option`; its own last.
-
-        literal: what they set under `paper.literal` instead.
-        """
-        found, own = OmegaConf.create({}), self._own(experiment)
-        for base in own.get("defaults", ()):
-            if isinstance(base, str) and base != "_self_":
-                found.merge_with(self._settings(base, chosen, literal))
-        settings = own.get(WHEN) or {}
-        for place, keys in (settings.get(LITERAL, {}) if literal else settings).items():
-            group, _, option = str(place).partition(".")
-            if place != LITERAL and (group not in parts.GROUPS or self._find(f"{group}/{option}") is None):
-                raise ConfigCompositionException(f"In 'experiment/{experiment}': {WHEN}: there is no part {place}")
-            if not isinstance(keys, DictConfig):
-                raise ConfigCompositionException(
-                    f"In 'experiment/{experiment}': {WHEN}: {place}: expected keys and values, found {keys}"
-                )
-            if place != LITERAL and place in chosen:
-                found.merge_with({group: keys})
-        return found
-
-    def _own(self, experiment: str) -> DictConfig:
-        """What is in an experiment's own file; nothing where there is none, which Hydra itself refuses."""
-        path = self._find(f"experiment/{experiment}")
-        return OmegaConf.create({}) if path is None else _parsed(_text(path), str(path))
+    def _settings(self, experiment: str) -> Iterator[tuple[str, DictConfig]]:
+        """Yield what an experiment and those it begins with have under WHEN, by their names; its own last."""
+        if path := self._find(f"experiment/{experiment}"):  # where there is none, Hydra itself refuses
+            own = _parsed(_text(path), str(path))
+            for base in own.get("defaults", ()):
+                if isinstance(base, str) and base != "_self_":
+                    yield from self._settings(base)
+            yield experiment, own.get(WHEN) or OmegaConf.create({})
 
 
-class PartsSearchPath(SearchPathPlugin):
+class _ComponentSearchPath(SearchPathPlugin):
     """Puts the options of all packages and folders where Hydra would look for ours alone."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Called by Hydra whenever it is started, so that packages named since then are found too."""
         for element in search_path.get_path():
             if element.path == f"pkg://{parts.OURS}.conf":
-                element.path = f"{PartsConfigSource.scheme()}://{','.join(parts.folders())}"
-
-
-def open_mappings(schema: DictConfig) -> DictConfig:
-    """Let a command line fill the mappings that a class leaves empty, such as a file by camera, without a plus."""
-    for key in schema:
-        node = schema._get_node(key)
-        if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
-            OmegaConf.set_struct(node, False)
-    return schema
+                element.path = f"{ComponentSource.scheme()}://{','.join(parts.folders())}"
 
 
 def _text(path: Path) -> str:
@@ -396,55 +317,43 @@ def _parsed(text: str, file: str) -> DictConfig:
 
 
 @lru_cache(maxsize=512)
-def _typed_text(text: str, file: str, experiment: bool, packages: tuple[str, ...]) -> Any:
-    """Parse and type a file's text, an experiment's without what it sets of particular parts; to be left as it is.
+def _typed_text(text: str, file: str, _packages: tuple[str, ...]) -> DictConfig:
+    """Parse and type a file's text, without what an experiment sets of particular parts; to be left as it is.
 
-    packages: those whose classes may be named, on which it depends, too.
+    _packages: those whose classes may be named, on which it depends, too.
     """
-    config = deepcopy(_parsed(text, file))
-    if experiment and WHEN in config:
-        del config[WHEN]
-    return typed(config, file)
+    plain: Any = OmegaConf.to_container(_parsed(text, file))
+    plain.pop(WHEN, None)
+    return OmegaConf.create(typed(plain, file))
 
 
-def typed(config: Any, file: str) -> Any:
+def typed(value: Any, file: str) -> Any:
     """Merge every mapping that names a class over the schema of that class, so that its keys are checked.
 
-    Raises ConfigCompositionException, naming the file, for a key that is none or a value of another type.
+    value: of plain mappings and lists. Raises ConfigCompositionException, naming the file, for a key that is none or a
+    value of another type.
     """
-    for key in list(config.keys()) if isinstance(config, DictConfig) else range(len(config)):
-        node = config._get_node(key)
-        if key == "hydra" or not isinstance(node, DictConfig | ListConfig):  # Hydra looks after its own
-            continue
-        if not (node._is_none() or node._is_interpolation()):
-            config._set_item_impl(key, typed(node, file))
-    if not isinstance(config, DictConfig) or "_target_" not in config:
+    if isinstance(value, list):
+        return [typed(item, file) for item in value]
+    if not isinstance(value, dict):
+        return value
+    config = {key: item if key == "hydra" else typed(item, file) for key, item in value.items()}  # Hydra checks its own
+    if "_target_" not in config:
         return config
     try:
-        schema = open_mappings(OmegaConf.structured(schema_of(config._target_, "defaults" in config)))
-    except InputError as error:
-        raise ConfigCompositionException(f"{file}: {error}") from error
-    known = [str(key) for key in schema]  # which `in` would not find where they have no default
-    if unknown := [str(key) for key in config if key not in known]:
-        keys = ", ".join(key for key in known if key not in ("_target_", "defaults")) or "none"
-        raise ConfigCompositionException(f"{file}: {config._target_} has no key {unknown[0]!r}; it has {keys}")
-    try:
-        return OmegaConf.merge(schema, config)
-    except OmegaConfBaseException as error:
+        defaults = {key: config.pop(key) for key in ("defaults",) if key in config}
+        schema = OmegaConf.structured(_schema_of(str(config["_target_"])))
+        for key in schema:  # a command line may fill mappings that the class leaves empty without a plus
+            node = schema._get_node(key)
+            if isinstance(node, DictConfig) and (node._is_missing() or not len(node)):
+                OmegaConf.set_struct(node, False)
+        known = [str(key) for key in schema]  # which `in` would not find where they have no default
+        if unknown := [str(key) for key in config if key not in known]:
+            keys = ", ".join(key for key in known if key != "_target_") or "none"
+            raise InputError(f"{config['_target_']} has no key {unknown[0]!r}; it has {keys}")
+        merged: Any = OmegaConf.merge(schema, config)
+        with open_dict(merged):
+            merged.update(defaults)
+        return merged
+    except (InputError, OmegaConfBaseException) as error:
         raise ConfigCompositionException(f"{file}: {' '.join(str(error).split())}") from error
-
-
-def _given(value: str | None, then: object, otherwise: object) -> object:
-    """`then` where there is a value, `otherwise` where it is null or the built-in walker."""
-    return otherwise if value in (None, "builtin") else then
-
-
-def _performers(*motions: Any, by_style: bool = False) -> list[str]:
-    """Name who is tracked, whom learned priors leave out: those of motions, each a name, a list of names or null."""
-    listed = (each if isinstance(each, list | ListConfig) else [each] for each in motions if each is not None)
-    return left_out((str(name) for names in listed for name in names), by_style)
-
-
-def _each(values: Sequence[str]) -> str:
-    """Write a list as a sweep's choices."""
-    return ",".join(f"'{value}'" for value in values)

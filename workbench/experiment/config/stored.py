@@ -1,8 +1,7 @@
-"""From the configuration stored in a recording to one that is safe to run here, and its runs.
+"""From the configuration stored in a recording to one that is safe to run here.
 
-A recording may come from a stranger. What its configuration may do is build parts that the workbench, or a package that
-whoever runs it has named, offers as options, read below that person's `paths.data`, and write to their cache and to the
-folder that the run is given.
+A recording may come from a stranger. Its configuration may build components that the workbench, or a package that the
+user has named, offers as options, read below the user's `paths.data`, and write to the cache and the run's folder.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,10 +12,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from workbench.experiment.config.composition import composed
 from workbench.experiment.config.migrations import in_todays_words
-from workbench.experiment.config.object_config import PYTHON
 from workbench.experiment.config.options import GROUPS, OURS, how_to_allow, targets
+from workbench.experiment.config.schema import composed
+from workbench.experiment.provenance import PYTHON
 from workbench.recording.read.reader import Run
 from workbench.recording.settings import leaves
 from workbench.utils.errors import InputError
@@ -33,10 +32,10 @@ def runnable(run: Run, overrides: Sequence[str], own: DictConfig, parts: Mapping
 
     parts: what to put in place of its own by group, before the overrides.
 
-    Every path that began with the stored paths.data or paths.cache begins with ours. Threads are ours too, since
-    results do not depend on them, and no viewer is called. Words of earlier versions become today's. Raises InputError,
-    naming the recording and the key, for an interpolation, a target that is no option's, an override of a key that is
-    not there, another device than the CPU, or a path that leads out of paths.data and was not given as an override.
+    Every path that began with the stored paths.data or paths.cache begins with ours; threads are ours, and no viewer is
+    called. Raises InputError, naming the recording and the key, for an interpolation, a target that is no option's, an
+    override of a key that is not there, a removed key, or a path that leads out of paths.data and was not given as an
+    override.
     """
     settings = run.settings
     if settings.get("experiment") == PYTHON:

@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from workbench.experiment.execute import execute
+from workbench.experiment.run import execute
 from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT
 from workbench.results.check.agreement import Agreement, Tolerance

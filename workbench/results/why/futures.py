@@ -1,7 +1,6 @@
 """Runs that go on from before a loss with one thing changed, several seeds of each."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -16,14 +15,16 @@ from workbench.body.kinematics import joints
 from workbench.core.filter_state import Memory, Past
 from workbench.core.prior import Prior
 from workbench.core.step import Step
+from workbench.evaluation.errors import step_errors
 from workbench.evaluation.pose_errors import step_errors
+from workbench.evaluation.track_loss import WINDOW, lost_and_found
 from workbench.evaluation.verdict import WINDOW, lost_and_found
 from workbench.experiment.assembly import assemble
 from workbench.experiment.branch import branched
 from workbench.experiment.config.options import name_parts, packages
 from workbench.experiment.config.schema import prepare_hydra
-from workbench.experiment.continuing import Continued, carried, continuing
-from workbench.experiment.tracking import Parts
+from workbench.experiment.resume import Continued, branched, carried, continuing
+from workbench.experiment.tracking import Parts, assemble
 from workbench.inference.smc.particle_filter import start_around
 from workbench.inference.smc.weights import even_log_weights
 from workbench.recording.read.reader import Run, read
@@ -80,7 +81,7 @@ def losses(run: Run) -> list[Loss]:
 def past_of(run: Run, loss: Loss, overrides: Sequence[str]) -> Past | None:
     """Return what futures of a loss go on from; None where it is the first frame, or the inference cannot go on."""
     config = branched(run, overrides)[0]
-    parts = assemble(config, lambda stage: nullcontext())
+    parts = assemble(config)
     try:
         continuing(parts.inference)
     except InputError:
@@ -97,7 +98,7 @@ def futures(
     numba.set_num_threads(1)
     with threadpool_limits(limits=1, user_api="blas"):
         config = branched(read(path), [*overrides, *change.overrides])[0]
-        parts = assemble(config, lambda stage: nullcontext())
+        parts = assemble(config)
         return [_future(parts, None if change.whole else past, loss, change, seed) for seed in seeds]
 
 

@@ -15,20 +15,18 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.experiment.folder import run_folder
 from workbench.results.report.tables import printable
-from workbench.sweep.job import FAILED, metric_of
-from workbench.sweep.plan import Plan, plan_of
-from workbench.sweep.reuse import ASIDE, left_aside, read_summary
+from workbench.sweep.job import ASIDE, FAILED, metric_of, read_summary
+from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import SUMMARY
-from workbench.utils.run_lock import is_locked
+from workbench.utils.run_lock import is_locked, run_folder
 
-ENDED = ("complete", "stopped", "failed", "interrupted")
+_ENDED = ("complete", "stopped", "failed", "interrupted")
 """Statuses in summary.json of a run that has ended by itself."""
 
 PERIOD_S = 0.5
-LONGEST_END_S = 20.0
+_LONGEST_END_S = 20.0
 """Time that jobs have to end in after a signal, before their launcher kills them."""
 
 _JOBLIB = "JoblibLauncher"
@@ -37,7 +35,7 @@ _JOBLIB = "JoblibLauncher"
 class Progress:
     """The jobs of a sweep as their folders show, which are alike for all launchers.
 
-    Job k has ended when `k/summary.json` was written since the sweep began, and its status is in ENDED. launcher: name
+    Job k has ended when `k/summary.json` was written since the sweep began, and its status is in _ENDED. launcher: name
     of its class. began_ns: when the sweep began; None: now.
     """
 
@@ -87,7 +85,7 @@ class Progress:
     def _look(self, job: int, written: int) -> None:
         summary = self._summary(job)
         self.ended.pop(job, None)  # one that was interrupted may begin again, as Slurm has jobs do
-        if (status := summary.get("status")) in ENDED:
+        if (status := summary.get("status")) in _ENDED:
             same = "taken_from" in summary or summary.get("started") == self._started.get(job, "")
             self._seen[job], self.ended[job] = written, "kept" if same else str(status)
             print(printable(self._line(job, summary) + ("" if same else _how(summary))), flush=True)
@@ -118,9 +116,8 @@ class Progress:
             return begun if self._written(job) != self._seen[job] else "never begun"
         summary = self._summary(job)
         error = str(summary.get("error") or "")
-        return (
-            error if summary.get("status") == "failed" else f"interrupted by {error.partition(': ')[2] or 'a signal'}"
-        )
+        failed = summary.get("status") == "failed"
+        return error if failed else f"interrupted by {error.partition(': ')[2] or 'a signal'}"
 
 
 def _how(summary: Mapping[str, Any]) -> str:
@@ -169,7 +166,7 @@ class Watch(Callback):
         folders = [cls.progress.plan.folder / str(job) for job in cls.progress.not_ended()]
         for worker in multiprocessing.active_children():
             worker.terminate()
-        latest = monotonic() + LONGEST_END_S
+        latest = monotonic() + _LONGEST_END_S
         while any(map(is_locked, folders)) and monotonic() < latest:
             sleep(0.1)
 
@@ -193,7 +190,7 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     progress.stop()
     Watch.lock.close()
     folder = progress.plan.folder
-    if left := left_aside(folder):
+    if left := len(list((folder / ASIDE).glob(f"*/{SUMMARY}"))):
         print(f"{left} complete runs that were here are none of these jobs: moved to {folder / ASIDE}")
     if not (missing := progress.not_complete()):
         return 0
@@ -203,3 +200,25 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     again = [each for each in arguments if not each.startswith(("sweep.resume=", "hydra.sweep.dir="))]
     print(f"run them again: {shlex.join(['workbench', *again, f'sweep.resume={folder}'])}", file=sys.stderr)
     return 1
+
+
+def watch(folder: Path, period_s: float = PERIOD_S) -> int:
+    """Print the table of a sweep until all jobs have ended, or no process is at work in the sweep.
+
+    Returns 0 when all jobs are complete, else 1. Raises InputError where there is no sweep, or it is removed.
+    """
+    plan, start = read_plan(folder), folder / PLAN
+    progress = Progress(plan, began_ns=start.stat().st_mtime_ns if start.is_file() else 0)
+    alive = True
+    while alive and progress.not_ended():
+        sleep(period_s)
+        if not folder.is_dir():
+            raise InputError(f"{folder}: was removed")
+        alive = is_locked(folder) or any(is_locked(folder / str(job)) for job in progress.not_ended())
+    progress.stop()
+    missing = progress.not_complete()
+    for job, reason in missing.items():
+        print(f"{folder / str(job)}: {reason}")
+    if progress.not_ended():
+        print(f"no process is at work in the sweep; sweep.resume={folder} resumes it")
+    return 1 if missing else 0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from workbench.sweep.stopping import stop_when
+from workbench.sweep.early_stop import stop_when
 from workbench.utils.errors import InputError
 
 

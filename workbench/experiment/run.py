@@ -1,9 +1,10 @@
-"""What a run does: build the parts, track frame by frame, record, sum up."""
+"""One run: check the configuration, build the components, track frame by frame, record and sum up."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -13,48 +14,130 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from workbench.body.angles import FLEXIONS
+from workbench.core.capabilities import EVEN_WEIGHTS, FIT, IMAGES, KEYPOINTS, POINTS
 from workbench.core.prior import Prior
 from workbench.core.step import continues
 from workbench.core.study import Study
 from workbench.evaluation.evidence import Evidence
 from workbench.evaluation.headline import ERRORS
-from workbench.evaluation.verdict import WINDOW, verdict
-from workbench.experiment.assembly import assemble
-from workbench.experiment.config.assumptions import givens
-from workbench.experiment.config.compatibility import no_evidence
-from workbench.experiment.config.instantiate import build
-from workbench.experiment.execute import Stop
-from workbench.experiment.judging import constant, told
-from workbench.experiment.summary import Summary, versions
-from workbench.experiment.tracking import Meter, Parts, track
+from workbench.evaluation.verdict import WINDOW, RunInputs, verdict
+from workbench.experiment.config.instantiate import build, check_targets
+from workbench.experiment.config.options import GROUPS
+from workbench.experiment.config.requirements import assumptions, check_requirements, no_evidence, traits_of
+from workbench.experiment.provenance import Command, identity, provenance
+from workbench.experiment.summary import Summary, set_aside, versions
+from workbench.experiment.tracking import Meter, Parts, build_parts, track
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
+from workbench.utils.input_limits import check_products, check_sizes
 from workbench.utils.rng import rng_streams
-from workbench.utils.signals import check_interrupted
+from workbench.utils.run_files import RECORDING, SUMMARY
+from workbench.utils.run_lock import run_folder
+from workbench.utils.signals import check_interrupted, deferred, interruptible
 from workbench.utils.timing import compiled_s, compiling, working_s
 
 if TYPE_CHECKING:
-    from workbench.experiment.continuing import Continued  # which reads recordings, as most runs do not
+    from workbench.experiment.resume import Continued
 
 log = logging.getLogger(__name__)
 
+Stop = Callable[[Mapping[str, float]], bool]
+"""Whether a run ends, by its numbers so far; as text it is the condition."""
 
-def run(
-    config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: "Continued | None",
+
+def execute(
+    config: DictConfig, experiment: str, folder: Path, quiet: bool = False, command: Command | None = None,
+    continued: "Continued | None" = None, stop: Stop | None = None,
+) -> Summary:  # fmt: skip
+    """Run the configured experiment and leave `run.rrd` and `summary.json` in `folder`, which it makes and locks.
+
+    Parameters
+    ----------
+    config, experiment
+        The resolvable configuration, and the name to record for it.
+    command
+        What was said, which is recorded; error messages name its choices.
+    continued, stop
+        Where a recorded run goes on, None for the first frame; a condition that ends the run.
+
+    Raises
+    ------
+    InputError
+        For what a user can mend.
+    DegenerateWeights
+        Where the configuration asks to end there: the recording up to there is kept as `run.rrd.part`.
+    """
+    summary = Summary(experiment=experiment, seed=int(config.seed), recording=folder / RECORDING)
+    with run_folder(folder), ending(summary):
+        run_checked(config, summary, quiet, command or Command(), continued, stop)
+    return summary
+
+
+@contextmanager
+def ending(summary: Summary) -> Iterator[None]:
+    """Write summary.json at the beginning of a run and, with how it ended, at its end; SIGTERM and its like interrupt.
+
+    The caller holds the lock of the run's folder. A complete run in it is set aside. The recording decides: once it is
+    published the run is complete, whatever is asked for or fails from there on.
+    """
+    path = summary.recording.parent / SUMMARY
+    set_aside(path.parent)
+    with interruptible():
+        try:
+            summary.write(path)  # "running", which is what a killed run leaves
+            yield
+            _end(summary, path, None)
+        except BaseException as error:
+            _end(summary, path, error)  # once more, where it was asked to end while it was about to do that
+            raise
+
+
+def _end(summary: Summary, path: Path, error: BaseException | None) -> None:
+    with deferred():
+        summary.end(error)
+        summary.write(path)
+
+
+def run_checked(
+    config: DictConfig, summary: Summary, quiet: bool, command: Command, continued: "Continued | None",
     stop: Stop | None,
 ) -> None:  # fmt: skip
-    """Run a configuration that `execute` has checked, and count it in the summary; names: the options chosen, by
-    group. The rest as there."""
+    """Check the configuration and run it, counted in the summary; parameters and errors as of `execute`."""
+    _check(config, command.choices)
+    summary.identity, summary.provenance = identity(config), provenance(config, command)
+    if continued is not None:
+        summary.identity = continued.identity(summary.identity)
+        summary.provenance = {**summary.provenance, **continued.provenance}
     # one BLAS thread: its sums, and so a learned model's last bits, depend on how many there are
     with _threads(config.threads), threadpool_limits(limits=1, user_api="blas"), compiling(quiet):
         if config.study is None:
-            config = _with_given(config, names)
+            config = _with_assumptions(config)
             summary.given = list(config.given)
         summary.settings = _plain(config)
         if config.study is not None:
             _study(config, summary)
         else:
-            _track(config, summary, names, quiet, continued, stop)
+            _track(config, summary, command.choices, quiet, continued, stop)
+
+
+def _check(config: DictConfig, names: Mapping[str, str]) -> None:
+    """Raise InputError for a configuration that no run can have; nothing is built."""
+    for group in GROUPS:
+        node = config.get(group)
+        if node is not None and not (isinstance(node, DictConfig) and isinstance(node.get("_target_"), str)):
+            found = "nothing" if isinstance(node, DictConfig) and not len(node) else repr(node)
+            raise InputError(
+                f"config: {group}: expected a component with a _target_, found {found}; choose an option, "
+                f"{group}=NAME, or write {group}: null"
+            )
+    plain = _plain(config)
+    check_targets(config)
+    check_sizes(plain)
+    check_products(plain)
+    rng_streams(int(config.seed))  # which a wrong seed has none of
+    if config.study is None:
+        check_requirements(config, names)
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:
@@ -62,9 +145,9 @@ def _plain(config: DictConfig) -> dict[str, Any]:
     return found
 
 
-def _with_given(config: DictConfig, names: Mapping[str, str]) -> DictConfig:
-    """Put in what the run is given in place of what its experiment lists, and say both where they differ."""
-    taken, listed = list(givens(config, names)), list(config.get("given") or [])
+def _with_assumptions(config: DictConfig) -> DictConfig:
+    """Put the side information that the run uses in place of what its experiment lists, and log both."""
+    taken, listed = assumptions(config), list(config.get("given") or [])
     log.info("given: %s", ", ".join(taken) or "nothing")
     if listed and listed != taken:
         log.info("the experiment as it stands lists: %s", ", ".join(listed))
@@ -77,22 +160,47 @@ def _track(
     config: DictConfig, summary: Summary, names: Mapping[str, str], quiet: bool, continued: "Continued | None",
     stop: Stop | None,
 ) -> None:  # fmt: skip
-    parts = assemble(config, partial(_timed, summary), names)
+    parts = build_parts(config, partial(_timed, summary))
     summary.counted = parts.clip.known.counted
     if reason := no_evidence(config, names):
         summary.left_out["log_evidence"] = reason
-    summary.constant = constant(config, parts)
+    summary.constant = _constant(config, parts)
     evidence = Evidence(parts.body, parts.clip.known.scale)
     with recorder_of(config, parts, summary) as recorder:
-        recorder.set_departures(parts.clip.known.departures)
         before_s = compiled_s()
         record(parts, recorder, int(config.seed), summary, quiet, continued, stop, evidence)
         summary.compiling_s = compiled_s() - before_s
         measured = evidence.measured()
-        summary.verdict = verdict(measured, told(config, summary.settings, parts))
+        summary.verdict = verdict(measured, _told(config, summary.settings, parts))
         recorder.set_verdict(summary.verdict, measured)
         recorder.set_result(summary.metrics)
         recorder.set_cost(summary.cost)
+
+
+def _told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunInputs:
+    """Collect what a run was given that its frames may contradict; settings: the configuration, resolved."""
+    known, body = parts.clip.known, settings.get("body") or {}
+    iterations = (settings.get("inference") or {}).get("max_iterations")
+    return RunInputs(
+        height_m=body.get("height_m"),
+        max_iterations=float(iterations) if isinstance(iterations, int) else None,
+        rate_hz=known.rate_hz,
+        source_rate_hz=known.source_rate_hz,
+        seen=bool(traits_of(config.dataset).offers & {IMAGES, KEYPOINTS, POINTS}),
+    )
+
+
+def _constant(config: DictConfig, parts: Parts) -> frozenset[str]:
+    """Name the metrics that are the same in every run of such parts: those of uniform weights, which a likelihood that
+    sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
+    offers = traits_of(config.inference).offers
+    seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).offers
+    names = {"ess", "ess_mean"} if EVEN_WEIGHTS in offers | seen else set()
+    names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
+    for joint in ("knee", "hip"):
+        angles = {angle for name, signs in FLEXIONS.items() if name.endswith(joint) for angle in signs}
+        names |= set() if angles & set(parts.parameters) else {f"{joint}_deg"}
+    return frozenset(names)
 
 
 def _study(config: DictConfig, summary: Summary) -> None:
@@ -120,6 +228,7 @@ def record(
 ) -> None:  # fmt: skip
     """Track, or go on, record every step with its errors, and count it in the summary; quiet: no progress bar.
     evidence: takes in every step, too."""
+    recorder.set_departures(parts.clip.known.departures)
     meter, disable = Meter(parts), True if quiet else None
     n_frames = len(parts.clip) - (0 if continued is None else continued.skipped)
     tracked = track(parts, seed, meter) if continued is None else continued.track(parts, seed, meter, recorder)
@@ -131,9 +240,9 @@ def record(
             check_interrupted()
             if not np.isfinite(step.log_evidence):
                 summary.left_out.setdefault("log_evidence", "this inference does not estimate it")
-            told_evidence = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
+            numbers = {} if "log_evidence" in summary.left_out else {"log_evidence": step.log_evidence}
             with _timed(summary, "recording"):
-                recorder.log(step, {**told_evidence, **errors})
+                recorder.log(step, {**numbers, **errors})
             summary.add(step, errors)
             if evidence is not None:
                 evidence.add(step, errors)
@@ -155,13 +264,12 @@ def recorder_of(config: DictConfig, parts: Parts, summary: Summary) -> Recorder:
     """Build what records a run of these parts into `summary.recording`, not yet open; InputError as `Recorder`."""
     space = parts.inference.space
     n_coefficients = len(range(len(space))[space.slices.get("coefficients", slice(0))])
-    scale = np.ones(n_coefficients)  # every prior counts them in standard deviations
     live = {
         "path": summary.recording,
-        "constant": sorted(constant(config, parts)),
+        "constant": sorted(_constant(config, parts)),
         "body": parts.body,
         "space": space,
-        "coefficient_scale": scale,
+        "coefficient_scale": np.ones(n_coefficients),  # every prior counts them in standard deviations
     }
     live |= {"decode": parts.prior.pose} if parts.prior is not None and continues(parts.inference) else {}
     recorder: Recorder = build(config.recorder, **live, **_labels(config, summary))

@@ -1,0 +1,92 @@
+"""What a configuration leaves out, what does not go together, and of whose likelihood the evidence can be compared."""
+
+import pytest
+from compositions import composed
+
+from workbench.experiment.config.requirements import SOURCES, first_conflict, first_missing, no_evidence
+
+NAMES = {"dataset": "video", "body": "height"}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["experiment=walk_straight"], "likelihood=ImageMotion is not a density of the data"),
+        (["experiment=walk_straight", "likelihood.exponent=sum"], "likelihood=ImageMotion is not"),
+        (["experiment=walk_best"], "likelihood=Product is not"),
+        (["experiment=walk_keypoints_synthetic", "inference=particle_filter"], "likelihood=KeypointLikelihood is not"),
+        (["experiment=walk_keypoints_synthetic", "inference=particle_filter", "likelihood.temper=1.0"], None),
+        (["experiment=synthesize_run"], "there is no likelihood"),
+    ],
+    ids=str,
+)
+def test_evidence_is_that_of_a_density_of_the_data(words, reason):
+    found = no_evidence(composed(*words, "paths.data=null"), {})
+    assert found is None if reason is None else found.startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["experiment=synthesize_run", "prior=smooth"], "inference=Synthesis needs recorded windows to look ahead in"),
+        (["experiment=points_full", "prior=smooth"], "dataset=Points needs every joint of a motion file's skeleton"),
+        (["experiment=points_walk_steady", "prior.skeleton=full"], "prior=activity needs every joint"),
+        (["experiment=points_full", "inference=synthesis"], "inference=Synthesis is not for every joint"),
+        (["experiment=synthesize_run", "prior=smooth", "inference.look_ahead=0"], None),
+    ],
+    ids=str,
+)
+def test_a_conflict_is_one_sentence(words, sentence):
+    found = first_conflict(composed(*words, "paths.data=somewhere"), {})
+    assert found is None if sentence is None else found.startswith(f"config: {sentence}")
+
+
+@pytest.mark.parametrize(
+    ("words", "names", "sentence"),
+    [
+        (
+            ["dataset=video"], {"dataset": "video"},
+            "config: dataset=video needs source, camera: say dataset.source=… dataset.camera=… (camera: TOML of the "
+            "Pose2Sim and Sports2D form)",
+        ),
+        (
+            ["dataset=video", "dataset.source=x.mp4"], {},
+            "config: workbench.datasets.video.Video needs camera: say dataset.camera=…",
+        ),
+        (
+            ["dataset=multi_view", "dataset.camera=c.toml"], {"dataset": "multi_view"},
+            "config: dataset=multi_view needs sources: say dataset.sources=…",
+        ),
+        (["dataset=multi_view", "dataset.camera=c.toml", "dataset.sources.a=a.mp4"], {}, None),
+        (["dataset=video", "body=height"], NAMES, "config: body=height needs height_m: say body.height_m=…"),
+        (
+            ["dataset=video", "body=height", "body.height_m=1.7", "dataset.source=x", "dataset.camera=y"], NAMES,
+            None,
+        ),
+        (["paths.data=null"], {}, None),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_first_key_without_a_value_is_named_with_what_it_is(words, names, sentence):
+    found = first_missing(composed("experiment=custom", *words), names)
+    assert found is None if sentence is None else found.startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "folder"), [("walk_keypoints", "sports2d_walk"), ("balance_4cam", "pose2sim_balance")]
+)
+def test_absent_recordings_are_named_with_where_they_come_from(experiment, folder, tmp_path):
+    found = first_missing(composed(f"experiment={experiment}", "paths.data=null"), {})
+    assert "paths.data is not set: say paths.data=FOLDER or set WORKBENCH_DATA=FOLDER" in found
+    assert f"in which {folder}/ lies, {SOURCES[folder]}" in found
+    found = first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {})
+    assert found.startswith("config: dataset.")
+    assert found.endswith(f"paths.data should hold {folder}/: {SOURCES[folder]}")
+    (tmp_path / folder).mkdir()
+    assert first_missing(composed(f"experiment={experiment}", f"paths.data={tmp_path}"), {}) is None
+
+
+def test_a_folder_of_unknown_origin_is_named_without_a_source(tmp_path):
+    files = f"dataset.camera={tmp_path}/mine/c.toml", f"dataset.source={tmp_path}/mine/x.mp4"
+    found = first_missing(composed("dataset=video", *files, f"paths.data={tmp_path}"), {})
+    assert found.endswith("paths.data should hold mine/")
