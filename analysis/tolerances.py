@@ -20,9 +20,9 @@ from tqdm import tqdm
 
 from workbench.recording.read.reader import Run, find_recordings, read
 from workbench.recording.study.figures import numbers
-from workbench.results.check.again import TOLERANCES
 from workbench.results.check.agreement import Agreement, agreement
 from workbench.results.check.compare import number_of
+from workbench.results.check.rerun import TOLERANCES
 from workbench.utils.arrays import FloatArray
 
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
@@ -44,7 +44,7 @@ times of the largest difference measured."""
 
 def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, Run]:
     """Run the recordings with a seed in a process with these environment variables; the new runs by name."""
-    command = [sys.executable, "-m", "workbench.cli.check", *map(str, recordings), "--run", "--keep", str(folder)]
+    command = [sys.executable, "-m", "workbench.cli.check", *map(str, recordings), "--run", "-o", str(folder)]
     done = subprocess.run(
         [*command, f"seed={seed}"], env={**os.environ, **variables}, capture_output=True, text=True, check=False
     )

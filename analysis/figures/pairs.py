@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from analysis.figures.kept_runs import Numbers, Run, every_run, numbers_of
-from workbench.results.check.paired import LEVEL, POWER, differences, holm, p_of_mean
+from workbench.results.check.seeds import LEVEL, POWER, differences, holm, p_of_mean
 from workbench.utils.arrays import FloatArray
 
 EXPERIMENT = "walk_straight"

@@ -8,7 +8,7 @@ import pytest
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.experiment.config.stored import own_defaults, runnable
 from workbench.recording.read.crash_probe import open_sound_runs
-from workbench.results.check.again import tolerances
+from workbench.results.check.rerun import tolerances
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 

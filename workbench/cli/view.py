@@ -1,6 +1,5 @@
-"""workbench-view: open recordings in the viewer; two are shown beside each other, more with their curves overlaid."""
+"""`workbench view`: recordings in the Rerun viewer; two are shown side by side, more with their curves overlaid."""
 
-import argparse
 import platform
 import shutil
 import socket
@@ -9,54 +8,47 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
-from workbench.recording.overlaid import NAME, write_overlaid
+from typer import Argument, Exit, Option
+
+from workbench.cli.single_command import run_command
 from workbench.recording.read.chunks import HEAD, end_of_whole
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
-from workbench.recording.side_by_side import write_names, write_side_by_side
+from workbench.recording.side_by_side import OVERLAID, write_names, write_overlaid, write_side_by_side
 from workbench.recording.write.file import HOST
 from workbench.results.report.variation import flat, label, what_varied
 from workbench.utils import processes
 from workbench.utils.errors import InputError
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Open recordings and wait until the viewer is closed.
+def view(
+    recordings: Annotated[list[Path], Argument(metavar="RUN|FOLDER...", help="Recordings, or folders of them.")],
+    web: Annotated[bool, Option("--web", help="For a browser, on a server too: prints what to open.")] = False,
+) -> None:
+    """Open recordings in the viewer: two side by side, more under what varied with their curves over each other.
 
-    Returns 0, 1 when the viewer failed, 2 when there is nothing to open or no viewer, 130 when interrupted.
+    Examples:
+
+    workbench view a.rrd b.rrd
+
+    workbench view recordings/sweeps/priors --web
     """
-    parser = argparse.ArgumentParser(prog="workbench-view", description=__doc__)
-    parser.add_argument(
-        "recordings", metavar="RUN|FOLDER", type=Path, nargs="+",
-        help="recordings, or folders with recordings; exactly two recordings are compared",
-    )  # fmt: skip
-    parser.add_argument(
-        "--web", action="store_true", help="for a browser, on a server too: says what to open and how to forward it"
-    )
-    arguments = parser.parse_args(argv)
-    places: list[Path] = arguments.recordings
-    try:
-        program = viewer()
-        runs = _readable(places)
-        pair = len(places) == len(runs) == 2 and all(place.is_file() for place in places)
-        with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
-            files = _beside(runs, places, Path(folder)) if pair else _together(runs, Path(folder))
-            code = show([str(program), "--bind", HOST, *_ports(arguments.web)], files)
-        if code:
-            print(f"workbench-view: the viewer ended with exit code {code}", file=sys.stderr)
-        return 1 if code else 0
-    except InputError as error:
-        print(f"workbench-view: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    program, runs = viewer(), _readable(recordings)
+    pair = len(recordings) == len(runs) == 2 and all(path.is_file() for path in recordings)
+    with TemporaryDirectory(prefix="workbench-view-") as folder:  # kept as long as the viewer is open
+        files = _side_by_side(runs, recordings, Path(folder)) if pair else _together(runs, Path(folder))
+        code = show([str(program), "--bind", HOST, *_ports(web)], files)
+    if code:
+        print(f"workbench view: the viewer ended with exit code {code}", file=sys.stderr)
+        raise Exit(1)
 
 
 def show(command: Sequence[str], files: Sequence[Path]) -> int:
     """Open recordings in the viewer, which shows the last of them, and wait until it is closed; returns its exit code.
 
-    Several go through a pipe one after the other: it reads files at once, and shows whichever it has read last.
+    Several go through a pipe one after the other: it reads files at once, and shows the one that it has read last.
     """
     if len(files) == 1:
         return processes.run([*command, str(files[0])]).returncode
@@ -73,96 +65,91 @@ def show(command: Sequence[str], files: Sequence[Path]) -> int:
 
 
 def _ports(web: bool) -> list[str]:
-    """Where the viewer listens; of one in a browser, said with what opens it from here and from elsewhere."""
+    """Return the viewer's options for its ports; in a browser, print what opens it from here and from elsewhere."""
     if not web:
         return ["--port", "auto"]
-    page, data = _free_ports(2)
-    address = f"http://{HOST}:{page}/?url=rerun%2Bhttp://{HOST}:{data}/proxy"
-    print(f"open {address}")
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.create_server((HOST, 0))) for _ in range(2)]
+        page, data = (each.getsockname()[1] for each in sockets)  # which are free now
+    print(f"open http://{HOST}:{page}/?url=rerun%2Bhttp://{HOST}:{data}/proxy")
     ports = f"-L {page}:{HOST}:{page} -L {data}:{HOST}:{data}"
     print(f"from another machine first: ssh {ports} {platform.node()}", flush=True)
     return ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
 
 
-def _free_ports(n: int) -> list[int]:
-    """Numbers of ports that nobody listens at now."""
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(n)]
-        for each in sockets:
-            each.bind((HOST, 0))
-        return [int(each.getsockname()[1]) for each in sockets]
-
-
 def viewer() -> Path:
-    """Rerun's program, which its package puts beside the Python that runs; raises InputError without one."""
-    beside = Path(sys.executable).parent
-    if (found := shutil.which("rerun", path=str(beside))) is None:
-        raise InputError(
-            f"{beside}: expected the viewer's program rerun beside Python, found none: pip install rerun-sdk"
-        )
-    return Path(found)
+    """Return Rerun's program, which its package installs next to Python; raises InputError without one."""
+    folder = Path(sys.executable).parent
+    if (path := shutil.which("rerun", path=str(folder))) is None:
+        raise InputError(f"{folder}: expected the viewer's program rerun next to Python; pip install rerun-sdk")
+    return Path(path)
 
 
 def names(runs: Sequence[Run]) -> list[str]:
-    """A name for each run: what tells it from the others, as `workbench-report` calls it, its seed, how it ended.
-
-    Runs that would have one name get their place in it, too.
-    """
-    seeds = [run.provenance.get("seed") for run in runs]
-    found = []
-    for run, name, seed in zip(runs, labels(runs), seeds, strict=True):
-        words = [name]
-        words += [f"seed={seed}"] * (len(set(seeds)) > 1)
-        words += [{"running": "cut off"}.get(run.status, run.status)] * (run.status != "complete")
-        found.append(", ".join(words))
-    return [f"{name} ({run.path})" if found.count(name) > 1 else name for name, run in zip(found, runs, strict=True)]
+    """Return a name for each run: what distinguishes it from the others, its seed, how it ended, and its path where
+    another has the same name."""
+    several_seeds = len({run.provenance.get("seed") for run in runs}) > 1
+    named = []
+    for run, name in zip(runs, labels(runs), strict=True):
+        seed = [f"seed={run.provenance.get('seed')}"] if several_seeds else []
+        status = [{"running": "cut off"}.get(run.status, run.status)] if run.status != "complete" else []
+        named.append(", ".join([name, *seed, *status]))
+    return [f"{name} ({run.path})" if named.count(name) > 1 else name for name, run in zip(named, runs, strict=True)]
 
 
 def labels(runs: Sequence[Run]) -> list[str]:
-    """Say of each run what tells it from the others, but for its seed."""
+    """Return what distinguishes each run from the others, but for its seed."""
     settings = [flat(run.settings, str(run.provenance.get("experiment", "custom"))) for run in runs]
     keys = what_varied(settings).keys
     return [label(keys, values) or str(values["experiment"]) for values in settings]
 
 
 def _readable(places: Sequence[Path]) -> list[Run]:
-    """The recordings there, one of each run. Those left out are told; raises InputError when none is left."""
+    """Return the recordings there, one of each run, and print which are left out; InputError when none is left."""
     runs, problems = open_sound_runs(*places)
     left_out = [problem.reason for problem in problems]
-    kept: dict[str, Run] = {}
+    by_id: dict[str, Run] = {}
     for run in runs:
         try:
             _ = run.settings  # which name it
         except InputError as error:
             left_out.append(str(error))
             continue
-        if run is not (same := kept.setdefault(run.id or str(run.path), run)):
+        if run is not (same := by_id.setdefault(run.id or str(run.path), run)):
             left_out.append(f"{run.path}: the same run as {same.path}")
     for reason in left_out:
-        print(f"workbench-view: left out: {reason}", file=sys.stderr)
-    if not kept:
+        print(f"workbench view: left out: {reason}", file=sys.stderr)
+    if not by_id:
         raise InputError(f"{', '.join(map(str, places))}: expected recordings (.rrd, .rrd.part), found none to open")
-    return list(kept.values())
+    return list(by_id.values())
 
 
-def _beside(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[Path]:
-    """One recording that holds both, in the order they were given."""
+def _side_by_side(runs: Sequence[Run], places: Sequence[Path], folder: Path) -> list[Path]:
+    """Write one recording that holds both, in the order they were given."""
     a, b = sorted(runs, key=lambda run: places.index(run.path))
     first, second = names([a, b])
-    path = folder / "beside.rrd"
+    path = folder / "side_by_side.rrd"
     write_side_by_side(path, a, b, (first, second))
     print(f"a: {a.path} ({first})\nb: {b.path} ({second})")
     return [path]
 
 
 def _together(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """The recordings as they are and, where there are several, their names in files of their own and their curves."""
+    """Return the recordings and, where there are several, files with their names and one with all their curves."""
     paths = [run.path for run in runs]
     if len(runs) == 1:
         return paths
-    found = names(runs)
-    overlaid = folder / "overlaid.rrd"
-    write_overlaid(overlaid, runs, found, labels(runs))
+    named = names(runs)
+    write_overlaid(folder / "overlaid.rrd", runs, named, labels(runs))
     print("choose one in the panel on the left (the first of the three buttons at the top right shows it):")
-    print("\n".join(f"  {name}" for name in (*found, NAME)))
-    return [*paths, *write_names(folder, paths, found), overlaid]  # the viewer shows what it is given last
+    print("\n".join(f"  {name}" for name in (*named, OVERLAID)))
+    return [*paths, *write_names(folder, paths, named), folder / "overlaid.rrd"]  # the viewer shows the last file
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code: 1 when the viewer failed, 2 when there is nothing to open."""
+    return run_command(view, "workbench view", argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

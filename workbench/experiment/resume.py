@@ -71,7 +71,7 @@ class Continued:
             )
 
     @cached_property
-    def recorded_poses(self) -> tuple[IntArray, FloatArray]:
+    def told(self) -> tuple[IntArray, FloatArray]:
         """The numbers of the frames that the run, or the one that it goes on from, told of, and their poses."""
         return recorded_poses(self.run)
 
@@ -277,6 +277,13 @@ def _source(text: str) -> tuple[Run, int | None]:
     if frame is None and not len(run.poses[0]):
         raise InputError(f"{run.path}: expected a frame to go on from, found none; from={run.path} starts anew")
     return run, int(run.poses[0][-1]) if frame is None else frame
+
+
+def continued_at(run: Run, frame: int, overrides: Sequence[str]) -> Continued:
+    """Continue from a frame of a run with these overrides; raises InputError for a frame that it does not have."""
+    was, now = (branched(run, each)[0] for each in (_paths(overrides), overrides))
+    first, second = (OmegaConf.to_container(each, resolve=True) for each in (was, now))
+    return Continued(run, frame, was, changed=bool(changes(first, second)))
 
 
 def branched(run: Run, overrides: Sequence[str], frame: int | None = None) -> tuple[DictConfig, Command]:

@@ -10,22 +10,21 @@ from workbench.recording.write.file import CHOICES, SETTINGS
 from workbench.recording.write.scene import ESTIMATE, TRUTH
 from workbench.utils.errors import InputError
 
-_PEOPLE = tuple(f"/{who}/{what}" for who in (ESTIMATE, TRUTH) for what in ("joints", "skeleton"))
+_PEOPLE = tuple(f"/{person}/{what}" for person in (ESTIMATE, TRUTH) for what in ("joints", "skeleton"))
 _KEPT = ("/__properties/", "/posterior/marginals", "/activity/", "/note", "/log", *_PEOPLE)
 _CURVES = ("/metrics/", "/estimate/", "/flexion/")
 _FLAT = tuple(f"/__properties/{name}" for name in (SETTINGS, CHOICES))
 
 
 def condense(run: Run, path: Path) -> None:
-    """Write a complete run to `path` with every number that is compared, and stick figures to look at.
+    """Write a complete run to `path` with every number that is compared, and stick figures.
 
-    Images, bodies, particles, bands over time, the looks of curves and the drawings of a study's figures, most of a
-    run's bytes, are left out; so is the configuration key by key, half a kilobyte each, which is there as YAML. The
-    blueprint goes too: the viewer lays such a recording out by itself. Raises InputError where the recording is gone or
-    `path` cannot be written.
+    Left out are images, bodies, particles, intervals over time, styles of curves, the drawings of a study's figures,
+    the layout, and the configuration key by key, which is there as YAML. Raises InputError where the recording is gone
+    or `path` cannot be written.
     """
-    kept = [chunk for chunk in read_chunks(run.path, EVERYTHING) if _is_kept(chunk)]
-    store = ChunkStore.from_chunks(kept).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
+    chunks = [chunk for chunk in read_chunks(run.path, EVERYTHING) if _is_kept(chunk)]
+    store = ChunkStore.from_chunks(chunks).stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
     try:
         store.write_rrd(path, application_id="workbench", recording_id=run.id)
     except (RuntimeError, OSError) as error:
@@ -33,15 +32,13 @@ def condense(run: Run, path: Path) -> None:
 
 
 def is_condensed(run: Run) -> bool:
-    """Tell whether the run's recording holds nothing that `condense` leaves out."""
+    """Return whether the run's recording holds nothing that `condense` leaves out."""
     return all(_is_kept(chunk) for chunk in read_chunks(run.path, EVERYTHING))
 
 
 def _is_kept(chunk: Chunk) -> bool:
-    if chunk.entity_path in _FLAT:
-        return False
     if chunk.entity_path.startswith("/figures/"):
         return "kind" in chunk.to_record_batch().schema.names  # of a figure's numbers; its drawing has no kind
     if chunk.entity_path.startswith(_CURVES):
-        return not chunk.is_static  # as the looks of a curve are
-    return chunk.entity_path.startswith(_KEPT)
+        return not chunk.is_static  # as the style of a curve is
+    return chunk.entity_path not in _FLAT and chunk.entity_path.startswith(_KEPT)

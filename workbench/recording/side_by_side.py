@@ -1,13 +1,17 @@
-"""Several recordings in one viewer: two in one, under a/ and under b/, or many as they are, with names."""
+"""Several recordings in one viewer: two in one, under a/ and b/, or many as they are, with names and their curves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from workbench.core.study import Sticks
+from workbench.evaluation.headline import SHORT_TITLES
 from workbench.recording.read.chunks import EVERYTHING, read_chunks, recording_of
 from workbench.recording.read.crash_probe import refuse_fatal
 from workbench.recording.read.reader import Run
@@ -17,28 +21,41 @@ from workbench.recording.write.file import new_stream
 from workbench.recording.write.layout import page
 from workbench.recording.write.scene import ESTIMATE
 
-CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")
-"""Of all metrics those that are compared."""
+OVERLAID = "all runs: errors and how each came out"
+_CURVES = ("error_abs_mm", "error_rel_mm", "error_px", "coverage_90")  # of all metrics those that are compared
 _EYE_M = (2.1, -2.1, 0.6)
-_MOST_FIGURES = 4  # of studies, beside each other
-_COLOURS = {"a": (190, 190, 190), "b": (255, 110, 160)}
+_MAX_FIGURES = 4
+_SIDES = {"a": (190, 190, 190), "b": (255, 110, 160)}
+_OKABE_ITO = {
+    "orange": (230, 159, 0), "light blue": (86, 180, 233), "green": (0, 158, 115), "yellow": (240, 228, 66),
+    "vermilion": (213, 94, 0), "pink": (204, 121, 167), "blue": (0, 114, 178), "grey": (150, 150, 150),
+}  # fmt: skip
+
+
+@contextmanager
+def _written(
+    path: Path, application: str, recording_id: str, content: rrb.Container | None = None, **options: Any
+) -> Iterator[rr.RecordingStream]:
+    """Write what the block sends to a stream into an .rrd; content: of its layout."""
+    stream = new_stream(application, recording_id, **options)
+    stream.set_sinks(rr.FileSink(path), default_blueprint=None if content is None else page(content, fps=None))
+    yield stream
+    stream.flush()
+    stream.disconnect()
 
 
 def write_side_by_side(path: Path, a: Run, b: Run, names: tuple[str, str] | None = None) -> None:
-    """Write both recordings to `path`, an .rrd, with a layout that shows them beside each other, under these names.
+    """Write both recordings to an .rrd with a layout that shows them side by side, under these names.
 
     Raises InputError for one that cannot be read whole.
     """
     refuse_fatal([a.path, b.path])
     names = names or (f"{a.path.parent.name}/{a.path.name}", f"{b.path.parent.name}/{b.path.name}")
-    stream = new_stream("workbench-check", f"{a.id}-beside")
-    stream.set_sinks(rr.FileSink(path), default_blueprint=_layout(a, b, names))
-    for name, run in (("a", a), ("b", b)):
-        chunks = read_chunks(run.path, EVERYTHING)
-        below = [f"/{name}/{chunk.entity_path.removeprefix('/').removeprefix('__')}" for chunk in chunks]
-        stream.send_chunks([chunk.with_entity_path(path) for chunk, path in zip(chunks, below, strict=True)])
-    stream.flush()
-    stream.disconnect()
+    with _written(path, "workbench-check", f"{a.id}-beside", _two(a, b, names)) as stream:
+        for side, run in (("a", a), ("b", b)):
+            for chunk in read_chunks(run.path, EVERYTHING):
+                below = chunk.entity_path.removeprefix("/").removeprefix("__")
+                stream.send_chunks([chunk.with_entity_path(f"/{side}/{below}")])
 
 
 def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) -> list[Path]:
@@ -47,58 +64,80 @@ def write_names(folder: Path, recordings: Sequence[Path], names: Sequence[str]) 
     Opened together with the recording it becomes part of it, since both have one recording id. Raises InputError where
     one cannot be read.
     """
-    written = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
-    for path, recording, name in zip(written, recordings, names, strict=True):
-        application, recording_id = recording_of(recording)
-        stream = new_stream(application, recording_id, send_properties=False)
-        stream.set_sinks(rr.FileSink(path))
-        stream.send_recording_name(name)
-        stream.flush()
-        stream.disconnect()
-    return written
+    paths = [folder / f"name_{k:03d}.rrd" for k in range(len(recordings))]
+    for path, recording, name in zip(paths, recordings, names, strict=True):
+        with _written(path, *recording_of(recording), send_properties=False) as stream:
+            stream.send_recording_name(name)
+    return paths
 
 
-def _layout(a: Run, b: Run, names: tuple[str, str]) -> rrb.Blueprint:
+def write_overlaid(path: Path, runs: Sequence[Run], names: Sequence[str], groups: Sequence[str]) -> None:
+    """Write an .rrd with the errors and the coverage of every run over its frames, and a table of their outcomes.
+
+    groups: what distinguishes each run but for its seed, with one colour for each, which the table names, as a legend
+    with a line for each run would cover the curves. Studies have no curves.
+    """
+    metrics = [name for name in _CURVES if any(name in run.metrics for run in runs)]
+    legend = rrb.PlotLegend(visible=False)
+    views = [rrb.TimeSeriesView(origin=f"/{name}", name=styles.title(name), plot_legend=legend) for name in metrics]
+    rows = [rrb.Horizontal(*views[k : k + 2]) for k in range(0, len(views), 2)]
+    content = rrb.Vertical(*rows, rrb.TextDocumentView(origin="/outcomes", name="how each came out"))
+    colour_of = dict(zip(dict.fromkeys(groups), cycle(_OKABE_ITO), strict=False))
+    words = [colour_of[group] for group in groups]
+    with _written(path, "workbench-runs", str(uuid4()), content) as stream:
+        stream.send_recording_name(OVERLAID)
+        for k, (run, name, word) in enumerate(zip(runs, names, words, strict=True)):
+            for metric in (each for each in metrics if each in run.metrics):
+                (frames, values), place = run.metric(metric), f"{metric}/runs/{k}"
+                stream.log(place, rr.SeriesLines(colors=[_OKABE_ITO[word]], widths=[1.5], names=[name]), static=True)
+                scalars = rr.Scalars.columns(scalars=values)
+                stream.send_columns(place, [rr.TimeColumn("frame", sequence=frames)], scalars)
+        table = rr.TextDocument(_outcomes(runs, names, words), media_type="text/markdown")
+        stream.log("outcomes", table, static=True)
+
+
+def _outcomes(runs: Sequence[Run], names: Sequence[str], words: Sequence[str]) -> str:
+    """Return a Markdown table of every run's verdict and headline numbers."""
+    shown = {key: title for key, title in SHORT_TITLES.items() if any(key in run.result for run in runs)}
+    rows = [["run", "colour", "verdict", *shown.values()], ["---"] * (3 + len(shown))]
+    for run, name, word in zip(runs, names, words, strict=True):
+        verdict = run.properties.get("verdict", {}).get("sentence", run.status)
+        numbers = [f"{run.result[key]:.3g}" if key in run.result else "–" for key in shown]
+        rows.append([name, word, str(verdict), *numbers])
+    return "\n".join(f"| {' | '.join(each.replace('|', '/') for each in row)} |" for row in rows)
+
+
+def _two(a: Run, b: Run, names: tuple[str, str]) -> rrb.Container:
     columns = [_pictures(side, run, f"{side}: {name}") for side, run, name in zip("ab", (a, b), names, strict=True)]
     rows = [rrb.Horizontal(*pair) for pair in zip(*columns, strict=False)]
     known = {*a.metric_names, *b.metric_names}
-    metrics = [name for name in CURVES if name in known] or sorted(known)
-    curves = [] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]
-    return page(rrb.Vertical(*rows, *curves), fps=None)
+    metrics = [name for name in _CURVES if name in known] or sorted(known)
+    return rrb.Vertical(*rows, *([] if a.is_study else [rrb.Horizontal(*map(_curve, metrics))]))
 
 
 def _pictures(side: str, run: Run, title: str) -> Sequence[rrb.View]:
-    """Show the images and the world of a run, the first figures of a study."""
+    """Show the images and the world of a run, or the first figures of a study."""
     if run.is_study:
-        return [
-            rrb.Spatial2DView(origin=f"/{side}/{entity(figure).lstrip('/')}", name=f"{side}: {figure.name}")
-            for figure in run.figures
-            if not isinstance(figure, Sticks)
-        ][:_MOST_FIGURES]
+        figures = [figure for figure in run.figures if not isinstance(figure, Sticks)][:_MAX_FIGURES]
+        places = {figure.name: f"/{side}/{entity(figure).lstrip('/')}" for figure in figures}
+        return [rrb.Spatial2DView(origin=place, name=f"{side}: {name}") for name, place in places.items()]
     paths = {chunk.entity_path for chunk in read_chunks(run.path, ["/world/**"])}
     cameras = sorted(path.removesuffix("/image") for path in paths if path.endswith("/image"))
     images = [rrb.Spatial2DView(origin=f"/{side}{camera}/image", name=title) for camera in cameras[:1]]
     people = ["$origin/**", *(f"- /{side}{camera}/**" for camera in cameras)]  # the image would hide them
     people += [f"- /{side}/{ESTIMATE}/body"] * (f"/{ESTIMATE}/surface" in paths)
-    world = rrb.Spatial3DView(origin=f"/{side}/world", contents=people, name=title, eye_controls=_eye(side, run))
-    return [*images, world]
-
-
-def _eye(side: str, run: Run) -> rrb.EyeControls3D | None:
-    """From three metres away; the eye follows the person."""
-    if not len(run.joints.positions):
-        return None
-    person = run.joints.positions[0].mean(axis=0)
-    return rrb.EyeControls3D(
-        position=person + _EYE_M, look_target=person, eye_up=[0.0, 0.0, 1.0],
-        tracking_entity=f"/{side}/{ESTIMATE}/skeleton",
-    )  # fmt: skip
+    eye = None
+    if len(run.joints.positions):  # from three metres away, following the person
+        person = run.joints.positions[0].mean(axis=0)
+        skeleton = f"/{side}/{ESTIMATE}/skeleton"
+        up = [0.0, 0.0, 1.0]
+        eye = rrb.EyeControls3D(position=person + _EYE_M, look_target=person, eye_up=up, tracking_entity=skeleton)
+    return [*images, rrb.Spatial3DView(origin=f"/{side}/world", contents=people, name=title, eye_controls=eye)]
 
 
 def _curve(metric: str) -> rrb.TimeSeriesView:
-    paths = {name: f"/{name}/metrics/{metric}" for name in _COLOURS}
     drawn: dict[Any, Any] = {
-        paths[name]: rr.SeriesLines(colors=[colour], widths=[2.0], names=[name]).visualizer()
-        for name, colour in _COLOURS.items()
+        f"/{side}/metrics/{metric}": rr.SeriesLines(colors=[colour], widths=[2.0], names=[side]).visualizer()
+        for side, colour in _SIDES.items()
     }
-    return rrb.TimeSeriesView(origin="/", contents=list(paths.values()), name=styles.title(metric), overrides=drawn)
+    return rrb.TimeSeriesView(origin="/", contents=list(drawn), name=styles.title(metric), overrides=drawn)

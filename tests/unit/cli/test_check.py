@@ -1,4 +1,4 @@
-"""What workbench-check says before it runs anything: changes that it refuses, and how two recordings differ."""
+"""What `workbench check` prints before it runs anything: changes that it refuses, and how two recordings differ."""
 
 from pathlib import Path
 

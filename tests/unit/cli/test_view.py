@@ -1,4 +1,4 @@
-"""workbench-view: what it finds, what it calls it, and what it hands to the viewer."""
+"""`workbench view`: what it finds, what it calls it, and what it hands to the viewer."""
 
 import os
 import shutil
@@ -18,8 +18,8 @@ from recording_steps import BODY, SPACE, steps
 from rerun.chunk import RrdReader
 
 from workbench.cli import view
-from workbench.recording.overlaid import write_overlaid
 from workbench.recording.read.chunks import curves, static_values
+from workbench.recording.side_by_side import write_overlaid
 from workbench.recording.write.recorder import Recorder
 
 N_FRAMES = 2

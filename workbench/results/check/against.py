@@ -11,8 +11,8 @@ import numpy  # noqa: F401 (loads the BLAS that is asked for its code path)
 from threadpoolctl import threadpool_info
 
 from workbench.recording.read.reader import Run, read
-from workbench.results.check.agreement import Agreement
-from workbench.results.check.compare import Demand, compare
+from workbench.results.check.agreement import Agreement, Demand
+from workbench.results.check.compare import compare
 from workbench.results.check.rerun import Request
 from workbench.results.report.checks import Check
 from workbench.utils.errors import InputError
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def check_against(runs: Sequence[Run], request: Request, revision: str, root: Path = ROOT) -> list[Check]:
-    """Compare what the code of a commit and this code make of the recorded configurations.
+    """Compare the runs of the recorded configurations by the code of a commit and by this code.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ def check_against(runs: Sequence[Run], request: Request, revision: str, root: Pa
     commit = git(root, "rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").strip()
     name = git(root, "log", "-1", "--format=%h %s", commit).strip()
     demand = Demand(Agreement.IDENTICAL if request.exact else Agreement.ROUNDING, {})
-    with worktree(commit, root) as code:
+    with _worktree(commit, root) as code:
         print(f"{len(runs)} recordings by {name}, then by this code", file=sys.stderr, flush=True)
-        was = run_by(runs, request, "was", code)
-    now = run_by(runs, request, "now", root)
+        was = _run_by(runs, request, "was", code)
+    now = _run_by(runs, request, "now", root)
     pairs = zip(runs, was, now, strict=True)
     return [Check(f"{run.path} against {commit[:8]}", compare(a, b, demand), was=a, now=b) for run, a, b in pairs]
 
 
 @contextmanager
-def worktree(commit: str, root: Path) -> Iterator[Path]:
+def _worktree(commit: str, root: Path) -> Iterator[Path]:
     """Check a commit out in a folder of its own, which is removed when the block ends."""
     with TemporaryDirectory(prefix="workbench-code-") as place:
         folder = Path(place) / "code"
@@ -71,27 +71,30 @@ def worktree(commit: str, root: Path) -> Iterator[Path]:
             git(root, "worktree", "remove", "--force", str(folder))
 
 
-def run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list[Run]:
+def _run_by(runs: Sequence[Run], request: Request, name: str, code: Path) -> list[Run]:
     """Run the configurations of recordings by the code in a folder, in a process of its own.
 
     Returns the new runs, below `request.folder / name`. Raises InputError where one leaves none.
     """
     folder = request.folder / name
-    recordings = [str(run.path.resolve()) for run in runs]
-    command = module("workbench.cli.check", *recordings, "--run", "--keep", str(folder), *request.overrides)
-    environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _code_path()
+    words = [*(str(run.path.resolve()) for run in runs), *request.overrides, "--run"]
+    if (code / "workbench" / "cli" / "main.py").is_file():
+        command = module("workbench", "check", *words, "-o", str(folder))
+    else:  # of earlier versions, which have a module for each command
+        command = module("workbench.cli.check", *words, "--keep", str(folder))
+    environment = {**os.environ, "PYTHONPATH": str(code), "PYTHONDONTWRITEBYTECODE": "1"} | _blas_path()
     done = run(command, stdout=CAPTURED, env=environment)  # errors and progress are passed on
     made = [folder / f"{k:03d}" / RECORDING for k in range(len(runs))]
     if missing := [k for k, path in enumerate(made) if not path.is_file()]:
-        words = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
-        raise InputError(f"{runs[missing[0]].path}: does not run by the code in {code}: {' '.join(words)}")
+        last = done.stdout.decode(errors="replace").strip().splitlines()[-1:]
+        raise InputError(f"{runs[missing[0]].path}: does not run by the code in {code}: {' '.join(last)}")
     return [read(path) for path in made]
 
 
-def _code_path() -> dict[str, str]:
-    """Return the variable that has both commits' OpenBLAS take this process's code path, whatever they would choose."""
-    found = [each["architecture"] for each in threadpool_info() if "architecture" in each]
-    return {"OPENBLAS_CORETYPE": found[0]} if found else {}
+def _blas_path() -> dict[str, str]:
+    """Return the variable that makes both commits' OpenBLAS take this process's code path."""
+    paths = [each["architecture"] for each in threadpool_info() if "architecture" in each]
+    return {"OPENBLAS_CORETYPE": paths[0]} if paths else {}
 
 
 def git(root: Path, *arguments: str) -> str:

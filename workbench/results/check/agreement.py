@@ -1,11 +1,12 @@
-"""How far a number of one run agrees with that of another."""
+"""How far a number of one run agrees with that of another, and what a check demands."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from workbench.utils.arrays import AnyArray, FloatArray
+from workbench.utils.arrays import AnyArray
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
 """What rounding may change: relative to the largest value of a quantity, and in the quantity's own unit near zero."""
@@ -30,17 +31,47 @@ class Tolerance:
     absolute: float = 0.0
     relative: float = 0.0
 
-    def allows(self, was: FloatArray | float, now: FloatArray | float) -> bool:
-        """Return whether every number is finite and moved no further."""
-        was, now = np.asarray(was, dtype=np.float64), np.asarray(now, dtype=np.float64)
-        if was.shape != now.shape or not (np.isfinite(was).all() and np.isfinite(now).all()):
-            return False
-        return bool((np.abs(now - was) <= np.maximum(self.absolute, self.relative * np.abs(was))).all())
-
     def __str__(self) -> str:
         parts = [f"{self.absolute:g}"] if self.absolute > 0.0 else []
         parts += [f"{100.0 * self.relative:g} %"] if self.relative > 0.0 else []
         return "± " + (" or ".join(parts) or "0")
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a comparison demands of every number: at least `agreement`; where that is TOLERANCE, by `tolerances`, which
+    are by metric or "figure NAME", and "figures" and "default" for all others."""
+
+    agreement: Agreement
+    tolerances: Mapping[str, Tolerance]
+
+    def of(self, name: str) -> Tolerance | None:
+        """Return the tolerance of a metric; None where the demand is stricter."""
+        if self.agreement < Agreement.TOLERANCE:
+            return None
+        return self.tolerances.get(name) or self.tolerances.get("default") or Tolerance()
+
+    def words(self, name: str) -> str:
+        """Return the demand on a metric in words."""
+        return str(self.of(name) or ("identical" if self.agreement is Agreement.IDENTICAL else "rounding"))
+
+
+@dataclass(frozen=True)
+class MetricChange:
+    """How one quantity of a run changed.
+
+    quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value; None where
+    it has none. allowed: the demand, in words. passed: whether it is met. detail: where it differs first. agreement:
+    its class; None where single numbers were not compared.
+    """
+
+    quantity: str
+    was: float | None
+    now: float | None
+    allowed: str
+    passed: bool
+    detail: str = ""
+    agreement: Agreement | None = None
 
 
 def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> Agreement:
@@ -74,7 +105,10 @@ def agreement(was: object, now: object, tolerance: Tolerance | None = None) -> A
         away = np.where(old == new, 0.0, np.abs(new - old))
     if (away <= _rounding(old)).all():
         return Agreement.ROUNDING
-    return Agreement.TOLERANCE if tolerance is not None and tolerance.allows(old, new) else Agreement.CHANGED
+    if tolerance is None or not np.isfinite([old, new]).all():
+        return Agreement.CHANGED
+    allowed = np.maximum(tolerance.absolute, tolerance.relative * np.abs(old))
+    return Agreement.TOLERANCE if (away <= allowed).all() else Agreement.CHANGED
 
 
 def _rounding(values: AnyArray) -> AnyArray:

@@ -1,58 +1,17 @@
-"""Compare recordings of one configuration: two number by number, many of other seeds as distributions."""
+"""Two recordings of one configuration compared number by number."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from workbench.evaluation.intervals import mean_interval
 from workbench.recording.read.reader import Run
 from workbench.recording.study.figures import numbers
-from workbench.results.check.agreement import Agreement, Tolerance, agreement
+from workbench.results.check.agreement import Agreement, Demand, MetricChange, Tolerance, agreement
 from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.environment import differing
 
-Timed: TypeAlias = tuple[IntArray, FloatArray]
-"""Frames (F,) and a value for each."""
-_CHANGED = Agreement.CHANGED
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What the comparison of one quantity came to.
-
-    quantity: a metric's name, or frame numbers, poses, marginals, figure <name>, run. was, now: its value; None where
-    it has none. allowed: what was asked for, in words. passed: whether that held. detail: where it differs first.
-    agreement: its class; None where single numbers were not compared.
-    """
-
-    quantity: str
-    was: float | None
-    now: float | None
-    allowed: str
-    passed: bool
-    detail: str = ""
-    agreement: Agreement | None = None
-
-
-@dataclass(frozen=True)
-class Demand:
-    """What a comparison asks of every number: at least `agreement`, where that is TOLERANCE by metric."""
-
-    agreement: Agreement
-    tolerances: Mapping[str, Tolerance]
-    """By metric or "figure NAME"; "figures" and "default" are those of the others."""
-
-    def of(self, name: str) -> Tolerance | None:
-        """Return the tolerance of a metric; None where the demand is stricter."""
-        if self.agreement < Agreement.TOLERANCE:
-            return None
-        return self.tolerances.get(name) or self.tolerances.get("default") or Tolerance()
-
-    def words(self, name: str) -> str:
-        """Say what is asked of a metric."""
-        return str(self.of(name) or ("identical" if self.agreement is Agreement.IDENTICAL else "rounding"))
+_Timed = tuple[IntArray, FloatArray]  # frames (F,) and a value for each
+_Quantity = tuple[float | None, _Timed | None]  # the run's number and the values over frames
 
 
 def same_environment(was: Run, now: Run) -> bool:
@@ -61,24 +20,17 @@ def same_environment(was: Run, now: Run) -> bool:
 
 
 def demand_on(was: Run, now: Run, tolerances: Mapping[str, Tolerance], exact: bool = False) -> Demand:
-    """Return what may be asked of two runs of one configuration.
+    """Return what may be demanded of two runs of one configuration.
 
-    Parameters
-    ----------
-    was, now
-        The runs. In one environment numbers must be equal to rounding; in another they must be within tolerances, as
-        a particle filter takes another course once any bit differs.
-    tolerances
-        By metric, or those called "default", of figures within "figures".
-    exact
-        Ask for identical numbers whatever the environment.
+    In one environment numbers must be equal to rounding; in another they must be within tolerances, as a particle
+    filter takes another course once any bit differs. exact: demand identical numbers whatever the environment.
     """
     if exact:
         return Demand(Agreement.IDENTICAL, {})
     return Demand(Agreement.ROUNDING if same_environment(was, now) else Agreement.TOLERANCE, tolerances)
 
 
-def compare(was: Run, now: Run, demand: Demand) -> list[Finding]:
+def compare(was: Run, now: Run, demand: Demand) -> list[MetricChange]:
     """Compare every number of two runs.
 
     Up to rounding, everything that is recorded in full precision is compared: results, metrics of every frame,
@@ -90,31 +42,82 @@ def compare(was: Run, now: Run, demand: Demand) -> list[Finding]:
     """
     if (broken := _incomplete(was, now)) is not None:
         return [broken]
+    since = None if was.is_study else _since(was, now)
     place = "" if was.is_study else _first_pose(was, now)
-    if not was.is_study and (since := _since(was, now)) is not None:
-        was_curves, now_curves = (_from(run, since) for run in (was, now))
-        names = sorted(was_curves.keys() | now_curves.keys())
-        curves = [_curve(name, was_curves.get(name), now_curves.get(name), demand) for name in names]
-        return [*curves, _frames(was, now, since), _poses(was, now, place, demand)]
-    names = sorted({*was.result, *was.metrics, *now.result, *now.metrics})
-    findings = [_metric(name, was, now, demand, place) for name in names]
+    before, after = _quantities(was, since), _quantities(now, since)
+    names = sorted(before.keys() | after.keys())
+    none = (None, None)
+    changes = [_metric(name, before.get(name, none), after.get(name, none), demand, place) for name in names]
     if was.is_study:
-        return findings + list(_figures(was, now, demand))
-    marginals = _marginals(was, now, demand) if demand.agreement < Agreement.TOLERANCE else ()
-    return [*findings, _frames(was, now), _poses(was, now, place, demand), *marginals]
+        return [*changes, *_figures(was, now, demand)]
+    with_marginals = since is None and demand.agreement < Agreement.TOLERANCE
+    marginals = _marginals(was, now, demand) if with_marginals else ()
+    return [*changes, _frames(was, now, since or 0), _poses(was, now, place, demand), *marginals]
 
 
-def _poses(was: Run, now: Run, place: str, demand: Demand) -> Finding:
-    """Judge the expected poses; within tolerances they need only be finite, as the errors say how far they moved."""
-    _, before, after = _common(was.poses, now.poses)
-    class_ = agreement(before, after)
-    if not bool(np.isfinite(now.poses[1]).all()):
-        return Finding("poses", None, None, "finite", False, "not all numbers are finite", Agreement.CHANGED)
-    if demand.agreement is Agreement.TOLERANCE:
-        class_ = min(class_, Agreement.TOLERANCE)
-        return Finding("poses", None, None, "finite", True, "", class_)
+def number_of(name: str, run: Run) -> float | None:
+    """Return the run's number of this name, or the mean over frames of what is recorded of frames alone, or None."""
+    return _number(_quantities(run, None).get(name, (None, None)))
+
+
+def _number(quantity: _Quantity) -> float | None:
+    value, curve = quantity
+    return value if value is not None or curve is None else float(curve[1].mean())
+
+
+def _quantities(run: Run, since: int | None) -> dict[str, _Quantity]:
+    """Return the run's metrics by name; since: the first frame that counts, where the run's own numbers do not."""
+    results = {name: float(value) for name, value in run.result.items()} if since is None else {}
+    curves = {name: run.metric(name) for name in run.metrics}
+    if since is not None:
+        late = {name: frames >= since for name, (frames, _) in curves.items()}
+        curves = {name: (curves[name][0][kept], curves[name][1][kept]) for name, kept in late.items() if kept.any()}
+    return {name: (results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
+
+
+def _metric(name: str, was: _Quantity, now: _Quantity, demand: Demand, place: str) -> MetricChange:
+    """Judge the run's number and, unless tolerances are demanded, those of every frame."""
+    before, after, tolerance = _number(was), _number(now), demand.of(name)
+    detail = ""
+    if now == (None, None):
+        detail, class_ = "missing", Agreement.CHANGED
+    elif was == (None, None):
+        return MetricChange(name, None, after, demand.words(name), True, "new")
+    elif [each is None for each in was] != [each is None for each in now]:
+        detail, class_ = "missing as the run's number or over frames", Agreement.CHANGED
+    elif before is not None and after is not None and np.isfinite([before, after]).all():
+        class_ = agreement(before, after, tolerance)
+    else:
+        class_ = Agreement.CHANGED
+    (_, first), (_, second) = was, now
+    if first is not None and second is not None:
+        if demand.agreement < Agreement.TOLERANCE:
+            frames, old, new = _common(first, second)
+            class_ = max(class_, Agreement.CHANGED if len(frames) < len(first[0]) else agreement(old, new, tolerance))
+        if class_ > demand.agreement:
+            detail = detail or _first_odd(first, second, demand, tolerance)
+    return _change(name, before, after, demand, class_, detail or place)
+
+
+def _change(
+    name: str, was: float | None, now: float | None, demand: Demand, class_: Agreement, detail: str, key: str = ""
+) -> MetricChange:
+    """Return a change of this class; detail: of one that fails; key: under which its tolerance is, if not its name."""
     passed = class_ <= demand.agreement
-    return Finding("poses", None, None, demand.words("poses"), passed, "" if passed else place, class_)
+    return MetricChange(name, was, now, demand.words(key or name), passed, "" if passed else detail, class_)
+
+
+def _failed(name: str, allowed: str, detail: str) -> MetricChange:
+    return MetricChange(name, None, None, allowed, False, detail, Agreement.CHANGED)
+
+
+def _incomplete(was: Run, now: Run) -> MetricChange | None:
+    for name, run in (("what was recorded", was), ("the new run", now)):
+        if run.status != "complete":
+            return _failed("run", "complete", f"{name} is not complete (status: {run.status})")
+    if was.is_study != now.is_study:
+        return _failed("run", "same kind", "one tracks a person, the other is a study")
+    return None
 
 
 def _since(was: Run, now: Run) -> int | None:
@@ -123,94 +126,45 @@ def _since(was: Run, now: Run) -> int | None:
     return None if begun[0] == begun[1] else max(int(frame) for frame in begun if frame is not None)
 
 
-def _from(run: Run, since: int) -> dict[str, Timed]:
-    """Return what is recorded of every frame, from a frame on."""
-    curves = {name: run.metric(name) for name in run.metrics}
-    return {name: (frames[frames >= since], values[frames >= since]) for name, (frames, values) in curves.items()}
-
-
-def _curve(name: str, was: Timed | None, now: Timed | None, demand: Demand) -> Finding:
-    """Judge a metric over frames."""
-    before, after = (None if curve is None or not len(curve[1]) else float(curve[1].mean()) for curve in (was, now))
-    text = demand.words(name)
-    if was is None or now is None:
-        passed = now is not None
-        return Finding(name, before, after, text, passed, "new" if passed else "missing", None if passed else _CHANGED)
-    class_ = _of_curves(was, now, demand.of(name))
-    passed = class_ <= demand.agreement
-    return Finding(name, before, after, text, passed, "" if passed else _first_odd(name, was, now, demand), class_)
-
-
-def _incomplete(was: Run, now: Run) -> Finding | None:
-    for name, run in (("what was recorded", was), ("the new run", now)):
-        if run.status != "complete":
-            detail = f"{name} is not complete (status: {run.status})"
-            return Finding("run", None, None, "complete", False, detail, _CHANGED)
-    if was.is_study != now.is_study:
-        return Finding("run", None, None, "same kind", False, "one tracks a person, the other is a study", _CHANGED)
-    return None
-
-
-def _metric(name: str, was: Run, now: Run, demand: Demand, place: str) -> Finding:
-    """Judge the run's number and, unless tolerances are asked for and there is one, those of every frame."""
-    before, after = number_of(name, was), number_of(name, now)
-    text, tolerance = demand.words(name), demand.of(name)
-    if after is None:
-        return Finding(name, before, None, text, False, "missing", _CHANGED)
-    if before is None:
-        return Finding(name, None, after, text, True, "new")
-    if (name in was.result) != (name in now.result) or (name in was.metrics) != (name in now.metrics):
-        detail = "missing as the run's number or over frames"
-        return Finding(name, before, after, text, False, detail, _CHANGED)
-    class_ = agreement(before, after, tolerance) if np.isfinite([before, after]).all() else _CHANGED
-    over_frames = name in was.metrics and name in now.metrics
-    if over_frames and demand.agreement < Agreement.TOLERANCE:
-        class_ = max(class_, _of_curves(was.metric(name), now.metric(name), tolerance))
-    passed = class_ <= demand.agreement
-    first = _first_odd(name, was.metric(name), now.metric(name), demand) if over_frames and not passed else ""
-    return Finding(name, before, after, text, passed, "" if passed else first or place, class_)
-
-
-def number_of(name: str, run: Run) -> float | None:
-    """Return the run's number of this name, or the mean over frames of what is recorded of frames alone, or None."""
-    if name in run.result:
-        return float(run.result[name])
-    return float(run.metric(name)[1].mean()) if name in run.metrics else None
-
-
-def _of_curves(was: Timed, now: Timed, tolerance: Tolerance | None) -> Agreement:
-    frames, before, after = _common(was, now)
-    return _CHANGED if len(frames) < len(was[0]) else agreement(before, after, tolerance)
-
-
-def _first_odd(name: str, was: Timed, now: Timed, demand: Demand) -> str:
-    """Say in which frame a metric first agrees less than is asked for; empty where it does in every frame."""
+def _first_odd(was: _Timed, now: _Timed, demand: Demand, tolerance: Tolerance | None) -> str:
+    """Return in which frame a metric first agrees less than demanded; empty where it does in every frame."""
     frames, before, after = _common(was, now)
     if missing := sorted(set(was[0].tolist()) - set(frames.tolist())):
         return f"missing in frame {missing[0]}"
     scale = np.nanmax(np.abs(before), initial=0.0)
     for frame, old, new in zip(frames.tolist(), before, after, strict=True):
-        if agreement(np.array([old, scale]), np.array([new, scale]), demand.of(name)) > demand.agreement:
+        if agreement(np.array([old, scale]), np.array([new, scale]), tolerance) > demand.agreement:
             return f"first differs in frame {frame}: {old:.6g} by {new - old:+.3g}"
     return ""
 
 
-def _common(was: Timed, now: Timed) -> tuple[IntArray, FloatArray, FloatArray]:
+def _common(was: _Timed, now: _Timed) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the frames (F,) that both have, and their values."""
     frames, first, second = np.intersect1d(was[0], now[0], return_indices=True)
     return frames, was[1][first], now[1][second]
 
 
-def _frames(was: Run, now: Run, since: int = 0) -> Finding:
+def _frames(was: Run, now: Run, since: int) -> MetricChange:
     before, after = ({frame for frame in run.poses[0].tolist() if frame >= since} for run in (was, now))
     odd = sorted(before ^ after)
     detail = f"frame {odd[0]} is {'missing' if odd[0] in before else 'new'}, {len(odd)} in all" if odd else ""
-    class_ = _CHANGED if odd else Agreement.IDENTICAL
-    return Finding("frame numbers", len(before), len(after), "identical", not odd, detail, class_)
+    class_ = Agreement.CHANGED if odd else Agreement.IDENTICAL
+    return MetricChange("frame numbers", len(before), len(after), "identical", not odd, detail, class_)
+
+
+def _poses(was: Run, now: Run, place: str, demand: Demand) -> MetricChange:
+    """Judge the expected poses; within tolerances they need only be finite, as the errors show how far they moved."""
+    if not bool(np.isfinite(now.poses[1]).all()):
+        return _failed("poses", "finite", "not all numbers are finite")
+    _, before, after = _common(was.poses, now.poses)
+    class_ = agreement(before, after)
+    if demand.agreement is Agreement.TOLERANCE:
+        return MetricChange("poses", None, None, "finite", True, "", min(class_, Agreement.TOLERANCE))
+    return _change("poses", None, None, demand, class_, place)
 
 
 def _first_pose(was: Run, now: Run) -> str:
-    """Say where the expected poses differ first: the frame, the joint that moved most, and by how much."""
+    """Return where the expected poses differ first: the frame, the joint that moved most, and by how much."""
     frames, before, after = _common(was.poses, now.poses)
     if before.shape != after.shape:
         return f"poses of {before.shape[1]} and of {after.shape[1]} numbers"
@@ -228,54 +182,26 @@ def _first_pose(was: Run, now: Run) -> str:
     return f"poses first differ in frame {frame}: {moved}"
 
 
-def _marginals(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
-    before, after, text = was.marginals, now.marginals, demand.words("marginals")
+def _marginals(was: Run, now: Run, demand: Demand) -> Iterator[MetricChange]:
+    before, after = was.marginals, now.marginals
     if before is not None and after is not None and before.names == after.names:
         class_ = max(agreement(getattr(before, key), getattr(after, key)) for key in ("low", "high", "log_mass"))
-        passed = class_ <= demand.agreement
-        yield Finding("marginals", None, None, text, passed, "" if passed else "they differ", class_)
+        yield _change("marginals", None, None, demand, class_, "they differ")
     elif before is not None:
-        yield Finding("marginals", None, None, text, False, "missing, or of other parameters", _CHANGED)
+        yield _failed("marginals", demand.words("marginals"), "missing, or of other parameters")
 
 
-def _figures(was: Run, now: Run, demand: Demand) -> Iterator[Finding]:
+def _figures(was: Run, now: Run, demand: Demand) -> Iterator[MetricChange]:
     """Compare a study's figures number by number."""
     after = {figure.name: numbers(figure) for figure in now.figures}
     for figure in was.figures:
         name = f"figure {figure.name}"
         key = name if name in demand.tolerances else "figures"
-        text, tolerance = demand.words(key), demand.of(key)
         if figure.name not in after:
-            yield Finding(name, None, None, text, False, "missing", _CHANGED)
+            yield _failed(name, demand.words(key), "missing")
             continue
-        old, new = numbers(figure), after[figure.name]
-        classes = {
-            key: _CHANGED if key not in old or key not in new else agreement(old[key], new[key], tolerance)
-            for key in {**old, **new}
-        }
+        old, new, tolerance = numbers(figure), after[figure.name], demand.of(key)
+        classes = {part: agreement(old.get(part), new.get(part), tolerance) for part in {**old, **new}}
         class_ = max(classes.values(), default=Agreement.IDENTICAL)
-        passed = class_ <= demand.agreement
-        detail = "" if passed else f"{next(key for key, each in classes.items() if each is class_)} differs"
-        yield Finding(name, None, None, text, passed, detail, class_)
-
-
-def compare_seeds(old: Sequence[Run], new: Sequence[Run], n_judged: int) -> list[Finding]:
-    """Compare the mean of each of the runs' numbers over `new` with what its mean over `old` lets one expect.
-
-    See `workbench.evaluation.intervals.mean_interval`; its level lets all of `n_judged` numbers pass 95 % of the time.
-    A number that is missing from any of the runs, or is not finite, fails.
-    """
-    level = 1.0 - 0.05 / max(n_judged, 1)
-    return [_finding(name, old, new, level) for name in sorted({name for run in old for name in run.result})]
-
-
-def _finding(name: str, old: Sequence[Run], new: Sequence[Run], level: float) -> Finding:
-    if lacking := sum(name not in run.result for run in (*old, *new)):
-        return Finding(name, None, None, "", False, f"missing from {lacking} of {len(old) + len(new)} runs")
-    before, after = (np.array([run.result[name] for run in runs], dtype=np.float64) for runs in (old, new))
-    if not (np.isfinite(before).all() and np.isfinite(after).all()):
-        return Finding(name, float(before.mean()), float(after.mean()), "", False, "not a finite number in every run")
-    allowed = mean_interval(before, after, level)
-    passed = bool(abs(after.mean() - before.mean()) <= allowed)
-    detail = "" if passed else f"means of {len(old)} and {len(new)} seeds lie too far apart"
-    return Finding(name, float(before.mean()), float(after.mean()), f"± {allowed:.3g}", passed, detail)
+        odd = next((part for part, each in classes.items() if each is class_), "")
+        yield _change(name, None, None, demand, class_, f"{odd} differs", key)

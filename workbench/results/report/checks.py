@@ -8,8 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from workbench.recording.read.reader import Run
-from workbench.results.check.agreement import Agreement
-from workbench.results.check.compare import Demand, Finding
+from workbench.results.check.agreement import Agreement, Demand, MetricChange
 from workbench.results.report.tables import Table, printable, text
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
@@ -29,7 +28,7 @@ class Check:
     """
 
     name: str
-    findings: Sequence[Finding] = field(default_factory=tuple)
+    findings: Sequence[MetricChange] = field(default_factory=tuple)
     refused: str | None = None
     was: Run | None = None
     now: Run | None = None
@@ -46,7 +45,7 @@ class Check:
         return self.passed and not any(map(has_moved, self.findings))
 
 
-def has_moved(finding: Finding) -> bool:
+def has_moved(finding: MetricChange) -> bool:
     """Whether a number is not what it was, by more than rounding, or is new, or failed."""
     return not finding.passed or finding.agreement is None or finding.agreement > Agreement.ROUNDING
 
@@ -140,7 +139,7 @@ def _rows(check: Check, verbose: bool) -> list[tuple[str, ...]]:
     return [(check.name, *_cells(finding)) for finding in check.findings if verbose or not finding.passed]
 
 
-def _cells(finding: Finding) -> tuple[str, ...]:
+def _cells(finding: MetricChange) -> tuple[str, ...]:
     was, now = ("" if value is None else f"{value:.6g}" for value in (finding.was, finding.now))
     if was == now and finding.was != finding.now:
         was, now = f"{finding.was:.17g}", f"{finding.now:.17g}"

@@ -2,8 +2,7 @@
 
 from types import SimpleNamespace
 
-from workbench.results.check.agreement import Agreement, Tolerance
-from workbench.results.check.compare import Demand, Finding
+from workbench.results.check.agreement import Agreement, Demand, MetricChange, Tolerance
 from workbench.results.report.checks import Check, exit_code, has_moved, moved, notes, table
 
 
@@ -12,7 +11,7 @@ def run(environment, **result):
 
 
 def finding(agreement, was=1.0, now=1.0, passed=True):
-    return Finding("error_abs_mm", was, now, "rounding", passed, "", agreement)
+    return MetricChange("error_abs_mm", was, now, "rounding", passed, "", agreement)
 
 
 def test_a_passed_recording_counts_its_numbers_by_class():

@@ -14,8 +14,9 @@ from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write import file
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
-from workbench.results.check.agreement import Agreement, Tolerance, agreement
-from workbench.results.check.compare import Demand, compare, compare_seeds, demand_on, same_environment
+from workbench.results.check.agreement import Agreement, Demand, Tolerance, agreement
+from workbench.results.check.compare import compare, demand_on, same_environment
+from workbench.results.check.seeds import compare_seeds
 from workbench.utils.errors import InputError
 
 HERE = {"system": "Linux x86_64", "numpy": "1.0", "blas": "openblas 1 Haswell"}
@@ -244,8 +245,8 @@ def test_a_run_and_a_study_are_not_alike(made, tmp_path):
 def test_seeds_are_judged_as_distributions_and_a_missing_number_fails(made):
     new = [made([], {"error_mm": value, "held": 1.0}) for value in (40.0, 44.0, 42.0, 41.0)]
     near, far = made([], {"error_mm": 45.0, "held": 1.0}), made([], {"error_mm": 90.0, "held": 1.0, "gone": 2.0})
-    assert [finding.passed for finding in compare_seeds([near], new, 2)] == [True, True]
-    found = {finding.quantity: finding for finding in compare_seeds([far], new, 3)}
+    assert [finding.passed for finding in compare_seeds([([near], new)])[0]] == [True, True]
+    found = {finding.quantity: finding for finding in compare_seeds([([far], new)])[0]}
     assert not found["error_mm"].passed
     assert (found["error_mm"].was, found["error_mm"].now) == (90.0, 41.75)
     assert found["gone"].detail == "missing from 4 of 5 runs"

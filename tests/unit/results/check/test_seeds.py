@@ -7,7 +7,7 @@ from scipy import stats
 
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
-from workbench.results.check.paired import compare_paired, differences, flip_test, holm, p_of_mean, paired_interval
+from workbench.results.check.seeds import compare_paired, differences, energy_test, holm, p_of_mean, paired_interval
 
 
 def share(check, n=1000):
@@ -66,7 +66,7 @@ def test_a_null_of_frames_that_hang_together_fails_as_often_as_its_level():
         runs = [
             rng.normal(2.0 * rng.standard_normal(), 1.0, (2, 12)) + 0.5 * rng.standard_normal((2, 1)) for _ in range(5)
         ]
-        return flip_test([run[0] for run in runs], [run[1] for run in runs], rng)[1] <= 2.0 / 2**5
+        return energy_test([run[0] for run in runs], [run[1] for run in runs], rng)[1] <= 2.0 / 2**5
 
     assert share(fails, 400) == pytest.approx(2.0 / 2**5, abs=3.0 * np.sqrt(0.0625 * 0.9375 / 400))
 
@@ -75,9 +75,9 @@ def test_frames_that_spread_more_are_found_though_their_mean_is_the_same():
     rng = np.random.default_rng(1)
     before = [rng.normal(30.0, 1.0, 60) for _ in range(8)]
     after = [rng.normal(30.0, 3.0, 60) for _ in range(8)]
-    assert flip_test(before, after, rng)[1] == 2.0 / 2**8
+    assert energy_test(before, after, rng)[1] == 2.0 / 2**8
     many = [rng.normal(30.0, scale, 20) for scale in (1.0, 3.0) for _ in range(12)]
-    assert flip_test(many[:12], many[12:], rng)[1] < 0.01
+    assert energy_test(many[:12], many[12:], rng)[1] < 0.01
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_equal_runs_pass_and_moved_ones_fail_with_what_would_have_been_found(mad
     assert not found["error_abs_mm"].passed  # by 1 mm, a tenth of what seeds differ by
     assert "by +1.02 ±" in found["error_abs_mm"].detail
     assert found["frames"].passed
-    assert "4 pairs cannot tell" in found["error_abs_mm in frames"].detail
+    assert "4 pairs cannot show a change" in found["error_abs_mm in frames"].detail
 
 
 def test_a_number_that_is_gone_or_not_finite_fails(made):

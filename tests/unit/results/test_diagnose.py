@@ -1,0 +1,100 @@
+"""What can be changed in a run, read off its configuration, and how the repetitions are ranked and judged."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_module
+from omegaconf import OmegaConf
+
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.results import diagnose
+from workbench.results.diagnose import SAME, SAME_WHOLE, Change, Outcome, changes_of, sentence, table
+from workbench.utils.errors import InputError
+
+CUE = Change("without edges")
+BODY = Change("the true body", whole=True)
+
+
+def changes(*overrides):
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"):
+        config = compose("config", overrides=["experiment=custom", *overrides, "paths.data=null"])
+    return {each.name: each for each in changes_of(OmegaConf.to_container(config, resolve=True))}
+
+
+def test_one_thing_is_changed_at_a_time():
+    departures = "dataset.departures={camera_deg:2.0,start_m:0.0,start_rad:0.0,lengths:0.0,radii:0.0,profile:0.0}"
+    given = ("prior=walking", "likelihood=product", "dataset.occluder=true", "body.scale=1.2", departures)
+    found = changes("dataset=synthetic", *given)
+    assert list(found) == [
+        "4 times the particles", "without image_motion", "without background", "without appearance", "without edges",
+        "prior=smooth", "prior=jitter", "without the occluder", "the true body", "without perturbation clothes_m",
+        "without perturbation camera", "without perturbation camera_deg",
+    ]  # fmt: skip
+    assert found["without edges"] == Change("without edges", ("likelihood.weights.edges=0.0",))
+    assert found["the true body"] == Change("the true body", ("body.scale=1.0",), whole=True)
+    (word,) = found["without perturbation camera"].overrides
+    sizes = OmegaConf.from_dotlist([word.replace(":", ": ")]).dataset.departures
+    assert (sizes.camera, sizes.camera_deg, sizes.clothes_m) == (0.0, 2.0, 0.005)
+
+
+def test_only_what_applies_is_changed():
+    found = changes("dataset=synthetic", "prior=smooth", "likelihood=image_motion", "dataset.exact=true")
+    assert list(found) == ["4 times the particles", "prior=jitter"]
+
+
+@pytest.mark.parametrize(
+    ("inference", "override"),
+    [("restarting", "inference.filter.n_particles=20000"), ("annealed", "inference.n_particles=4000")],
+)
+def test_more_particles_are_of_the_filter_that_has_some(inference, override):
+    assert changes("dataset=synthetic", f"inference={inference}")["4 times the particles"].overrides == (override,)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_change_is_compared_with_another_seed_over_the_same_frames(whole):
+    alone = [Outcome(SAME_WHOLE, 0, 5, 2.0, True), Outcome(SAME, 4, 5, 1.0, False)]
+    words = sentence([Outcome(BODY if whole else CUE, 5, 5, 0.3, whole), *alone])
+    assert f"keeps the track in 5 of 5, another seed alone in {0 if whole else 4} of 5" in words
+    assert f"(p = {'0.004' if whole else '0.5'}" in words  # 1/C(10, 5), C(9, 4)/C(10, 5)
+
+
+@pytest.mark.parametrize("kept", [3, 5])
+def test_where_another_seed_does_as_well_there_is_no_cause(kept):
+    assert sentence([Outcome(CUE, kept, 5, 0.3, False), Outcome(SAME, kept, 5, 0.5, False)]).startswith("no cause")
+
+
+def test_the_table_has_an_interval_and_marks_whole_runs():
+    lines = table([Outcome(BODY, 5, 5, 0.3, True), Outcome(CUE, 0, 5, np.nan, False)]).splitlines()
+    assert lines[1].split() == [
+        "5",
+        "of",
+        "5",
+        "57%",
+        "to",
+        "100%",
+        "0.3",
+        "the",
+        "true",
+        "body",
+        "(from",
+        "the",
+        "first",
+        "frame)",
+    ]
+    assert lines[2].split() == ["0", "of", "5", "0%", "to", "43%", "nan", "without", "edges"]
+
+
+def test_without_a_verdict_a_track_is_judged_in_annotated_frames():
+    run = SimpleNamespace(metric=lambda name: (np.array([2, 20, 30, 60]), np.array([1.0, 30.0, 50.0, 1.0])))
+    near = [diagnose._is_near(run, 25, {"error_px": error}) for error in (19.0, 21.0)]
+    assert near == [True, False]
+    assert not diagnose._is_near(run, 45, {"error_px": 0.0})
+
+
+def test_a_run_with_nothing_to_judge_by_is_refused(monkeypatch):
+    monkeypatch.setattr(diagnose, "cells", lambda path, contents: {})
+    assert diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={"error_px": None})) == []
+    with pytest.raises(InputError, match=r"run\.rrd: expected ground truth, keypoints or annotated frames"):
+        diagnose.lost_frames(SimpleNamespace(path="run.rrd", metrics={}))

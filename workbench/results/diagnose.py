@@ -1,0 +1,210 @@
+"""Causes of a lost track: a run repeated from before the loss with one thing changed at a time, several seeds each."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from omegaconf import OmegaConf
+from tqdm import tqdm
+
+from workbench.datasets.rendering.perturbations import sizes
+from workbench.evaluation.headline import ERRORS
+from workbench.evaluation.verdict import WINDOW, lost_and_found
+from workbench.experiment.config.options import name_parts, packages
+from workbench.experiment.config.schema import prepare_hydra
+from workbench.experiment.resume import branched, continued_at
+from workbench.experiment.run import execute
+from workbench.recording.read.chunks import cells
+from workbench.recording.read.reader import Run, read
+from workbench.utils.errors import InputError
+from workbench.utils.processes import pool
+
+BEFORE, AFTER = 15, 10
+"""Frames before a loss where repetitions begin, and after it up to which they must keep the track."""
+_FIRST_SEED = 1000
+_PRIORS = ("smooth", "jitter")  # one without any activity, and a walk with freedom for every angle
+_PERSON = "state/person"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One changed thing: its name, overrides, and whether it concerns all frames, so that the whole run is repeated."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    whole: bool = False
+
+
+SAME, SAME_WHOLE = Change("another seed alone"), Change("another seed alone", whole=True)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How many of n repetitions with a change keep the track, their mean error (mm or px, NaN where unknown), and
+    whether they are of the whole run."""
+
+    change: Change
+    kept: int
+    n: int
+    error: float
+    whole: bool
+
+
+def lost_frames(run: Run) -> list[int]:
+    """Return the frames where a run loses the track, by its ground truth or else its verdict; InputError without."""
+    if "forearm_px" in run.metrics:
+        (frames, errors), (_, widths) = run.metric("error_px"), run.metric("forearm_px")
+        events = lost_and_found(errors.tolist(), widths.tolist())
+        return [int(frames[event.frame]) for event in events if event.kind == "lost"]
+    states = cells(run.path, [f"/{_PERSON}"]).get(_PERSON, {}).get("StateChange:state", {})
+    if not states and "error_px" not in run.metrics:
+        raise InputError(f"{run.path}: expected ground truth, keypoints or annotated frames to judge a track by")
+    return sorted(frame for frame, state in states.items() if "lost" in state.as_py())
+
+
+def changes_of(config: Mapping[str, Any]) -> Iterator[Change]:
+    """Yield what can be changed in a resolved configuration, one thing at a time."""
+    place, inner = "inference", config["inference"]
+    while not inner.get("n_particles") and inner.get("filter"):
+        place, inner = f"{place}.filter", inner["filter"]
+    if n := inner.get("n_particles"):
+        yield Change("4 times the particles", (f"{place}.n_particles={4 * n}",))
+    cues = [name for name, weight in ((config["likelihood"] or {}).get("weights") or {}).items() if weight]
+    for name in cues if len(cues) > 1 else ():
+        yield Change(f"without {name}", (f"likelihood.weights.{name}=0.0",))
+    for name in _PRIORS:
+        if not str((config["prior"] or {}).get("_target_")).lower().endswith(name):
+            yield Change(f"prior={name}", (f"prior={name}",), whole=True)
+    if "departures" in config["dataset"]:
+        yield from _changes_of_scene(config["body"], config["dataset"])
+
+
+def _changes_of_scene(body: Mapping[str, Any], dataset: Mapping[str, Any]) -> Iterator[Change]:
+    if dataset.get("occluder"):
+        yield Change("without the occluder", ("dataset.occluder=false",), whole=True)
+    of_dataset = str(body["_target_"]).endswith("person.of_dataset")
+    if not of_dataset or body.get("scale", 1.0) != 1.0:
+        yield Change("the true body", ("body.scale=1.0" if of_dataset else "body=dataset",), whole=True)
+    perturbed = sizes(bool(dataset.get("exact")), dataset["departures"])
+    for name in (each for each, size in perturbed.items() if size):
+        words = ",".join(f"{key}:{value}" for key, value in (perturbed | {name: 0.0}).items())
+        yield Change(f"without perturbation {name}", (f"dataset.departures={{{words}}}",), whole=True)
+
+
+def diagnose(
+    run: Run, frame: int, overrides: Sequence[str], n_seeds: int, jobs: int, folder: Path
+) -> tuple[list[Outcome], list[str]]:
+    """Repeat a run around a frame with every change.
+
+    Parameters
+    ----------
+    frame
+        Where the track is lost. Repetitions go from BEFORE frames earlier, or the first, to AFTER frames later.
+    overrides
+        key=value, of all repetitions.
+    n_seeds, jobs
+        Seeds of every change, and processes.
+    folder
+        Where the repetitions are recorded.
+
+    Returns
+    -------
+    outcomes, refused
+        Outcomes, the best first, and a sentence for each change that cannot be made.
+    """
+    plain: Any = OmegaConf.to_container(branched(run, overrides)[0], resolve=True)
+    begin = frame - BEFORE if frame - BEFORE > run.poses[0][0] else None
+    changes = [*([] if begin is None else [SAME]), SAME_WHOLE, *changes_of(plain)]
+    repeat = partial(_repeat, run.path, begin, frame, overrides, folder)
+    tasks = [(change, _FIRST_SEED + k) for change in changes for k in range(n_seeds)]
+    with pool(jobs, _prepare, packages()[1:]) as executor:
+        results = list(tqdm(executor.map(repeat, tasks), total=len(tasks), unit="run", disable=None))
+    outcomes, refused = list[Outcome](), list[str]()
+    for place, change in enumerate(changes):
+        first, *others = results[place * n_seeds : (place + 1) * n_seeds]
+        if isinstance(first, InputError):
+            refused.append(f"{change.name}: {first}")
+        else:
+            kept, errors, whole = np.array([first, *others]).T
+            outcomes.append(Outcome(change, int(kept.sum()), n_seeds, float(errors.mean()), bool(whole.any())))
+    return sorted(outcomes, key=lambda each: (-each.kept, np.nan_to_num(each.error, nan=np.inf))), refused
+
+
+def _prepare(named: Sequence[str]) -> None:
+    name_parts(named)
+    prepare_hydra()
+
+
+class _Until:
+    """Ends a run after n frames, or once the track is lost."""
+
+    def __init__(self, n: int) -> None:
+        self._left = n - WINDOW  # as `execute` asks for the first time after WINDOW frames
+
+    def __call__(self, numbers: Mapping[str, float]) -> bool:
+        self._left -= 1
+        return self._left <= 0 or numbers.get("times_lost", 0.0) > 0.0
+
+    def __str__(self) -> str:
+        return "the track is lost, or the stretch is over"
+
+
+def _repeat(
+    path: Path, begin: int | None, frame: int, overrides: Sequence[str], folder: Path, task: tuple[Change, int]
+) -> tuple[bool, float, bool] | InputError:
+    """Make one repetition, of the whole run where its inference cannot continue from a frame: whether it keeps the
+    track, its error, and whether it is whole; or why it cannot be made."""
+    run, (change, seed), refused = read(path), task, InputError("")
+    words = [*overrides, *change.overrides, f"seed={seed}", "threads=1"]
+    place = folder / f"{change.name.replace(' ', '_')}{'_whole' * change.whole}" / str(seed)
+    for at in [begin, None] if begin is not None and not change.whole else [None]:
+        try:
+            config, command = branched(run, words, at)
+            continued = None if at is None else continued_at(run, at, words)
+            until = _Until(frame + AFTER + 1 - (int(run.poses[0][0]) if at is None else at))
+            summary = execute(config, command.choices["experiment"], place, True, command, continued, until)
+        except InputError as error:
+            refused = error
+            continue
+        errors = [summary.metrics[name] for name in ERRORS if name in summary.metrics]
+        states = summary.verdict.states if summary.verdict is not None else ()
+        kept = "lost" not in states if any(states) else _is_near(run, frame, summary.metrics)
+        return kept, errors[0] if errors else np.nan, at is None
+    return refused
+
+
+def _is_near(run: Run, frame: int, metrics: Mapping[str, float]) -> bool:
+    """Return whether the mean error in annotated frames, where nothing else judges, is less than half of the run's."""
+    frames, errors = run.metric("error_px")
+    there = (frames > frame - BEFORE) & (frames <= frame + AFTER)
+    return bool(there.any() and metrics.get("error_px", np.inf) < 0.5 * errors[there].mean())
+
+
+def sentence(outcomes: Sequence[Outcome]) -> str:
+    """Name the best change and its advantage over another seed alone; outcomes: as `diagnose` sorts them."""
+    best = outcomes[0]
+    alone = [each for each in outcomes if each.change in (SAME, SAME_WHOLE)]
+    other = next((each for each in alone if each.whole == best.whole), alone[0])
+    if best.kept <= other.kept:
+        return f"no cause found: another seed alone keeps the track in {other.kept} of {other.n}"
+    counts = np.array([[each.kept, each.n - each.kept] for each in (best, other)])
+    p = scipy.stats.fisher_exact(counts, "greater").pvalue
+    return (
+        f"most likely: {best.change.name}, which keeps the track in {best.kept} of {best.n}, another seed alone in "
+        f"{other.kept} of {other.n} (p = {p:.2g}, Fisher's exact test)"
+    )
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """Return a line for every outcome: how many keep the track, with Wilson's 95 % interval, and their error."""
+    lines = ["    kept          95 %     error  with"]
+    for each in outcomes:
+        low, high = scipy.stats.binomtest(each.kept, each.n).proportion_ci(0.95, method="wilson")
+        mark = " (from the first frame)" if each.whole else ""
+        kept, interval = f"{each.kept} of {each.n}", f"{low:.0%} to {high:.0%}"
+        lines.append(f"{kept:>8}{interval:>14}{each.error:>10.4g}  {each.change.name}{mark}")
+    return "\n".join(lines)
