@@ -37,8 +37,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "start_compile_s": start.figures,
     "start_cached_s": start.figures,
     "two_workers": sweep.figures,
-    "runs_first_s": runs.figures,
-    "runs_later_s": runs.figures,
+    "runs_list_s": runs.figures,
 }
 """What measures each figure."""
 

@@ -16,7 +16,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from workbench.experiment.folder import run_folder
-from workbench.results.report.tables import printable
+from workbench.results.formatting import printable
 from workbench.sweep.job import FAILED, metric_of
 from workbench.sweep.plan import Plan, plan_of
 from workbench.sweep.reuse import ASIDE, left_aside, read_summary
