@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from workbench.recording.read.crash_probe import open_sound_runs
-from workbench.results.report.contents import contents, group_csv, run_csv
+from workbench.results.report.contents import contents
 from workbench.results.report.groups import group_runs
 from workbench.results.report.page import as_markdown, as_page, terminal
 from workbench.utils.atomic_write import whole_file
@@ -51,8 +51,8 @@ def report(
         title = f"Report on {', '.join(place.resolve().name for place in recordings)}"
         plots = plots_of(grouping)
         files = {f"{plot.name}.png": plot.png for plot in plots} | {
-            "report.csv": group_csv(grouping).encode(),
-            "runs.csv": run_csv(grouping).encode(),
+            "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
+            "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
             "report.md": as_markdown(title, found, plots).encode(),
             "report.html": as_page(title, found, plots).encode(),
         }

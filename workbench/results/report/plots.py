@@ -1,10 +1,10 @@
 """The report's plots: every run as a dot, means, and 95 % intervals as bands."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_rgb
@@ -16,7 +16,7 @@ from tqdm import tqdm
 from workbench.evaluation.headline import COVERAGE, TITLES
 from workbench.recording.read.reader import Run
 from workbench.recording.study.drawing import GREY, INK, SERIES, STYLE, label_ends, png
-from workbench.results.report.groups import Group, Grouping, headline, interval, repetitions, statistic, values
+from workbench.results.report.groups import Grouping, interval, repetitions
 from workbench.results.report.page import Plot
 from workbench.results.report.variation import EXPERIMENT, label
 from workbench.utils.arrays import FloatArray
@@ -38,18 +38,17 @@ End = tuple[str, Colour, float, float]
 """Label, colour, x and y of a line's end."""
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+class Series(NamedTuple):
     """Groups with a metric that differ only in their number of particles, shown in one colour, RGB from 0 to 1.
 
     label: what the groups have in common. groups: by rising number of particles.
     """
 
     label: str
-    groups: tuple[Group, ...]
+    groups: list[int]
     colour: Colour
 
-    def shade(self, group: Group) -> Colour:
+    def shade(self, group: int) -> Colour:
         """Return the group's own colour: the series' for most particles, lighter for fewer."""
         behind = len(self.groups) - 1 - self.groups.index(group)
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
@@ -57,27 +56,27 @@ class Series:
 
 def plots_of(grouping: Grouping) -> list[Plot]:
     """Draw the plots that these groups allow: none of studies, which track nobody."""
-    metric = headline(grouping.groups)
-    if metric is None:
+    if (metric := grouping.headline) is None:
         return []
     series, n_left_out = all_series(grouping, metric)
     more = f" Shown are the best; {n_left_out} more are in the tables." if n_left_out else ""
     with context(_STYLE):
         makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
-        plots = [make(series, metric, more) for make in makers]
+        plots = [make(grouping, series, metric, more) for make in makers]
     return [plot for plot in plots if plot is not None]
 
 
 def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
     """Return the series with the least `metric`, one for each colour, in the groups' order; and how many more exist."""
     keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
-    members: dict[str, list[Group]] = {}
-    for group in grouping.groups:
-        if not values(group, metric).empty:
-            members.setdefault(label(keys, group.values) or str(group.settings[EXPERIMENT]), []).append(group)
-    best = sorted(members, key=lambda name: min(_means(members[name], metric)[0]))[: len(SERIES)]
+    means = _statistics(grouping, metric)["mean"]
+    members: dict[str, list[int]] = {}
+    for group in means.index:
+        settings = grouping.settings[group]
+        members.setdefault(label(keys, settings) or str(settings[EXPERIMENT]), []).append(group)
+    best = sorted(members, key=lambda name: means[members[name]].min())[: len(SERIES)]
     shown = [name for name in members if name in best]
-    series = [Series(name, tuple(sorted(members[name], key=_n_particles)), to_rgb(colour))
+    series = [Series(name, sorted(members[name], key=lambda group: _n_particles(grouping, group)), to_rgb(colour))
               for name, colour in zip(shown, SERIES, strict=False)]  # fmt: skip
     return series, len(members) - len(series)
 
@@ -99,60 +98,61 @@ def joint_errors(run: Run) -> Mapping[str, float]:
     return dict(zip(estimate.names, means.tolist(), strict=True))
 
 
-def _against_particles(series: Sequence[Series], metric: str, more: str) -> Plot | None:
-    counts = sorted({_n_particles(group) for line in series for group in line.groups} - {0.0})
-    if not any(len({_n_particles(group) for group in line.groups}) > 1 for line in series):
+def _against_particles(grouping: Grouping, series: Sequence[Series], metric: str, more: str) -> Plot | None:
+    counts = {line.label: [_n_particles(grouping, group) for group in line.groups] for line in series}
+    if not any(len(set(each)) > 1 for each in counts.values()):
         return None
     figure, axes = _canvas("Error against particles", "particles", TITLES[metric])
     axes.set_xscale("log")
-    axes.set_xticks(counts, [f"{count:.0f}" for count in counts])
+    ticks = sorted({count for each in counts.values() for count in each} - {0.0})
+    axes.set_xticks(ticks, [f"{count:.0f}" for count in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     ends: list[End] = []
     for line in series:
-        groups = [group for group in line.groups if _n_particles(group) > 0.0]
-        x = [_n_particles(group) for group in groups]
-        mean, low, high = _means(groups, metric)
-        axes.fill_between(x, low, high, color=line.colour, alpha=0.18, linewidth=0.0)
-        axes.plot(x, mean, color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
+        groups = [group for group in line.groups if _n_particles(grouping, group) > 0.0]
+        x = [_n_particles(grouping, group) for group in groups]
+        rows = _statistics(grouping, metric).loc[groups]
+        axes.fill_between(x, rows["low_95"], rows["high_95"], color=line.colour, alpha=0.18, linewidth=0.0)
+        axes.plot(x, rows["mean"], color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
         for count, group in zip(x, groups, strict=True):
-            sample = values(group, metric)
+            sample = grouping.sample(metric, group)["value"]
             axes.plot([count] * len(sample), sample, color=line.colour, **_DOTS)
-        ends += [(line.label, line.colour, x[-1], float(mean[-1]))] if groups else []
-    _finish(axes, series, metric, ends)
+        ends += [(line.label, line.colour, x[-1], rows["mean"].iloc[-1])] if groups else []
+    _finish(axes, _statistics(grouping, metric)["mean"].loc[[group for line in series for group in line.groups]], ends)
     caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{more}"
     return _plot("error_against_particles", caption, figure)
 
 
-def _against_seconds(series: Sequence[Series], metric: str, more: str) -> Plot | None:
-    of_line = [(line, [group for group in line.groups if "seconds" in group.numbers]) for line in series]
-    timed = [(line, groups) for line, groups in of_line if groups]
+def _against_seconds(grouping: Grouping, series: Sequence[Series], metric: str, more: str) -> Plot | None:
+    seconds, errors = _statistics(grouping, "seconds")["mean"], _statistics(grouping, metric)
+    timed = [Series(line.label, groups, line.colour) for line in series
+             if (groups := [group for group in line.groups if group in seconds.index])]  # fmt: skip
     if not timed:
         return None
     figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[metric])
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
     ends: list[End] = []
-    for line, groups in timed:
-        seconds = _means(groups, "seconds")[0]
-        mean, low, high = _means(groups, metric)
-        axes.plot(seconds, mean, color=line.colour, linewidth=1.0, alpha=0.5)
-        for i, group in enumerate(groups):
-            both = group.numbers[["seconds", metric]].dropna()
-            axes.plot(both["seconds"], both[metric], color=line.colour, **_DOTS)
-            axes.plot([seconds[i]] * 2, [low[i], high[i]], color=line.colour, linewidth=7.0, **_BAND)
-            axes.plot(seconds[i], mean[i], color=line.colour, marker="o", markersize=6.0)
-            if len(groups) > 1:
+    for line in timed:
+        axes.plot(seconds[line.groups], errors["mean"][line.groups], color=line.colour, linewidth=1.0, alpha=0.5)
+        for group in line.groups:
+            x, (mean, low, high) = seconds[group], errors.loc[group, ["mean", "low_95", "high_95"]]
+            both = grouping.sample("seconds", group).merge(grouping.sample(metric, group), on="recording")
+            axes.plot(both["value_x"], both["value_y"], color=line.colour, **_DOTS)
+            axes.plot([x, x], [low, high], color=line.colour, linewidth=7.0, **_BAND)
+            axes.plot(x, mean, color=line.colour, marker="o", markersize=6.0)
+            if len(line.groups) > 1:
                 axes.annotate(
-                    f"{_n_particles(group):.0f}", (seconds[i], mean[i]), (0.0, 9.0), textcoords="offset points",
+                    f"{_n_particles(grouping, group):.0f}", (x, mean), (0.0, 9.0), textcoords="offset points",
                     ha="center", va="bottom", fontsize=8.0, color=GREY,
                 )  # fmt: skip
-        ends.append((line.label, line.colour, float(seconds[-1]), float(mean[-1])))
+        ends.append((line.label, line.colour, x, mean))
     left, right = axes.get_xlim()
     if right < 4.0 * left:  # at least a factor of four around the points, so that a logarithmic axis has ticks
         middle = float(np.exp(np.mean(np.log([x for _, _, x, _ in ends]))))
         axes.set_xlim(min(left, middle / 2.5), max(right, middle * 2.5))
-    _finish(axes, [line for line, _ in timed], metric, ends)
-    numbered = " Small numbers count particles." if any(len(groups) > 1 for _, groups in timed) else ""
+    _finish(axes, errors["mean"].loc[[group for line in timed for group in line.groups]], ends)
+    numbered = " Small numbers count particles." if any(len(line.groups) > 1 for line in timed) else ""
     caption = (
         "Large dots are means over people and seeds, bands the errors' 95 % intervals, small dots single runs. The "
         f"time is that of the inference alone, on the machine that ran it.{numbered}{more}"
@@ -160,8 +160,9 @@ def _against_seconds(series: Sequence[Series], metric: str, more: str) -> Plot |
     return _plot("error_against_time", caption, figure)
 
 
-def _coverage(series: Sequence[Series], _: str, more: str) -> Plot | None:
-    rows = [(line, group) for line in series for group in line.groups if not values(group, COVERAGE).empty]
+def _coverage(grouping: Grouping, series: Sequence[Series], _: str, more: str) -> Plot | None:
+    covered = _statistics(grouping, COVERAGE).index
+    rows = [(line, group) for line in series for group in line.groups if group in covered]
     if not rows:
         return None
     figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
@@ -171,10 +172,10 @@ def _coverage(series: Sequence[Series], _: str, more: str) -> Plot | None:
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        sample, colour = repetitions(values(group, COVERAGE)), line.shade(group)
+        sample, colour = repetitions(grouping.sample(COVERAGE, group)), line.shade(group)
         axes.plot(sample, [y] * len(sample), color=_mixed(colour, 0.0, 0.3), **_DOTS)
         _interval_row(axes, y, sample, colour, 9.0)
-    axes.set_yticks(range(len(rows)), [group.label for _, group in rows])
+    axes.set_yticks(range(len(rows)), [grouping.labels["group"][group] for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
@@ -185,27 +186,28 @@ def _coverage(series: Sequence[Series], _: str, more: str) -> Plot | None:
     return _plot("coverage", caption, figure)
 
 
-def _per_joint(series: Sequence[Series], metric: str, _: str) -> Plot | None:
+def _per_joint(grouping: Grouping, series: Sequence[Series], metric: str, _: str) -> Plot | None:
+    means, runs = _statistics(grouping, metric)["mean"], grouping.runs.groupby("group")["run"]
     every = [(line, group) for line in series for group in line.groups]
-    rows = sorted(every, key=lambda row: _means([row[1]], metric)[0][0])[:_MAX_GROUPS]
+    rows = sorted(every, key=lambda row: means[row[1]])[:_MAX_GROUPS]
     measured = [
-        [joint_errors(run) for run in group.runs]
+        [joint_errors(run) for run in runs.get_group(group)]
         for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)
     ]
-    names = list(dict.fromkeys(name for group in measured for run in group for name in run))
+    names = list(dict.fromkeys(name for errors in measured for run in errors for name in run))
     if not names:
         return None
     figure, axes = _canvas("Error of each joint", "mean distance from the true joint (mm)", "", 1.3 * len(names))
     for y in range(0, len(names), 2):
         axes.axhspan(y - 0.5, y + 0.5, color="#F6F6F6", linewidth=0.0, zorder=0)
-    for k, ((line, group), runs) in enumerate(zip(rows, measured, strict=True)):
+    for k, ((line, group), errors) in enumerate(zip(rows, measured, strict=True)):
         offset, colour = 0.8 * ((k + 0.5) / len(rows) - 0.5), line.shade(group)
         for y, name in enumerate(names):
-            if sample := [run[name] for run in runs if name in run]:
+            if sample := [run[name] for run in errors if name in run]:
                 _interval_row(axes, y + offset, np.array(sample), colour, min(7.0, 24.0 / len(rows)))
         height = 0.99 - k * 0.05
         axes.text(1.02, height, "●", transform=axes.transAxes, color=colour, va="top")
-        axes.text(1.05, height, group.label, transform=axes.transAxes, va="top")
+        axes.text(1.05, height, grouping.labels["group"][group], transform=axes.transAxes, va="top")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axes.tick_params(axis="y", length=0.0)
     axes.set_ylim(len(names) - 0.5, -0.5)
@@ -227,9 +229,8 @@ def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -
     return figure, axes
 
 
-def _finish(axes: Axes, series: Sequence[Series], metric: str, ends: Sequence[End]) -> None:
-    """Label the lines' ends, and begin the error's axis at zero, or make it logarithmic where errors differ much."""
-    means = np.concatenate([_means(line.groups, metric)[0] for line in series])
+def _finish(axes: Axes, means: "pd.Series[float]", ends: Sequence[End]) -> None:
+    """Label the lines' ends, and begin the error's axis at zero, or make it logarithmic where means differ much."""
     if means.min() > 0.0 and means.max() > _LOGARITHMIC_FROM * means.min():
         axes.set_yscale("log")
         _round_ticks(axes.yaxis)
@@ -251,16 +252,15 @@ def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: Colour, widt
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
 
 
-def _means(groups: Sequence[Group], metric: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return means, lower and upper ends (G,) of groups that have the metric; ends are NaN without an interval."""
-    each = [statistic(group, metric) for group in groups]
-    mean, low, high = np.array([(row.mean, row.low, row.high) if row else (np.nan,) * 3 for row in each]).T
-    return mean, low, high
+def _statistics(grouping: Grouping, metric: str) -> pd.DataFrame:
+    """Return the statistics of a metric, indexed by group."""
+    rows = grouping.statistics
+    return rows[rows["metric"] == metric].set_index("group")
 
 
-def _n_particles(group: Group) -> float:
+def _n_particles(grouping: Grouping, group: int) -> float:
     """Return the group's number of particles, 0 where it has none."""
-    n = group.settings.get(_N_PARTICLES)
+    n = grouping.settings[group].get(_N_PARTICLES)
     return float(n) if isinstance(n, int | float) else 0.0
 
 

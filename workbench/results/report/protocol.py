@@ -9,11 +9,10 @@ import pandas as pd
 from workbench.evaluation.expected_error import LARGE_MM, area_under_curve, spearman
 from workbench.evaluation.step_calibration import GROUPS
 from workbench.recording.read.reader import Run
-from workbench.results.report.groups import Group
-from workbench.results.report.people import half_of
+from workbench.results.report.groups import Grouping
 from workbench.utils.arrays import FloatArray
 
-_METRICS = ("held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "ms_per_frame")
+_METRICS = ["held", "error_px", "error_rel_mm", "error_abs_mm", "coverage_90", "ms_per_frame"]
 _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
     "activity": lambda settings: settings["protocol"].get("activity"),
     "shown with": lambda settings: settings["protocol"].get("shown"),
@@ -21,37 +20,33 @@ _BY: Mapping[str, Callable[[Mapping[str, Any]], object]] = {
 }
 
 
-def divided(groups: Sequence[Group]) -> dict[str, pd.DataFrame]:
+def divided(grouping: Grouping) -> dict[str, pd.DataFrame]:
     """Return tables of a protocol's runs by what it varied, and of how well their doubts predict large errors."""
-    of_protocol = [group for group in groups if group.runs and half_of(group.runs[0].settings) is not None]
-    if not of_protocol:
+    runs = grouping.runs[grouping.runs["half"] != "None"]
+    if runs.empty:
         return {}
-    means = {f"by {word}: means over runs": pd.concat([_means(group, word) for group in of_protocol]) for word in _BY}
-    return means | {f"stated doubt against true errors, and against those over {LARGE_MM:g} mm": _trust(of_protocol)}
+    metrics = grouping.values.pivot(index="recording", columns="metric", values="value").reindex(columns=_METRICS)
+    tables = {}
+    for word, value_of in _BY.items():
+        by = runs[["group", "recording"]].assign(**{word: [str(value_of(run.settings)) for run in runs["run"]]})
+        rows = by.join(metrics, on="recording").groupby(["group", word])
+        means = pd.concat([rows.size().rename("n"), rows[_METRICS].mean()], axis="columns").reset_index()
+        tables[f"by {word}: means over runs"] = grouping.labelled(means)
+    title = f"stated doubt against true errors, and against those over {LARGE_MM:g} mm"
+    return tables | {title: grouping.labelled(_trust(runs))}
 
 
-def _means(group: Group, word: str) -> pd.DataFrame:
-    by = pd.Index([str(_BY[word](run.settings)) for run in group.runs], name=word)
-    runs = group.numbers.reindex(columns=list(_METRICS)).set_axis(by).groupby(word)
-    table = runs.mean().reset_index()
-    table.insert(0, "group", group.label)
-    table.insert(2, "n", runs.size().to_numpy())
-    return table
-
-
-def _trust(groups: Sequence[Group]) -> pd.DataFrame:
+def _trust(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
-    for group in groups:
+    for group, members in runs.groupby("group")["run"]:
         for joints in GROUPS:
-            stated, errors = _pooled(group.runs, joints)
+            stated, errors = _pooled(list(members), joints)
             if len(errors):
                 large = errors > LARGE_MM
-                rows.append({
-                    "group": group.label, "joints": joints, "frames": len(errors), "stated mm": stated.mean(),
-                    "true mm": errors.mean(), "large": large.mean(), "Spearman": spearman(stated, errors),
-                    "AUC": area_under_curve(stated, large),
-                })  # fmt: skip
-    return pd.DataFrame(rows)
+                judged = spearman(stated, errors), area_under_curve(stated, large)
+                rows.append((group, joints, len(errors), stated.mean(), errors.mean(), large.mean(), *judged))
+    header = ("group", "joints", "frames", "stated mm", "true mm", "large", "Spearman", "AUC")
+    return pd.DataFrame(rows, columns=header)
 
 
 def _pooled(runs: Sequence[Run], joints: str) -> tuple[FloatArray, FloatArray]:

@@ -6,8 +6,8 @@ from report_runs import made_up
 
 from workbench.recording.read.reader import Unreadable
 from workbench.results.report import plots
-from workbench.results.report.contents import contents, run_csv
-from workbench.results.report.groups import chief_names, group_runs, headline, metric_names, statistic
+from workbench.results.report.contents import contents
+from workbench.results.report.groups import group_runs
 from workbench.results.report.plots import all_series
 
 ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
@@ -32,50 +32,57 @@ def people(prior="walking"):
     ]
 
 
+def statistic(grouping, metric):
+    """The statistics of a metric of the first group; None where it has none."""
+    rows = grouping.statistics[(grouping.statistics["metric"] == metric) & (grouping.statistics["group"] == 0)]
+    return next(rows.itertuples(), None)
+
+
 def test_groups_are_ordered_and_their_runs_too():
     grouping = group_runs(sweep())
-    labels = [group.label for group in grouping.groups]
-    assert labels == [f"{prior}, n_particles={n}" for prior in ("smooth", "walking") for n in (200, 1000)]
-    assert all(list(group.numbers.index.get_level_values("seed")) == [0, 1, 2] for group in grouping.groups)
+    labels = [f"{prior}, n_particles={n}" for prior in ("smooth", "walking") for n in (200, 1000)]
+    assert list(grouping.labels["group"]) == labels
+    assert list(grouping.labels["n_particles"]) == ["200", "1000"] * 2
+    assert list(grouping.runs["seed"]) == [0, 1, 2] * 4
     assert grouping.problems == ()
 
 
 def test_statistics_are_those_of_the_seeds():
-    group = group_runs(sweep()).groups[0]  # 300, 301, 302
-    found = statistic(group, "error_abs_mm")
-    assert (found.n, found.mean, found.sd, found.low, found.high) == (3, 301.0, 1.0, 300.0, 302.0)
-    assert statistic(group, "error_px") is None
+    found = statistic(group_runs(sweep()), "error_abs_mm")  # 300, 301, 302
+    assert (found.n, found.mean, found.sd, found.low_95, found.high_95) == (3, 301.0, 1.0, 300.0, 302.0)
+    assert statistic(group_runs(sweep()), "error_px") is None
 
 
 def test_a_value_that_is_not_finite_is_not_counted():
     runs = [made_up(seed=0, error_px=2.0), made_up(seed=1, error_px=np.nan), made_up(seed=2)]
-    found = statistic(group_runs(runs).groups[0], "error_px")
+    found = statistic(group_runs(runs), "error_px")
     assert (found.n, found.mean) == (1, 2.0)
-    assert np.isnan([found.sd, found.low, found.high]).all()
-    assert statistic(group_runs(runs[1:]).groups[0], "error_px") is None
+    assert np.isnan([found.sd, found.low_95, found.high_95]).all()
+    assert statistic(group_runs(runs[1:]), "error_px") is None
 
 
 def test_clips_of_several_people_are_one_group_whose_mean_is_over_people():
-    (group,) = group_runs(people()).groups
-    found = statistic(group, "error_abs_mm")
+    grouping = group_runs(people())
+    assert len(grouping.labels) == 1
+    found = statistic(grouping, "error_abs_mm")
     means = np.array([13.0, 41.0, 70.0])
     assert (found.n, found.people, found.mean) == (7, 3, pytest.approx(means.mean()))
     assert found.sd_people == pytest.approx(means.std(ddof=1))
     assert found.sd == pytest.approx(np.std([10, 12, 14, 16, 40, 42, 70], ddof=1))
-    assert 13.0 <= found.low < found.mean < found.high <= 70.0
+    assert 13.0 <= found.low_95 < found.mean < found.high_95 <= 70.0
 
 
 def test_a_missing_clip_is_named():
     grouping = group_runs([*people(), *people("smooth")[:-1]])
     assert grouping.problems == ("smooth: no recording of 39_02, seed 0, which other groups have",)
     assert any("repeated over seeds and 3 people" in line for line in contents(grouping).summary)
-    assert ",38,1,error_abs_mm,42.0" in run_csv(grouping)
+    row = grouping.values[(grouping.values["person"] == "38") & (grouping.values["seed"] == 1)].iloc[0]
+    assert (row["metric"], row["value"]) == ("error_abs_mm", 42.0)
 
 
 def test_clips_of_one_person_are_told_apart():
     runs = [made_up(seed=seed, motion=motion, error_px=1.0) for motion in ("35_02", "35_15") for seed in (0, 1)]
-    groups = group_runs(runs).groups
-    assert [group.values["dataset.motion"] for group in groups] == ["35_02", "35_15"]
+    assert list(group_runs(runs).labels["motion"]) == ["35_02", "35_15"]
 
 
 def test_everything_that_does_not_count_is_named():
@@ -91,7 +98,7 @@ def test_everything_that_does_not_count_is_named():
     ]
     torn = Unreadable("torn.rrd", "torn.rrd: expected a whole recording")
     grouping = group_runs(runs, [torn])
-    assert grouping.groups[0].numbers["error_px"].iloc[0] == 2.0  # the later of two
+    assert list(grouping.values["value"]) == [2.0]  # the later of two
     assert grouping.problems == (
         "smooth, seed 0: failed, not counted; a complete one is there (smooth_500_0_failed.rrd)",
         "smooth, seed 0: recorded more than once, not counted again (smooth_500_0_complete.rrd)",
@@ -109,10 +116,10 @@ def test_everything_that_does_not_count_is_named():
 
 def test_chief_metrics_come_first_and_a_study_is_not_ranked():
     runs = [made_up(alpha=1.0, error_px=2.0, cost={"seconds": 3.0}), made_up("study", study=True, gap_deg=1.0)]
-    groups = group_runs(runs).groups
-    assert metric_names(groups) == ["error_px", "seconds", "alpha", "gap_deg"]
-    assert chief_names(groups) == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
-    assert (headline(groups), headline(groups[:1])) == ("error_px", None)
+    grouping = group_runs(runs)
+    assert grouping.metrics == ["error_px", "seconds", "alpha", "gap_deg"]
+    assert grouping.chief_metrics == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
+    assert (grouping.headline, group_runs(runs[1:]).headline) == ("error_px", None)
     assert list(contents(group_runs(runs[1:])).tables) == ["gap_deg"]
 
 
@@ -137,9 +144,7 @@ def test_missing_costs_and_different_versions_are_reported():
 
 def test_groups_of_a_series_differ_in_their_particles_only_and_the_best_are_shown():
     series, n_left_out = all_series(group_runs(sweep()), "error_abs_mm")
-    assert [(line.label, [group.settings["inference.n_particles"] for group in line.groups]) for line in series] == [
-        ("smooth", [200, 1000]), ("walking", [200, 1000]),
-    ]  # fmt: skip
+    assert [(line.label, line.groups) for line in series] == [("smooth", [0, 1]), ("walking", [2, 3])]
     assert n_left_out == 0
     assert len({line.shade(group) for line in series for group in line.groups}) == 4
     series, n_left_out = all_series(

@@ -38,8 +38,8 @@ def sweep():
 
 def test_halves_are_groups_and_what_a_protocol_drew_is_not(sweep):
     grouping = group_runs(sweep)
-    assert [group.label for group in grouping.groups] == ["half=choose", "half=report"]
-    assert [len(group.runs) for group in grouping.groups] == [4, 4]
+    assert list(grouping.labels["group"]) == ["half=choose", "half=report"]
+    assert list(grouping.runs["group"]) == [0] * 4 + [1] * 4
     assert grouping.problems == ()
     problems = group_runs([*sweep[1:], run("02_01", 2, 0.0, 30.0)]).problems
     assert not any("choose" in problem and "02_01" in problem for problem in problems)  # missing in its own half only
