@@ -3,11 +3,11 @@
 import json
 import os
 import platform
+import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from threading import Event
 from typing import Annotated
 from urllib.parse import urlsplit
 
@@ -66,7 +66,7 @@ def list_runs(
     by_sweep: Annotated[bool, typer.Option("--sweeps", help="A row for each sweep.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="All that is known of the runs, as JSON.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="The columns, or all numbers, as CSV.")] = False,
-    n_best: Annotated[str | None, typer.Option("--view", metavar="N", help="Open the best N, or all, to view.")] = None,
+    n_best: Annotated[int | None, typer.Option("--view", metavar="N", min=0, help="View the best N; 0: all.")] = None,
     as_report: Annotated[bool, typer.Option("--report", help="Report on them, as workbench report does.")] = False,
 ) -> None:
     """List runs, newest first, with how they ended, what varied and their errors.
@@ -77,11 +77,13 @@ def list_runs(
     found = sort_runs(_select(query)[0], sort)
     names = columns.split(",") if columns else None
     if n_best is not None:
-        _view(found if sort else best_first(found), n_best)
-    elif as_report:
+        from workbench.cli import view
+
+        raise typer.Exit(view.main(_recordings(found if sort else best_first(found))[: n_best or None]))
+    if as_report:
         from workbench.cli.report import report
 
-        report([Path(recording) for recording in _recordings(found)])
+        report(list(map(Path, _recordings(found))))
     elif as_json:
         print(json.dumps(records_of(found), indent=1))
     elif as_csv:
@@ -140,18 +142,13 @@ def gallery(
                 print(f"on this machine: {command}")
                 print(f"elsewhere: ssh -N -L {port}:{HOST}:{port} {platform.node()}, and there the same {command}")
                 print("until this is interrupted (Ctrl-C)", flush=True)
-                wait()
+                signal.pause()
             code = processes.run([str(program), "--bind", HOST, "--port", "auto", served.url]).returncode
     except KeyboardInterrupt:
         raise typer.Exit(0 if serve else 130) from None
     if code:
         _warn(f"the viewer ended with exit code {code}; --serve prints what opens it from another machine")
         raise typer.Exit(1)
-
-
-def wait() -> None:
-    """Wait until the command is interrupted."""
-    Event().wait()
 
 
 @app.command()
@@ -210,16 +207,16 @@ def rm(
     sizes = []
     for path, status, started in zip(map(Path, found["path"]), found["status"], found["started"], strict=True):
         size, more = size_of(path), consequence(path)
-        try:
-            if yes:
+        if yes:
+            try:
                 remove(path, started)
-        except InputError as error:  # the other runs are removed all the same
-            _warn(str(error))
-            continue
+            except InputError as error:  # the other runs are removed all the same
+                _warn(str(error))
+                continue
         sizes.append(size)
-        print(f"{_megabytes(size):>9}  {printable(status):<11}  {printable(f'{path}: {more}' if more else str(path))}")
+        print(f"{size / 1e6:>6.1f} MB  {printable(status):<11}  {printable(f'{path}: {more}' if more else str(path))}")
     done = "removed" if yes else "would be removed; nothing was done, --yes does it"
-    print(f"{len(sizes)} runs, {_megabytes(sum(sizes))}: {done}")
+    print(f"{len(sizes)} runs, {sum(sizes) / 1e6:.1f} MB: {done}")
     if len(sizes) < len(found):
         raise typer.Exit(2)
 
@@ -228,25 +225,12 @@ def _select(query: Sequence[str] | None) -> tuple[pd.DataFrame, list[Path]]:
     """Return the runs that a query selects, and the places where it searched."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text at all
-    conditions, places = [], []
-    for word in query or []:
-        condition = None if os.path.exists(word) else parse_condition(word)
-        if condition is None:
-            places.append(Path(word))
-        else:
-            conditions.append(condition)
+    words = {word: None if os.path.exists(word) else parse_condition(word) for word in query or []}
+    places = [Path(word) for word, condition in words.items() if condition is None]
     places = places or [place for place in map(Path, HOME) if place.is_dir()]
     if not places:
         raise InputError(f"expected {' or '.join(HOME)} here, or folders on the command line, found neither")
-    return select(read_runs(*places), conditions), places
-
-
-def _view(runs: pd.DataFrame, n: str) -> None:
-    from workbench.cli import view
-
-    if n != "all" and not (n.isdecimal() and int(n)):
-        raise InputError(f"--view: expected a number of runs or all, found {n!r}")
-    raise typer.Exit(view.main(_recordings(runs)[: None if n == "all" else int(n)]))
+    return select(read_runs(*places), filter(None, words.values())), places
 
 
 def _one(place: Path) -> pd.DataFrame:
@@ -274,10 +258,6 @@ def _recordings(runs: pd.DataFrame) -> list[str]:
 
 def _warn(sentence: str) -> None:
     print(f"workbench runs: {printable(sentence)}", file=sys.stderr)
-
-
-def _megabytes(n_bytes: int) -> str:
-    return f"{n_bytes / 1e6:.1f} MB"
 
 
 if __name__ == "__main__":

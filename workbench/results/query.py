@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from workbench.evaluation.headline import ERRORS, SHORT_TITLES
-from workbench.results.formatting import table_of
+from workbench.results.formatting import number, table_of
 from workbench.results.report.variation import EXPERIMENT, flat, label, what_varied
 from workbench.results.table import FIELDS, SECTIONS, records_of
 from workbench.utils.errors import InputError
@@ -108,16 +108,15 @@ def varied(runs: pd.DataFrame) -> list[str]:
 def sweeps(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a row for each sweep that the runs are jobs of: how many there are, how they ended, and the best."""
     rows = []
-    for folder, jobs in runs[runs["sweep"] != ""].groupby("sweep", sort=False):
+    for folder in dict.fromkeys(filter(None, runs["sweep"])):
+        jobs = runs[runs["sweep"] == folder]
         ended, best = jobs["status"].value_counts(), best_first(jobs)
         error = next((name for name in ERRORS if f"metrics.{name}" in best), None)
-        rows.append({
-            "sweep": folder, "newest run": jobs["started"].max(), "experiment": jobs["experiment"].iloc[0],
-            "jobs": len(jobs), "complete": int(ended.get("complete", 0)),
-            "others": ", ".join(f"{n} {status}" for status, n in sorted(ended.items()) if status != "complete"),
-            "best": "" if error is None else f"{error} {best[f'metrics.{error}'].iloc[0]:.4g}",
-        })  # fmt: skip
-    return pd.DataFrame(rows)
+        others = ", ".join(f"{n} {status}" for status, n in sorted(ended.items()) if status != "complete")
+        first = "" if error is None else f"{error} {number(best[f'metrics.{error}'].iloc[0])}"
+        n_complete = int(ended.get("complete", 0))
+        rows.append((folder, jobs["started"].max(), jobs["experiment"].iloc[0], len(jobs), n_complete, others, first))
+    return table_of(("sweep", "newest run", "experiment", "jobs", "complete", "others", "best"), rows)
 
 
 def _holds(value: Any, sign: str, word: str) -> bool:

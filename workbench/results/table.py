@@ -35,9 +35,9 @@ def runs(*places: str | Path) -> pd.DataFrame:
     exist.
     """
     frame = read_runs(*(map(Path, places) if places else [Path("recordings")]))
-    names = (name.partition(".") for name in frame)
-    frame.columns = [key if section in SECTIONS else section for section, _, key in names]
-    return frame.loc[:, ~frame.columns.duplicated()].infer_objects()
+    names = [name.partition(".") for name in frame]
+    frame.columns = pd.Index([key if section in SECTIONS else section for section, _, key in names], dtype=object)
+    return frame.loc[:, ~frame.columns.duplicated()].apply(_inferred)
 
 
 def read_runs(*places: Path) -> pd.DataFrame:
@@ -80,6 +80,11 @@ def records_of(runs: pd.DataFrame) -> list[dict[str, Any]]:
                 record[section][key] = value
         records.append(record)
     return records
+
+
+def _inferred(column: "pd.Series[Any]") -> "pd.Series[Any]":
+    """Return numbers as such; text stays as it is, as the name of a file may be no UTF-8."""
+    return column.infer_objects() if pd.api.types.infer_dtype(column, skipna=True) != "string" else column
 
 
 def _frame(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -74,7 +75,7 @@ def test_json_and_csv_hold_the_numbers_in_full(called, root):
 def test_sweeps_are_rows_of_their_own(called, root):
     _, lines, _ = called("list", "--sweeps")
     assert lines[1].split()[0] == str(root / "sweep")
-    assert lines[1].split()[-4:] == ["12", "12", "error_abs_mm", "10"]
+    assert lines[1].split()[-4:] == ["12", "12", "error_abs_mm", "10.00"]
 
 
 def test_the_difference_is_of_configuration_and_result(root, capsys):
@@ -138,7 +139,7 @@ def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(t
 
     leave_recorded(tmp_path / "a", "a")
     leave(tmp_path / "b", status="failed", day=2)
-    monkeypatch.setattr(runs, "wait", interrupt)
+    monkeypatch.setattr(signal, "pause", interrupt)
     assert main(["gallery", str(tmp_path), "--serve"]) == 0
     out, err = capsys.readouterr()
     url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
@@ -162,7 +163,8 @@ def test_the_best_are_opened_in_the_viewer(tmp_path, opened):
         assert main(["list", str(tmp_path), "prior=smooth", *order, "--view", "2"]) == 0
         assert opened == [str(tmp_path / k / "run.rrd") for k in expected]
         opened.clear()
-    assert main(["list", str(tmp_path), "--view", "0"]) == 2
+    assert main(["list", str(tmp_path), "--view", "0"]) == 0
+    assert len(opened) == 3
 
 
 def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_left_out(
@@ -178,7 +180,7 @@ def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_
         return query.best_first(found)
 
     monkeypatch.setattr(runs, "best_first", meanwhile)
-    assert main(["list", str(tmp_path), "--view", "all"]) == 0
+    assert main(["list", str(tmp_path), "--view", "0"]) == 0
     assert sorted(opened) == [str(tmp_path / "a" / "run.rrd"), str(tmp_path / "b" / "run.rrd")]
     assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
 

@@ -75,4 +75,4 @@ def test_a_listing_leaves_out_what_is_empty(runs):
 
 def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
     (row,) = sweeps(runs).to_dict("records")
-    assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "error_abs_mm 10")
+    assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "error_abs_mm 10.00")
