@@ -21,10 +21,10 @@ from workbench.experiment.config.stored import own_defaults
 from workbench.recording.read.reader import find_recordings
 from workbench.recording.side_by_side import write_side_by_side
 from workbench.results.check.against import check_against
+from workbench.results.check.outcome import Check, exit_code, moved, notes, table, write_junit
 from workbench.results.check.renewal import REASONS, renew
 from workbench.results.check.rerun import Request, check_each, check_paired, check_seeds, check_two, read_sound
 from workbench.results.formatting import printable
-from workbench.results.report.checks import Check, exit_code, moved, notes, table, write_junit
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError, shortened
 from workbench.utils.signals import Interrupted, interruptible

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from workbench.recording.condense import condense, is_condensed
 from workbench.results.check.compare import same_environment
-from workbench.results.report.checks import Check, has_moved
+from workbench.results.check.outcome import Check, has_moved
 from workbench.utils.atomic_write import whole_file
 
 REASONS = "reasons.md"

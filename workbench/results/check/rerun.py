@@ -12,8 +12,8 @@ from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.reader import Run
 from workbench.results.check.again import again, same_but_for_seeds, tolerances, with_other_seeds
 from workbench.results.check.compare import Finding, compare, compare_seeds, demand_on
+from workbench.results.check.outcome import Check
 from workbench.results.check.paired import compare_paired
-from workbench.results.report.checks import Check
 from workbench.utils.errors import InputError
 
 ONE_SEED = "--paired: expected recordings of two seeds or more, found one"

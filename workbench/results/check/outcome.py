@@ -1,4 +1,4 @@
-"""What checks of recordings came to: tables for a terminal, a file for a build server, an exit code."""
+"""Outcomes of checks of recordings: tables for a terminal, a file for a build server, an exit code."""
 
 import xml.etree.ElementTree as ET
 from collections import Counter
