@@ -21,7 +21,7 @@ _MODULES = {
     "read": "recording.read.reader",
     "record": "api",
     "run": "api",
-    "runs": "results.runs",
+    "runs": "results.table",
     "track": "experiment.tracking",
     "walking_model": "motion.models.training",
 }

@@ -37,8 +37,7 @@ BENCHMARKS: Mapping[str, Callable[[], list[Figure]]] = {
     "start_compile_s": processes.start_figures,
     "start_cached_s": processes.start_figures,
     "two_workers": processes.sweep_figures,
-    "runs_first_s": processes.runs_figures,
-    "runs_later_s": processes.runs_figures,
+    "runs_list_s": processes.runs_figures,
 }
 """What measures each figure."""
 

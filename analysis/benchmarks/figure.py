@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from workbench.results.report.tables import Table, text
+from workbench.results.formatting import table_of, text
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
@@ -47,7 +47,7 @@ def not_measured(name: str, unit: str, bar: float, better: str, why: str) -> Fig
 
 def table(figures: Sequence[Figure]) -> str:
     """Lay the figures out as text, one a line."""
-    return text(Table(_COLUMNS, tuple(map(_row, figures)), frozenset(("figure", "bar"))))
+    return text(table_of(_COLUMNS, map(_row, figures)))
 
 
 def _row(figure: Figure) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from kinds_of_recordings import leave_kinds
 from rerun.chunk import RrdReader
 
 from workbench.results.gallery import gallery
-from workbench.results.index import entries
+from workbench.results.table import read_runs
 
 BASELINES = Path(__file__).parents[2] / "recordings" / "baselines"
 
@@ -40,7 +40,7 @@ def test_all_baselines_and_all_kinds_are_in_one_gallery(fresh, monkeypatch):
     monkeypatch.setattr(
         "workbench.recording.read.crash_probe.fatal", lambda paths: set()
     )  # a process for each takes long
-    found = entries(*sorted(BASELINES.glob("*.rrd")), fresh)
+    found = read_runs(*sorted(BASELINES.glob("*.rrd")), fresh)
     with gallery(found) as served:
         assert served.left_out == ()
         assert served.n_runs == len(list(BASELINES.glob("*.rrd"))) + 3 == len(found)

@@ -11,7 +11,7 @@ from headless import complaints, settled, state_of, viewer
 from kinds_of_recordings import leave_kinds
 
 from workbench.results.gallery import gallery
-from workbench.results.index import entries
+from workbench.results.table import read_runs
 
 BASELINES = sorted((Path(__file__).parents[2] / "recordings" / "baselines").glob("*.rrd"))
 pytestmark = pytest.mark.slow
@@ -54,7 +54,7 @@ def test_a_view_that_cannot_show_what_it_is_told_complains(client, tmp_path):
 
 @pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
 def test_a_gallery_opens_without_complaint(fresh):
-    with gallery(entries(fresh)) as served, viewer(served.url) as client:
+    with gallery(read_runs(fresh)) as served, viewer(served.url) as client:
         give_up = time.monotonic() + 20.0
         while len((state := settled(client)).recordings) < served.n_runs and time.monotonic() < give_up:
             time.sleep(0.5)  # until every card has the recording that it shows

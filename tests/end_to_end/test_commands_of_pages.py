@@ -30,7 +30,7 @@ ELSEWHERE = {  # what is not run here, and which test does
     "pytest --pyargs": "test_own_parts.py", "my/experiment": "test_own_experiments.py",
     "--config-dir": "test_own_experiments.py", "--against": "test_check.py", "git bisect": "test_check.py",
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
-    "--watch": "test_watch.py", "status=failed --rm": "tests/unit/cli/test_runs.py",
+    "runs watch": "test_watch.py", "rm status=failed": "tests/unit/cli/test_runs.py",
 }  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
@@ -98,8 +98,7 @@ def call(made, cache, monkeypatch, request):
     monkeypatch.chdir(made)
     monkeypatch.setenv("WORKBENCH_CACHE", str(cache))
     monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-    for module in ("view", "gallery"):  # a viewer that is closed at once
-        monkeypatch.setattr(f"workbench.cli.{module}.viewer", lambda: Path(shutil.which("true")))
+    monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path(shutil.which("true")))  # closed at once
     monkeypatch.setattr("workbench.cli.annotate.serve", lambda server: None)  # interrupted at once
     monkeypatch.setattr("workbench.cli.annotate.webbrowser.open", lambda url: True)
 
@@ -135,7 +134,7 @@ def test_a_command_of_a_page_does_what_it_says(call, made, page, line, capfd):
             and find_spec(f"hydra_plugins.hydra_{extra}_{'launcher' if extra == 'joblib' else 'sweeper'}") is None
         ):
             pytest.skip(f"needs the extra with {extra}")
-    if "--gallery" in line and find_spec("datafusion") is None:
+    if "runs gallery" in line and find_spec("datafusion") is None:
         pytest.skip("needs the extra 'catalog'")
     code = call(words(line, made))
     told = capfd.readouterr()

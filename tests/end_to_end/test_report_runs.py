@@ -7,8 +7,8 @@ import pytest
 
 from workbench.cli import report
 from workbench.recording.read.reader import read
-from workbench.results.report.groups import joint_errors
-from workbench.results.report.tables import number
+from workbench.results.formatting import number
+from workbench.results.report.plots import joint_errors
 
 SMALL = ("experiment=custom", "dataset.n_frames=4", "dataset.width=160", "dataset.height=120")
 
@@ -26,7 +26,7 @@ def test_runs_of_two_priors_become_a_report(run, tmp_path, capfd):
         assert cost["likelihood_evaluations"] == 30 * 3  # the first frame is given
         assert cost["seconds"] == pytest.approx(4e-3 * cost["ms_per_frame"])
         assert not cost.keys() & recorded.result.keys()  # or equal runs would not give equal metrics
-        assert re.search(rf"\n{prior} +1 +1 +{number(error)} +– +– +–\n", told)
+        assert re.search(rf"\n{prior} +1 +1 +{number(error)} +– +– +– +–\n", told)
         joints = dict(joint_errors(recorded))
         del joints["pelvis"]  # not one of those whose mean is a run's error
         # positions are kept to float32, in metres

@@ -99,10 +99,11 @@ def test_a_run_says_what_brings_it_back(run, tmp_path, capfd):
         assert recorded[key] == kept["provenance"][key]
     assert recorded["identity"] == kept["identity"]
     assert kept["settings"]["seed"] == 3
-    assert runs(["--restore", str(folder)]) == 0
+    assert runs(["restore", str(folder)]) == 0
     last = capfd.readouterr().out.splitlines()[-1]
     assert last.endswith(f"workbench seed=3 {' '.join(SMALL)}")
-    assert runs([str(tmp_path), "seed=3", "prior=walking", "experiment=walk_straight", "n_particles=60", "--json"]) == 0
+    query = ["seed=3", "prior=walking", "experiment=walk_straight", "n_particles=60"]
+    assert runs(["list", str(tmp_path), *query, "--json"]) == 0
     assert json.loads(capfd.readouterr().out)[0]["recording"] == str(folder / "run.rrd")
 
 

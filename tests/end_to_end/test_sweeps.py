@@ -159,7 +159,7 @@ def test_a_second_launcher_is_refused_the_sweep(tmp_path, sweep):
     assert code == 2
     assert f"process {process.pid} on " in told
     wait_for(lambda: not is_locked(folder), lambda: True)
-    assert runs([str(folder), "--watch", str(folder)]) == 1
+    assert runs(["watch", str(folder)]) == 1
 
 
 def wait_for(what, going_on, seconds=600.0):

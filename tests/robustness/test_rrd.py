@@ -131,8 +131,8 @@ def started(arguments):
 COMMANDS = {
     "check": (check, ["{run}"]), "check of two": (check, ["{run}", "{other}"]), "report": (report, ["{run}"]),
     "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
-    "runs": (runs, ["{run}", "--all"]), "runs, published": (runs, ["{folder}", "--all"]),
-    "restore": (runs, ["--restore", "{folder}"]), "changes": (runs, ["--changes", "{folder}"]),
+    "runs": (runs, ["list", "{run}"]), "runs, published": (runs, ["list", "{folder}"]),
+    "restore": (runs, ["restore", "{folder}"]), "changes": (runs, ["restore", "--changes", "{folder}"]),
     "from": (started, ["from={run}"]), "from a folder": (started, ["from={folder}"]),
     "from a frame": (started, ["from={run}@1"]),
 }  # fmt: skip

@@ -1,69 +1,71 @@
-"""workbench-report: many recordings as tables and plots, grouped by what varied in their configurations."""
+"""Many recordings as tables and plots, grouped by what varied in their configurations."""
 
-import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from workbench.recording.read.crash_probe import open_sound_runs
-from workbench.results.report.contents import contents, group_csv, run_csv
-from workbench.results.report.groups import Grouping, group_runs
+from workbench.results.report.contents import contents
+from workbench.results.report.groups import group_runs
 from workbench.results.report.page import as_markdown, as_page, terminal
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Report on recordings. Returns 0 when there is something to report, 2 after an error, which is printed."""
-    parser = argparse.ArgumentParser(prog="workbench-report", description=__doc__)
-    parser.add_argument(
-        "recordings", metavar="FOLDER", type=Path, nargs="+", help="folders with recordings, or single recordings"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, help="a folder for report.html, report.md, plots, and CSV tables"
-    )
-    arguments = parser.parse_args(argv)
-    try:
-        runs, unreadable = open_sound_runs(*arguments.recordings)
-        if not runs and not unreadable:
-            places = ", ".join(map(str, arguments.recordings))
-            raise InputError(f"{places}: expected recordings (.rrd, .rrd.part), found none")
-        grouping = group_runs(runs, unreadable)
-        if arguments.output is not None:
-            names = ", ".join(place.resolve().name for place in arguments.recordings)
-            write(grouping, f"Report on {names}", arguments.output)
-        print(terminal(contents(grouping)))
-        if arguments.output is not None:
-            print(f"\nlook at it: {arguments.output / 'report.html'}")
-        sys.stdout.flush()
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
+    from workbench.cli.runs import exit_code
+
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(report)
+    return exit_code(app, argv, "workbench report")
 
 
-def write(grouping: Grouping, title: str, folder: Path) -> None:
-    """Write report.html, report.md with its plots, report.csv and runs.csv; raises InputError where that fails."""
-    from workbench.results.report.plots import pictures  # the terminal's report does without matplotlib
+def report(
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER", help="Folders with recordings, or single recordings.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="A folder for report.html, report.md, plots, and CSV tables."),
+    ] = None,
+) -> None:
+    """Report metrics over seeds and people, for each group of runs with equal configurations.
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: expected a folder to write to: {error.strerror}") from None
-    found, plots = contents(grouping), pictures(grouping)
-    files = {
-        **{f"{picture.name}.png": picture.png for picture in plots},
-        "report.csv": group_csv(grouping).encode(),
-        "runs.csv": run_csv(grouping).encode(),
-        "report.md": as_markdown(title, found, plots).encode(),
-        "report.html": as_page(title, found, plots).encode(),
-    }
-    for name, content in files.items():
-        with whole_file(folder / name) as part:
-            part.write_bytes(content)
+    \b
+    workbench report recordings/sweeps/priors
+    workbench report recordings/sweeps/priors recordings/runs/walk_straight -o report/
+    """
+    runs, unreadable = open_sound_runs(*recordings)
+    if not runs and not unreadable:
+        places = ", ".join(map(str, recordings))
+        raise InputError(f"{places}: expected recordings (.rrd, .rrd.part), found none")
+    grouping = group_runs(runs, unreadable)
+    found = contents(grouping)
+    if output is not None:
+        from workbench.results.report.plots import plots_of  # the terminal's report does without matplotlib
+
+        title = f"Report on {', '.join(place.resolve().name for place in recordings)}"
+        plots = plots_of(grouping)
+        files = {f"{plot.name}.png": plot.png for plot in plots} | {
+            "report.csv": grouping.labelled(grouping.statistics, keys=True).to_csv(index=False).encode(),
+            "runs.csv": grouping.labelled(grouping.values, keys=True).to_csv(index=False).encode(),
+            "report.md": as_markdown(title, found, plots).encode(),
+            "report.html": as_page(title, found, plots).encode(),
+        }
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{output}: expected a folder to write to: {error.strerror}") from None
+        for name, content in files.items():
+            with whole_file(output / name) as part:
+                part.write_bytes(content)
+    print(terminal(found))
+    if output is not None:
+        print(f"\nlook at it: {output / 'report.html'}")
 
 
 if __name__ == "__main__":

@@ -1,243 +1,263 @@
-"""workbench-runs: find runs by what they were told and what they came to; look at them, compare them, make room."""
+"""Recorded runs: list, compare, view, restore and delete them."""
 
-import argparse
+import json
 import os
+import platform
+import signal
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
 
-from workbench.results.entry import Entry
-from workbench.results.index import entries
-from workbench.results.listing import as_csv, as_json, best_first, sort, sweeps, table
-from workbench.results.query import Condition, chosen, condition
-from workbench.results.report.tables import printable, text
+import pandas as pd
+import typer
+
+from workbench.results.diff import diff as difference
+from workbench.results.formatting import printable, text
+from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps
+from workbench.results.table import read_runs, records_of
+from workbench.utils import processes
 from workbench.utils.errors import InputError
 
 HOME = ("recordings/runs", "recordings/sweeps")
-FEW = 40
-"""Rows in the terminal unless --all is said."""
+N_ROWS = 40
+
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+
+Query = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="FOLDER|KEY=VALUE", show_default=False,
+        help="Folders (recordings/runs and recordings/sweeps), and conditions: = != with values, commas between them, "
+        "< <= > >=, and ~ for a regular expression. Keys are numbers, choices (prior), status, experiment, seed, "
+        "started, commit, or a key of the configuration or its end.",
+    ),
+]  # fmt: skip
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or recording.")]
+Sort = Annotated[str | None, typer.Option("--sort", metavar="KEY", help="Smallest first; -KEY: largest first.")]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Returns 0, 2 after an error, which is printed, or what the viewer or the report returns."""
-    arguments = _parser().parse_intermixed_args(argv)
+    """Run the command alone. Returns its exit code: 2 after an error, which is printed."""
+    return exit_code(app, argv, "workbench runs")
+
+
+def exit_code(app: typer.Typer, argv: Sequence[str] | None, name: str) -> int:
+    """Run an application with these words and return its exit code: 2 after an error, which is printed."""
+    try:
+        return app(argv, prog_name=name)
+    except InputError as error:
+        print(f"{name}: {printable(str(error))}", file=sys.stderr)
+        return 2
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+@app.command("list")
+def list_runs(
+    query: Query = None,
+    sort: Sort = None,
+    columns: Annotated[
+        str | None, typer.Option(metavar="KEY,…", help="Columns; varied: how the configurations differ.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help=f"All rows, not the first {N_ROWS}.")] = False,
+    by_sweep: Annotated[bool, typer.Option("--sweeps", help="A row for each sweep.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="All that is known of the runs, as JSON.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="The columns, or all numbers, as CSV.")] = False,
+    n_best: Annotated[int | None, typer.Option("--view", metavar="N", min=0, help="View the best N; 0: all.")] = None,
+    as_report: Annotated[bool, typer.Option("--report", help="Report on them, as workbench report does.")] = False,
+) -> None:
+    """List runs, newest first, with how they ended, what varied and their errors.
+
+    workbench runs list experiment=walk_straight 'error_px<9' --sort error_px
+    workbench runs list prior=smooth 'started>2026-11-01' --columns varied,seed,error_abs_mm --csv
+    """
+    found = sort_runs(_select(query)[0], sort)
+    names = columns.split(",") if columns else None
+    if n_best is not None:
+        from workbench.cli import view
+
+        raise typer.Exit(view.main(_recordings(found if sort else best_first(found))[: n_best or None]))
+    if as_report:
+        from workbench.cli.report import report
+
+        report(list(map(Path, _recordings(found))))
+    elif as_json:
+        print(json.dumps(records_of(found), indent=1))
+    elif as_csv:
+        numbers = sorted(name.removeprefix("metrics.") for name in found if name.startswith("metrics."))
+        names = names or ["path", "started", "status", "experiment", "seed", *numbers]
+        listing(found, names).to_csv(sys.stdout, index=False)
+    elif by_sweep:
+        print(text(sweeps(found)))
+    elif found.empty:
+        print("no run fits")
+    else:
+        few = found if every else found[:N_ROWS]
+        print(text(listing(few, names), longest=80))
+        if len(few) < len(found):
+            print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
+        for error in few["error"][few["status"] == "unreadable"]:
+            _warn(error)
+
+
+@app.command()
+def diff(first: Run, second: Run) -> None:
+    """Compare the configuration, the code and the results of two runs.
+
+    workbench runs diff recordings/sweeps/priors/3 recordings/sweeps/priors/13
+    workbench runs diff recordings/runs/walk_straight/TIME recordings/baselines/walk_straight.rrd
+    """
+    a, b = (records_of(_one(place))[0] for place in (first, second))
+    rows = difference(a, b)
+    print(f"A: {printable(a['path'])}\nB: {printable(b['path'])}")
+    print("nothing differs but where and when" if rows.empty else text(rows))
+
+
+@app.command()
+def gallery(
+    query: Query = None,
+    sort: Sort = None,
+    serve: Annotated[bool, typer.Option("--serve", help="Open no viewer: print what opens one.")] = False,
+) -> None:
+    """Show runs as cards with pictures in the viewer.
+
+    workbench runs gallery recordings/sweeps/priors
+    workbench runs gallery prior=walking --sort error_px --serve
+    """
+    from workbench.cli.view import viewer
+    from workbench.recording.write.file import HOST
+    from workbench.results.gallery import gallery
+
+    program = None if serve else viewer()
+    try:
+        with gallery(sort_runs(_select(query)[0], sort)) as served:
+            for sentence in served.left_out:
+                _warn(sentence)
+            print(f"{served.n_runs} runs as cards at {served.url}", flush=True)
+            if program is None:
+                port, command = urlsplit(served.url).port, f"rerun --bind {HOST} '{served.url}'"
+                print(f"on this machine: {command}")
+                print(f"elsewhere: ssh -N -L {port}:{HOST}:{port} {platform.node()}, and there the same {command}")
+                print("until this is interrupted (Ctrl-C)", flush=True)
+                signal.pause()
+            code = processes.run([str(program), "--bind", HOST, "--port", "auto", served.url]).returncode
+    except KeyboardInterrupt:
+        raise typer.Exit(0 if serve else 130) from None
+    if code:
+        _warn(f"the viewer ended with exit code {code}; --serve prints what opens it from another machine")
+        raise typer.Exit(1)
+
+
+@app.command()
+def restore(
+    run: Run,
+    changes: Annotated[bool, typer.Option("--changes", help="Print its change of the code, for git apply.")] = False,
+) -> None:
+    """Print the commands that restore a run's code and configuration.
+
+    workbench runs restore recordings/sweeps/priors/3
+    workbench runs restore --changes recordings/sweeps/priors/3 | git apply
+    """
+    from workbench.recording.read.crash_probe import read_sound_run
+    from workbench.results.restore import restore
+
+    recorded = read_sound_run(Path(_recordings(_one(run))[0]))
+    if changes:
+        lines = str(recorded.provenance.get("difference", "")).split("\n")
+        print("\n".join(map(printable, lines) if sys.stdout.isatty() else lines), end="")
+        return
+    commands, missing = restore(recorded, Path(__file__).parents[2])
+    print("\n".join(commands))
+    for sentence in missing:
+        _warn(sentence)
+
+
+@app.command()
+def watch(sweep: Annotated[Path, typer.Argument(help="The sweep's folder.")]) -> None:
+    """Follow a sweep that another process runs until its jobs have ended.
+
+    workbench runs watch recordings/sweeps/priors
+    workbench runs watch recordings/sweeps/walk_straight/TIME
+    """
+    from workbench.sweep.table import watch
+
+    try:
+        raise typer.Exit(watch(sweep))
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+
+
+@app.command()
+def rm(
+    query: Query = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Delete them; without it, only list them.")] = False,
+) -> None:
+    """Delete runs, or list what would be deleted.
+
+    workbench runs rm status=failed
+    workbench runs rm status=failed 'started<2026-11-01' --yes
+    """
+    from workbench.results.removal import check_removable, consequence, remove, size_of
+
+    found, places = _select(query)
+    check_removable(found, places)
+    sizes = []
+    for path, status, started in zip(map(Path, found["path"]), found["status"], found["started"], strict=True):
+        size, more = size_of(path), consequence(path)
+        if yes:
+            try:
+                remove(path, started)
+            except InputError as error:  # the other runs are removed all the same
+                _warn(str(error))
+                continue
+        sizes.append(size)
+        print(f"{size / 1e6:>6.1f} MB  {printable(status):<11}  {printable(f'{path}: {more}' if more else str(path))}")
+    done = "removed" if yes else "would be removed; nothing was done, --yes does it"
+    print(f"{len(sizes)} runs, {sum(sizes) / 1e6:.1f} MB: {done}")
+    if len(sizes) < len(found):
+        raise typer.Exit(2)
+
+
+def _select(query: Sequence[str] | None) -> tuple[pd.DataFrame, list[Path]]:
+    """Return the runs that a query selects, and the places where it searched."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text at all
-    try:
-        return _act(arguments)
-    except InputError as error:
-        tell(str(error))
-        return 2
-    except BrokenPipeError:  # whoever reads, such as `head`, has seen enough; nothing is left to flush at the exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-
-
-def tell(sentence: str) -> None:
-    """Say a sentence beside what is printed, in one line whatever names are in it."""
-    print(f"workbench-runs: {printable(sentence)}", file=sys.stderr)
-
-
-def _act(arguments: argparse.Namespace) -> int:
-    if arguments.diff is not None:
-        return _diff(*arguments.diff)
-    if arguments.restore is not None:
-        return _restore(arguments.restore)
-    if arguments.changes is not None:
-        return _changes(arguments.changes)
-    if arguments.watch is not None:
-        return _watch(arguments.watch)
-    places, conditions = _read(arguments.query)
-    found = sort(chosen(entries(*places), conditions), arguments.sort)
-    columns = arguments.columns.split(",") if arguments.columns else None
-    if arguments.view is not None:
-        return _view(found if arguments.sort else best_first(found), arguments.view)
-    if arguments.gallery or arguments.serve:
-        from workbench.cli import gallery
-
-        return gallery.show(found, serve=arguments.serve)
-    if arguments.report:
-        from workbench.cli import report  # here, as a query does without
-
-        return report.main(_recordings(found))
-    if arguments.rm:
-        return _remove(found, places, arguments.yes)
-    if arguments.json or arguments.csv:
-        print(as_json(found) if arguments.json else as_csv(found, columns), end="\n" if arguments.json else "")
-    elif arguments.sweeps:
-        print(text(sweeps(found)))
-    else:
-        _list(found, columns, arguments.all)
-    sys.stdout.flush()
-    return 0
-
-
-def _read(words: Sequence[str]) -> tuple[list[Path], list[Condition]]:
-    """Tell conditions from places; without a place, where runs and sweeps go."""
-    places, conditions = [], []
-    for word in words:
-        found = None if os.path.exists(word) else condition(word)
-        if found is None:
-            places.append(Path(word))
-        else:
-            conditions.append(found)
-    usual = [place for place in map(Path, HOME) if place.is_dir()]
-    if not places and not usual:
+    words = {word: None if os.path.exists(word) else parse_condition(word) for word in query or []}
+    places = [Path(word) for word, condition in words.items() if condition is None]
+    places = places or [place for place in map(Path, HOME) if place.is_dir()]
+    if not places:
         raise InputError(f"expected {' or '.join(HOME)} here, or folders on the command line, found neither")
-    return places or usual, conditions
+    return select(read_runs(*places), filter(None, words.values())), places
 
 
-def _list(found: Sequence[Entry], columns: Sequence[str] | None, every: bool) -> None:
-    few = found if every else found[:FEW]
-    if not few:
-        print("no run fits")
-        return
-    print(text(table(few, columns)))
-    if len(few) < len(found):
-        print(f"and {len(found) - len(few)} more: --all, or a query that fits fewer")
-    for entry in few:
-        if entry.status == "unreadable":
-            tell(entry.error)
+def _one(place: Path) -> pd.DataFrame:
+    runs = read_runs(place)
+    if len(runs) != 1:
+        raise InputError(f"{place}: expected one run, found {len(runs)}")
+    if runs["status"].iloc[0] == "unreadable":
+        raise InputError(runs["error"].iloc[0])
+    return runs
 
 
-def _recordings(found: Sequence[Entry]) -> list[str]:
-    """The recordings of the runs, and those of runs that have ended since they were listed."""
+def _recordings(runs: pd.DataFrame) -> list[str]:
+    """Return the recordings of the runs, also of runs that have ended since they were listed."""
     recordings = []
-    for recording in (entry.recording for entry in found if entry.recording is not None):
+    for recording in runs["recording"].dropna():
         there = next(filter(os.path.exists, (recording, recording.removesuffix(".part"))), None)
         if there is None:
-            tell(f"{recording}: left out, as it was removed meanwhile")
+            _warn(f"{recording}: left out, as it was removed meanwhile")
         else:
-            recordings.append(there)
-    recordings = [os.path.abspath(path) if path.startswith("-") else path for path in recordings]  # no option
+            recordings.append(os.path.abspath(there) if there.startswith("-") else there)  # which is no option
     if not recordings:
         raise InputError("no run fits that has a recording")
     return recordings
 
 
-def _view(found: Sequence[Entry], n: str) -> int:
-    from workbench.cli import view  # here, as a query does without
-
-    if n != "all" and not (n.isdecimal() and int(n)):
-        raise InputError(f"--view: expected a number of runs or all, found {n!r}")
-    return view.main(_recordings(found)[: None if n == "all" else int(n)])
-
-
-def _diff(first: str, second: str) -> int:
-    from workbench.results.difference import difference
-
-    a, b = _one(first), _one(second)
-    found = difference(a, b)
-    print(f"A: {printable(a.path)}\nB: {printable(b.path)}")
-    print(text(found) if found.rows else "nothing differs but where and when")
-    return 0
-
-
-def _one(place: str) -> Entry:
-    """The run at a place; raises InputError where there is none, or several."""
-    found = entries(Path(place))
-    if len(found) != 1:
-        raise InputError(f"{place}: expected one run, found {len(found)}")
-    if found[0].status == "unreadable":
-        raise InputError(found[0].error)
-    return found[0]
-
-
-def _restore(place: str) -> int:
-    from workbench.recording.read.crash_probe import read_sound_run
-    from workbench.results.restore import restore
-
-    commands, gone = restore(read_sound_run(Path(_recordings([_one(place)])[0])), Path(__file__).parents[2])
-    print("\n".join(commands))
-    for sentence in gone:
-        tell(sentence)
-    return 0
-
-
-def _changes(place: str) -> int:
-    from workbench.recording.read.crash_probe import read_sound_run
-
-    changes = str(read_sound_run(Path(_recordings([_one(place)])[0])).provenance.get("difference", ""))
-    lines = changes.split("\n")
-    print("\n".join(map(printable, lines)) if sys.stdout.isatty() else changes, end="")
-    return 0
-
-
-def _watch(place: Path) -> int:
-    from workbench.sweep.table import watch
-
-    try:
-        return watch(place)
-    except KeyboardInterrupt:
-        return 130
-
-
-def _remove(found: Sequence[Entry], places: Sequence[Path], yes: bool) -> int:
-    """Delete runs, or without `yes` list them with their sizes."""
-    from workbench.results import tidy
-
-    if not found:
-        raise InputError("no run fits")
-    tidy.check_movable(found, places)
-    if not yes:
-        sizes = [tidy.bytes_of(entry) for entry in found]
-        for entry, size in zip(found, sizes, strict=True):
-            more = f": {printable(consequence)}" if (consequence := tidy.goes_with(entry)) else ""
-            print(f"{_size(size):>9}  {printable(entry.status):<11}  {printable(entry.path)}{more}")
-        print(f"{len(found)} runs, {_size(sum(sizes))}: would be removed; nothing was done, --yes does it")
-        return 0
-    from tqdm import tqdm
-
-    removed = []
-    for entry in tqdm(found, unit="run", disable=None):
-        size, consequence = tidy.bytes_of(entry), tidy.goes_with(entry)
-        try:
-            tidy.remove(entry)
-        except InputError as error:  # the other runs are removed all the same
-            tell(str(error))
-            continue
-        removed.append(size)
-        if consequence:
-            tell(f"{entry.path}: {consequence}")
-    print(f"{len(removed)} runs removed, {_size(sum(removed))} won")
-    return 0 if len(removed) == len(found) else 2
-
-
-def _size(n_bytes: int) -> str:
-    return f"{n_bytes / 1e6:.1f} MB"
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="workbench-runs", description=__doc__,
-        epilog="example: workbench-runs prior=smooth 'error_abs_mm<40' 'started>2026-11-01' --sort error_abs_mm --view",
-    )  # fmt: skip
-    parser.add_argument(
-        "query", metavar="FOLDER|key=value", nargs="*",
-        help="where to look (recordings/runs and recordings/sweeps), and conditions: = != with values, commas between, "
-        "< <= > >=, and ~ for a regular expression; keys are numbers, choices (prior), status, experiment, seed, "
-        "started, commit, or a key of the configuration or how it ends",
-    )  # fmt: skip
-    parser.add_argument("--sort", metavar="KEY", help="smallest first; -KEY (as --sort=-KEY): largest first")
-    parser.add_argument("--columns", metavar="KEY,…", help="what to show; varied: what tells the runs apart")
-    parser.add_argument("--all", action="store_true", help=f"all rows, not the first {FEW}")
-    parser.add_argument("--sweeps", action="store_true", help="a row for each sweep")
-    parser.add_argument("--json", action="store_true", help="everything that is known of the runs")
-    parser.add_argument("--csv", action="store_true", help="the columns, or all numbers")
-    parser.add_argument("--view", metavar="N", nargs="?", const="1", help="open the best N (1), or all, in the viewer")
-    parser.add_argument("--gallery", action="store_true", help="show them as cards in the viewer, with pictures")
-    parser.add_argument(
-        "--serve", action="store_true", help="as --gallery, but open no viewer: say what opens one, here and elsewhere"
-    )
-    parser.add_argument("--report", action="store_true", help="hand them to workbench-report")
-    parser.add_argument("--diff", metavar=("A", "B"), nargs=2, help="what differs between two runs")
-    parser.add_argument("--restore", metavar="RUN", help="the commands that bring a run's code and configuration back")
-    parser.add_argument("--changes", metavar="RUN", help="how its code differed from its commit, for git apply")
-    parser.add_argument("--watch", metavar="SWEEP", type=Path, help="follow a sweep started elsewhere until it is done")
-    parser.add_argument("--rm", action="store_true", help="delete them; without --yes, list what would be deleted")
-    parser.add_argument("--yes", action="store_true", help="with --rm: delete them")
-    return parser
+def _warn(sentence: str) -> None:
+    print(f"workbench runs: {printable(sentence)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,48 +1,33 @@
-"""Conditions on runs, such as `prior=smooth`, `error_abs_mm<40`, `started>2026-11-01`."""
+"""Conditions on runs, such as `prior=smooth` or `error_abs_mm<40`, their order, and the columns that are listed."""
 
-import difflib
 import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
-from workbench.results.entry import Entry
+import numpy as np
+import pandas as pd
+
+from workbench.evaluation.headline import ERRORS, SHORT_TITLES
+from workbench.results.formatting import number, table_of
+from workbench.results.report.variation import EXPERIMENT, flat, label, what_varied
+from workbench.results.table import FIELDS, SECTIONS, records_of
 from workbench.utils.errors import InputError
 
-Value = str | float | None
-OWN = ("status", "experiment", "seed", "started", "size", "path", "sweep", "error")
-_MOST_WHOLE = 2.0**53
-"""From here on, not every whole number is a float."""
+Condition = tuple[str, str, str]
+"""Key, sign and value."""
+USUAL = ("path", "started", "status", "experiment", "varied", "seed", *SHORT_TITLES)
+VARIED = "varied"
+"""The column of how a run's configuration differs from the others'."""
 _CONDITION = re.compile(r"([\w./@-]+?)(<=|>=|!=|=|<|>|~)(.*)", re.DOTALL)
 _ORDERS: dict[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Condition:
-    """key: see `value_of`. sign: = and != with any of several values; ~ a regular expression; or an order."""
-
-    key: str
-    sign: str
-    value: str
-
-    def holds(self, entry: Entry) -> bool:
-        """Whether a run meets it; one that has no such key does not, but for !=."""
-        found = value_of(entry, self.key)
-        if self.sign in ("=", "!="):
-            return any(_equal(found, value) for value in self.value.split(",")) == (self.sign == "=")
-        if self.sign == "~":
-            return found is not None and re.search(self.value, shown(found)) is not None
-        bound = _number(self.value)
-        if isinstance(found, float):
-            return bound is not None and _ORDERS[self.sign](found, bound)
-        return isinstance(found, str) and bound is None and _ORDERS[self.sign](found, self.value)
-
-
-def condition(word: str) -> Condition | None:
-    """Read `key<value`; None for what is no condition. Raises InputError for one that cannot be met."""
+def parse_condition(word: str) -> Condition | None:
+    """Split `key<value`; None for a word that is no condition. Raises InputError for a wrong regular expression."""
     if (match := _CONDITION.fullmatch(word)) is None:
         return None
     key, sign, value = match.groups()
@@ -51,59 +36,104 @@ def condition(word: str) -> Condition | None:
             re.compile(value)
         except re.error as error:
             raise InputError(f"{word}: expected a regular expression after ~: {error}") from None
-    return Condition(key, sign, value)
+    return key, sign, value
 
 
-def chosen(entries: Sequence[Entry], conditions: Iterable[Condition]) -> list[Entry]:
-    """The runs that meet all conditions; raises InputError for a key that no run has, with those that are near."""
-    conditions = list(conditions)
-    check_keys(entries, [each.key for each in conditions])
-    return [entry for entry in entries if all(each.holds(entry) for each in conditions)]
+def select(runs: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFrame:
+    """Return the runs that meet all conditions.
 
-
-def check_keys(entries: Sequence[Entry], keys: Sequence[str]) -> None:
-    """Raise InputError for a key that none of the runs has."""
-    for key in keys:
-        if entries and key not in OWN and all(value_of(entry, key) is None for entry in entries):
-            near = difflib.get_close_matches(key, sorted(_keys(entries)), n=3)
-            hint = f"; did you mean {' or '.join(near)}?" if near else ""
-            raise InputError(f"{key}: no run has a number, a choice or a key of that name{hint}")
-
-
-def value_of(entry: Entry, key: str) -> Value:
-    """What a run has under a key: one of OWN, a chosen part (prior), a number, or a key of its configuration or code.
-
-    A configuration's key may be said by its end, n_particles for inference.n_particles; where several end so, the
-    shortest counts. Numbers are floats, everything else is text; None where there is nothing.
+    = and != compare with any of several values, ~ searches for a regular expression, the others compare numbers with
+    numbers and text with text. A run without the key meets only !=. Raises InputError for a key that no run has.
     """
-    if key in OWN:
-        return _plain(getattr(entry, key))
-    for known in (entry.choices, entry.metrics, entry.settings, entry.origin):
-        if key in known:
-            return _plain(known[key])
-    ends = [name for name in entry.settings if name.endswith(f".{key}")]
-    return _plain(entry.settings[min(ends, key=len)]) if ends else None
+    met = np.ones(len(runs), dtype=bool)
+    for key, sign, value in conditions:
+        met &= [_holds(each, sign, value) for each in values_of(runs, key)]
+    return runs[met]
 
 
-def shown(value: Value) -> str:
-    """Write a value as a table does: whole numbers, such as a seed, with all their digits."""
-    if isinstance(value, float):
-        return f"{value:.0f}" if value.is_integer() and abs(value) < _MOST_WHOLE else f"{value:.4g}"
-    return "" if value is None else value
+def values_of(runs: pd.DataFrame, key: str) -> list[Any]:
+    """Return the runs' values of a key: numbers, text, or None. Raises InputError for a key that no run has.
+
+    The key is one of FIELDS, a chosen option (prior), a number, a key of the configuration or of the provenance, or
+    the end of a configuration's key, as n_particles is of inference.n_particles; the shortest such key counts.
+    """
+    if key in FIELDS:
+        return [_plain(value) for value in runs[key]]
+    ends = sorted((name for name in runs if name.startswith("settings.") and name.endswith(f".{key}")), key=len)
+    found = pd.Series(None, index=runs.index, dtype=object)
+    for name in (*(f"{section}.{key}" for section in SECTIONS), *ends):
+        if name in runs:
+            found = found.where(found.notna(), runs[name])
+    if len(runs) and found.isna().all():
+        keys = {name.partition(".")[2] for name in runs} | {name.rpartition(".")[2] for name in runs}
+        near = get_close_matches(key, sorted(keys), n=3)
+        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        raise InputError(f"{key}: no run has a number, a choice or a key of that name{hint}")
+    return [None if value is None or value != value else _plain(value) for value in found]
 
 
-def _plain(value: Any) -> Value:
-    if value is None or isinstance(value, str):
-        return value
-    if isinstance(value, bool):
-        return str(value).lower()
-    return float(value) if isinstance(value, int | float) else str(value)
+def sort_runs(runs: pd.DataFrame, key: str | None) -> pd.DataFrame:
+    """Sort by a key, smallest first, or largest first by -key; numbers before text, runs without the key last."""
+    if key is None:
+        return runs
+    values = values_of(runs, key.removeprefix("-"))
+    known = [k for k, value in enumerate(values) if value is not None]
+    known.sort(key=lambda k: (isinstance(values[k], str), values[k]), reverse=key.startswith("-"))
+    return runs.iloc[known + [k for k, value in enumerate(values) if value is None]]
 
 
-def _equal(found: Value, word: str) -> bool:
-    if isinstance(found, float):
-        return found == _number(word)
-    return (found or "none").casefold() == word.casefold()
+def best_first(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the complete runs by the first of ERRORS that any has, smallest first."""
+    complete = runs[runs["status"] == "complete"].dropna(axis="columns", how="all")
+    name = next((f"metrics.{name}" for name in ERRORS if f"metrics.{name}" in complete), None)
+    return complete if name is None else complete.sort_values(name, kind="stable")
+
+
+def listing(runs: pd.DataFrame, columns: Sequence[str] | None) -> pd.DataFrame:
+    """Return the columns to list, keys as in a query; None: those of USUAL that are not empty."""
+    names = [name for name in USUAL if name in (*FIELDS, VARIED) or f"metrics.{name}" in runs]
+    cells = {name: varied(runs) if name == VARIED else values_of(runs, name) for name in columns or names}
+    if columns is None:
+        cells = {name: values for name, values in cells.items() if any(value not in ("", None) for value in values)}
+    return table_of(list(cells), zip(*cells.values(), strict=True))
+
+
+def varied(runs: pd.DataFrame) -> list[str]:
+    """Return how each run's configuration differs from the others'; empty where none does."""
+    settings = [flat(record["settings"], record[EXPERIMENT]) for record in records_of(runs)]
+    keys = [key for key in what_varied(settings).keys if key != EXPERIMENT]
+    return [label(keys, values) for values in settings]
+
+
+def sweeps(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each sweep that the runs are jobs of: how many there are, how they ended, and the best."""
+    rows = []
+    for folder in dict.fromkeys(filter(None, runs["sweep"])):
+        jobs = runs[runs["sweep"] == folder]
+        ended, best = jobs["status"].value_counts(), best_first(jobs)
+        error = next((name for name in ERRORS if f"metrics.{name}" in best), None)
+        others = ", ".join(f"{n} {status}" for status, n in sorted(ended.items()) if status != "complete")
+        first = "" if error is None else f"{error} {number(best[f'metrics.{error}'].iloc[0])}"
+        n_complete = int(ended.get("complete", 0))
+        rows.append((folder, jobs["started"].max(), jobs["experiment"].iloc[0], len(jobs), n_complete, others, first))
+    return table_of(("sweep", "newest run", "experiment", "jobs", "complete", "others", "best"), rows)
+
+
+def _holds(value: Any, sign: str, word: str) -> bool:
+    if sign in ("=", "!="):
+        return any(_equal(value, each) for each in word.split(",")) == (sign == "=")
+    if sign == "~":
+        return value is not None and re.search(word, str(value)) is not None
+    bound = _number(word)
+    if value is None or isinstance(value, str) != (bound is None):
+        return False
+    return _ORDERS[sign](value, word if bound is None else bound)
+
+
+def _equal(value: Any, word: str) -> bool:
+    if isinstance(value, int | float):
+        return value == _number(word)
+    return (value or "none").casefold() == word.casefold()
 
 
 def _number(word: str) -> float | None:
@@ -113,6 +143,7 @@ def _number(word: str) -> float | None:
         return None
 
 
-def _keys(entries: Sequence[Entry]) -> set[str]:
-    whole = {key for entry in entries for known in (entry.choices, entry.metrics, entry.settings) for key in known}
-    return whole | {key.rpartition(".")[2] for key in whole} | set(OWN)
+def _plain(value: Any) -> str | int | float | None:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if value is None or isinstance(value, str | int | float) else str(value)

@@ -1,12 +1,11 @@
-"""The commands that bring a run's code and configuration back, and what of it is gone."""
+"""Commands that restore a run's code and configuration, and what of them has changed since."""
 
 import hashlib
 import os
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -16,39 +15,30 @@ from workbench.experiment.summary import versions
 from workbench.recording.read.reader import Run
 from workbench.utils.errors import InputError
 
-_COMMIT = re.compile("[0-9a-f]{7,64}")
-
 
 def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
-    """Commands for a shell in the clone at `root`, and sentences of what they do not bring back.
-
-    The difference of the code is taken out of the recording again by `workbench-runs --changes`.
-    """
-    origin, commands = run.provenance, list[str]()
-    if commit := _commit(origin):
+    """Return shell commands for the clone at `root`, and a sentence for each thing that they do not restore."""
+    origin = run.provenance
+    commit = str(origin.get("commit", ""))
+    commit = commit if re.fullmatch("[0-9a-f]{7,64}", commit) else ""  # no other text is given to a shell
+    words = _recorded_command(str(origin.get("command", "")))
+    commands = []
+    if commit:
         folder = f"../{root.name}-{commit[:9]}"
-        commands.append(f"git worktree add {shlex.quote(folder)} {commit}")
-        commands.append(f"cd {shlex.quote(folder)}")
+        commands += [f"git worktree add {shlex.quote(folder)} {commit}", f"cd {shlex.quote(folder)}"]
         if origin.get("difference"):
             recording = shlex.quote(os.path.relpath(run.path.resolve(), root.parent / folder.removeprefix("../")))
-            commands.append(f"workbench-runs --changes {recording} | git apply")
+            commands.append(f"workbench runs restore --changes {recording} | git apply")
         commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
-    if words := _command(origin):
+    if words:
         commands.append(shlex.join([".venv/bin/workbench" if commit else "workbench", *words[1:]]))
     else:
-        commands.append(f"workbench-check {shlex.quote(str(run.path))}")
-    return commands, [*_gone(origin, root), *_inputs(run)]
+        commands.append(f"workbench check {shlex.quote(str(run.path))}")
+    return commands, [*_not_restored(run, root, commit, bool(words)), *_changed_inputs(run)]
 
 
-def _commit(origin: Mapping[str, Any]) -> str:
-    """The recorded commit; empty where none was recorded, or something else, which no shell is to be given."""
-    commit = str(origin.get("commit", ""))
-    return commit if _COMMIT.fullmatch(commit) else ""
-
-
-def _command(origin: Mapping[str, Any]) -> list[str]:
-    """The words of the recorded command; none where it is not one line that starts the workbench."""
-    command = str(origin.get("command", ""))
+def _recorded_command(command: str) -> list[str]:
+    """Return the words of the command; none where it is not one line that starts the workbench."""
     try:
         words = shlex.split(command)
     except ValueError:
@@ -56,13 +46,14 @@ def _command(origin: Mapping[str, Any]) -> list[str]:
     return words if words[:1] == ["workbench"] and command.isprintable() else []
 
 
-def _gone(origin: Mapping[str, Any], root: Path) -> Iterator[str]:
-    if not _command(origin):
+def _not_restored(run: Run, root: Path, commit: str, has_command: bool) -> Iterator[str]:
+    origin = run.provenance
+    if not has_command:
         none = "the recorded command is none of the workbench's" if origin.get("command") else "no command was recorded"
         yield f"{none}: the recorded configuration is run again and compared"
     if origin.get("difference"):
         yield "the code's difference comes with the recording: read it (--changes) before it is applied and run"
-    if not (commit := _commit(origin)):
+    if not commit:
         yield "which code made it is not known: it was installed without a clone, or is older than that was recorded"
     elif not has_commit(root, commit):
         yield f"commit {commit[:9]} is not in this clone: fetch it first"
@@ -71,23 +62,21 @@ def _gone(origin: Mapping[str, Any], root: Path) -> Iterator[str]:
     lock = root / "requirements.lock"
     if "lock" in origin and not (lock.is_file() and hashlib.sha256(lock.read_bytes()).hexdigest() == origin["lock"]):
         yield "requirements.lock is another one today; that commit has its own"
-    now = versions()
-    other = [name for name in now if origin.get(name, now[name]) != now[name]]
-    if other:
-        yield "it was made with " + ", ".join(f"{name} {origin[name]} (here {now[name]})" for name in other)
+    others = [f"{name} {origin[name]} (here {now})" for name, now in versions().items() if origin.get(name, now) != now]
+    if others:
+        yield f"it was made with {', '.join(others)}"
 
 
-def _inputs(run: Run) -> Iterator[str]:
-    """Tell which inputs are gone, or are not what they were."""
-    told = run.provenance.get("inputs") or []
+def _changed_inputs(run: Run) -> Iterator[str]:
+    recorded = run.provenance.get("inputs") or []
     try:
         today = input_files(OmegaConf.create(run.settings))
     except (InputError, OmegaConfBaseException, AttributeError, TypeError, ValueError) as error:
-        yield f"its inputs cannot be told: {' '.join(str(error).split())[:200]}"
+        yield f"its inputs cannot be determined: {' '.join(str(error).split())[:200]}"
         return
-    for each in [told] if isinstance(told, str) else told:
+    for each in [recorded] if isinstance(recorded, str) else recorded:
         name, _, digest = str(each).rpartition(" ")
         if name not in today:
-            yield f"{name}: is not found any more"
+            yield f"{name}: does not exist any more"
         elif today[name] != digest:
-            yield f"{name}: is not what it was"
+            yield f"{name}: has changed since"

@@ -15,7 +15,7 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from workbench.results.report.tables import printable
+from workbench.results.formatting import printable
 from workbench.sweep.job import ASIDE, FAILED, metric_of, read_summary
 from workbench.sweep.plan import PLAN, Plan, plan_of, read_plan
 from workbench.utils.errors import InputError

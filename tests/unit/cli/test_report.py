@@ -1,4 +1,4 @@
-"""workbench-report: from recordings to the terminal, Markdown, CSV, plots and a page that needs nothing else."""
+"""workbench report: from recordings to the terminal, Markdown, CSV, plots and a page that needs nothing else."""
 
 import base64
 import csv
@@ -20,7 +20,8 @@ from workbench.recording.read.reader import read
 from workbench.recording.study.study_recorder import record_study
 from workbench.recording.write.file import RecordingFile
 from workbench.recording.write.recorder import Recorder
-from workbench.results.report.groups import joint_errors
+from workbench.results.report.page import escaped
+from workbench.results.report.plots import joint_errors
 
 PLOTS = ["coverage", "error_against_particles", "error_against_time", "error_per_joint"]
 
@@ -106,7 +107,7 @@ def test_the_terminal_says_what_is_there_and_what_is_not(sweep, capsys):
     assert f"smooth, n_particles=400, seed 2: cut off or still running, not counted ({sweep}/killed.rrd.part)" in told
     assert "walking, n_particles=400: no recording of seed 2, which other groups have" in told
     assert f"{sweep}/junk.rrd: expected a whole Rerun recording" in told
-    assert re.search(r"walking, n_particles=100 +2 +1 +10\.50 +– +0\.7071 +10\.00 to 11\.00\n", told)
+    assert re.search(r"walking, n_particles=100 +2 +1 +10\.50 +– +0\.7071 +10\.00 +11\.00\n", told)
     assert re.search(rf"smooth, n_particles=400 +worst +17\.00 +1 +{sweep}/smooth_400_1/run\.rrd\n", told)
 
 
@@ -146,7 +147,8 @@ def test_markdown_shows_the_plots_and_tables(written):
     lines = (written / "report.md").read_text().splitlines()
     assert lines[0] == "# Report on sweep"
     assert [f"{name}.png" for name in PLOTS] == sorted(re.findall(r"\]\((.+)\)", "\n".join(lines)))
-    assert "| walking, n\\_particles=100 | 2 | 1 | 10.50 | – | 0.7071 | 10.00 to 11.00 |" in lines
+    assert "| walking, n\\_particles=100 | 2 | 1 | 10.50 | – | 0.7071 | 10.00 | 11.00 |" in lines
+    assert "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |" in lines
     assert "- walking, n\\_particles=400: no recording of seed 2, which other groups have" in lines
 
 
@@ -193,7 +195,7 @@ def test_a_study_has_a_table_and_no_plots(tmp_path, capsys):
     assert report.main([str(tmp_path), "-o", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     assert "One group, learn_walk" in told
-    assert re.search(r"learn_walk +1 +1 +0\.7500 +– +– +–\n", told)
+    assert re.search(r"learn_walk +1 +1 +0\.7500 +– +– +– +–\n", told)
     assert not list((tmp_path / "out").glob("*.png"))
 
 
@@ -210,7 +212,8 @@ def test_text_of_strangers_stays_text(run, tmp_path, capsys):
     assert "name=<script>alert(1)</script>" in page.text
     tables = [line for line in (tmp_path / "out" / "report.md").read_text().splitlines() if line.startswith("| name=")]
     assert all("<" not in line.replace("\\<", "") for line in tables)
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in tables} == {7, 8}  # of runs and of metrics
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in tables} == {7, 9}  # of runs and of metrics
+    assert escaped("two\nlines [x](y) \\") == "two lines \\[x\\](y) \\\\"
 
 
 def test_what_cannot_be_reported_is_told(sweep, tmp_path, capsys):

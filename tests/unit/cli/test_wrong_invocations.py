@@ -27,7 +27,7 @@ MAIN = (
 )  # fmt: skip
 OTHERS = (
     (view, "nowhere.rrd"), (view, "."), (report, "nowhere"), (check, "nowhere.rrd"), (check, "nowhere.rrd inference=x"),
-    (check, "--seeds 1 nowhere.rrd"), (runs, "--view many"), (export, "nowhere.rrd walk.bvh"),
+    (check, "--seeds 1 nowhere.rrd"), (runs, "list --view many"), (export, "nowhere.rrd walk.bvh"),
 )  # fmt: skip
 
 

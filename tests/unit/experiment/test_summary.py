@@ -20,7 +20,7 @@ from workbench.experiment.summary import Summary, set_aside
 from workbench.recording.read.reader import read
 from workbench.recording.write import file as files
 from workbench.recording.write.file import RecordingFile
-from workbench.results.entry import entry_of_folder
+from workbench.results.table import read_run
 from workbench.utils import signals
 from workbench.utils.errors import InputError
 from workbench.utils.run_files import EARLIER
@@ -157,5 +157,5 @@ def test_a_run_that_was_killed_once_it_was_published_is_complete(tmp_path):
         with RecordingFile(tmp_path / "run.rrd", run_id="a", config_yaml="seed: 0", provenance={"seed": 0}) as file:
             file.send_numbers("metrics", {"error_abs_mm": 2.5})
     (tmp_path / "summary.json").write_bytes(kept)  # "running", of a process that is gone
-    entry = entry_of_folder(tmp_path)
-    assert (entry.status, entry.metrics["error_abs_mm"], entry.path) == ("complete", 2.5, str(tmp_path))
+    record = read_run(tmp_path)
+    assert (record["status"], record["metrics"], record["path"]) == ("complete", {"error_abs_mm": 2.5}, str(tmp_path))

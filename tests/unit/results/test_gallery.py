@@ -9,7 +9,7 @@ from small_recordings import leave_recorded
 
 from workbench.results import gallery as module
 from workbench.results.gallery import gallery, titles
-from workbench.results.index import entries
+from workbench.results.table import read_runs
 from workbench.utils.errors import InputError
 
 served_by_catalog = pytest.mark.skipif(find_spec("datafusion") is None, reason="needs the extra 'catalog'")
@@ -41,7 +41,7 @@ def rows(served):
 
 @served_by_catalog
 def test_a_card_says_what_a_run_is_of_and_what_it_came_to(root):
-    with gallery(entries(root)) as served:
+    with gallery(read_runs(root)) as served:
         table = rows(served)
     assert served.left_out == ()
     varied = ("smooth, n_particles=100", "smooth, n_particles=400", "walking, n_particles=100")
@@ -56,7 +56,7 @@ def test_a_card_says_what_a_run_is_of_and_what_it_came_to(root):
 
 @served_by_catalog
 def test_any_key_and_number_is_a_column_of_one_type(root):
-    with gallery(entries(root)) as served:
+    with gallery(read_runs(root)) as served:
         table = rows(served)
     assert sorted(each[0] for each in table["property:settings:inference_n_particles"]) == [100.0, 100.0, 400.0]
     assert {each[0] for each in table["property:choices:prior"]} == {"smooth", "walking"}
@@ -66,7 +66,7 @@ def test_any_key_and_number_is_a_column_of_one_type(root):
 @served_by_catalog
 def test_a_run_is_opened_as_it_says_where_all_are_of_one_experiment(root, tmp_path):
     leave_recorded(tmp_path / "other", "other", experiment="arm_twist", metrics={})
-    for found, own in ((entries(root), True), (entries(root, tmp_path), False)):
+    for found, own in ((read_runs(root), True), (read_runs(root, tmp_path), False)):
         with gallery(found) as served:
             dataset, _client = dataset_of(served)
             assert dataset.default_segment_table_blueprint() is not None
@@ -77,7 +77,7 @@ def test_a_run_is_opened_as_it_says_where_all_are_of_one_experiment(root, tmp_pa
 def test_nothing_but_this_machine_is_listened_to(root):
     mine = psutil.Process()
     before = {each.laddr for each in mine.net_connections() if each.status == psutil.CONN_LISTEN}
-    with gallery(entries(root)) as served:
+    with gallery(read_runs(root)) as served:
         during = {each.laddr for each in mine.net_connections() if each.status == psutil.CONN_LISTEN} - before
         assert [each.ip for each in during] == ["127.0.0.1"]
         assert f"127.0.0.1:{next(iter(during)).port}/" in served.url
@@ -90,11 +90,11 @@ def test_what_cannot_be_served_is_left_out_in_a_sentence(root, tmp_path):
     leave(tmp_path / "torn")
     whole = (root / "0" / "run.rrd").read_bytes()
     (tmp_path / "torn" / "run.rrd").write_bytes(whole[: len(whole) // 2])
-    with gallery(entries(root, tmp_path)) as served:
+    with gallery(read_runs(root, tmp_path)) as served:
         assert served.n_runs == 3
         assert not any("stolen" in title for title in rows(served).index)
     told = "\n".join(sorted(served.left_out))
-    assert f"{tmp_path / 'thief'}: left out, as it says that it is the same run as {root / '1'}" in told
+    assert f"{tmp_path / 'thief'}: left out, as it has the same id as {root / '1'}" in told
     assert f"{tmp_path / 'early'}: left out, as it has no recording (failed)" in told
     assert f"left out: {tmp_path / 'torn' / 'run.rrd'}: expected a whole Rerun recording" in told
 
@@ -105,7 +105,7 @@ def test_hostile_texts_are_shown_and_do_nothing(tmp_path):
     leave_recorded(tmp_path / "hostile", "../../../etc/passwd", prior=hostile, experiment=hostile,
                    settings={hostile: 1.0, "prior": {"_target_": hostile}, "a": {"b": hostile}, "": 3})  # fmt: skip
     leave_recorded(tmp_path / "good", "good", day=2)
-    with gallery(entries(tmp_path)) as served:
+    with gallery(read_runs(tmp_path)) as served:
         table = rows(served)
     assert served.n_runs == 2
     assert all(len(title) <= 200 and title.isprintable() for title in table.index)
@@ -116,7 +116,7 @@ def test_without_the_extra_a_sentence_says_what_installs_it(root, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda _: None)
     with (
         pytest.raises(InputError, match=r"pip install -c requirements.lock -e '\.\[catalog\]'"),
-        gallery(entries(root)),
+        gallery(read_runs(root)),
     ):
         pass
 
@@ -124,11 +124,11 @@ def test_without_the_extra_a_sentence_says_what_installs_it(root, monkeypatch):
 @served_by_catalog
 def test_without_any_recording_it_says_so(tmp_path):
     leave(tmp_path / "a")
-    with pytest.raises(InputError, match="has no recording"), gallery(entries(tmp_path)):
+    with pytest.raises(InputError, match="has no recording"), gallery(read_runs(tmp_path)):
         pass
 
 
 def test_titles_have_the_seed_where_seeds_differ(root, tmp_path):
     leave(tmp_path / "other", seed=7)
-    assert titles(entries(tmp_path)) == ["walk_straight"]
-    assert all(", seed=" in title for title in titles(entries(root, tmp_path)))
+    assert titles(read_runs(tmp_path)) == ["walk_straight"]
+    assert all(", seed=" in title for title in titles(read_runs(root, tmp_path)))

@@ -1,21 +1,21 @@
-"""Conditions on runs against what they were told and what they came to."""
+"""Conditions on runs, their order, and the columns that are listed."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from run_folders import leave, leave_sweep
 
-from workbench.results.index import entries
-from workbench.results.query import chosen, condition, value_of
+from workbench.results.query import best_first, listing, parse_condition, select, sort_runs, sweeps, values_of
+from workbench.results.table import read_runs
 from workbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def runs(tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
     leave_sweep(root / "sweep")
     leave(root / "lost", prior="implicit", status="failed", error=400.0, day=28)
-    return entries(root)
+    return read_runs(root)
 
 
 @pytest.mark.parametrize(
@@ -30,11 +30,8 @@ def found(tmp_path_factory):
         (["n_particles>400"], 1),
         (["error_abs_mm<13"], 3),
         (["error_abs_mm<=13", "status=complete"], 4),
-        (["status=failed"], 1),
         (["started>2026-11-05"], 9),
-        (["started<2026-11-02"], 1),
         (["path~sweep/[0-3]$"], 4),
-        (["likelihood.weights.edges>0"], 13),
         (["weights.edges>0.5"], 0),
         (["live=false"], 13),
         (["seed=0", "prior=walking"], 2),
@@ -42,30 +39,40 @@ def found(tmp_path_factory):
         (["error_abs_mm<many"], 0),
     ],
 )
-def test_runs_meet_all_conditions(found, words, n):
-    assert len(chosen(found, [condition(word) for word in words])) == n
+def test_runs_meet_all_conditions(runs, words, n):
+    assert len(select(runs, [parse_condition(word) for word in words])) == n
 
 
-def test_a_key_that_no_run_has_is_an_error_that_names_near_ones(found):
+def test_a_key_that_no_run_has_is_an_error_that_names_near_ones(runs):
     with pytest.raises(InputError, match=r"n_particle: no run has .* did you mean n_particles"):
-        chosen(found, [condition("n_particle>3")])
+        select(runs, [("n_particle", ">", "3")])
+    with pytest.raises(InputError, match="log_evidence: no run has"):
+        values_of(runs, "log_evidence")  # which is null in every run
     with pytest.raises(InputError, match="expected a regular expression"):
-        condition("path~[")
-
-
-def test_what_is_no_condition_is_a_place():
-    assert condition("recordings/runs") is None
-    assert condition("..") is None
-
-
-def test_a_number_that_came_to_nothing_is_none(found):
-    assert all(value_of(entry, "log_evidence") is None for entry in found)
+        parse_condition("path~[")
 
 
 @given(st.text(max_size=30))
 def test_any_word_is_a_condition_a_place_or_a_sentence(word):
     try:
-        made = condition(word)
+        condition = parse_condition(word)
     except InputError:
         return
-    assert made is None or word == made.key + made.sign + made.value
+    assert condition is None or word == "".join(condition)
+
+
+def test_numbers_are_sorted_by_size_and_the_best_complete_runs_are_first(runs):
+    assert values_of(sort_runs(runs, "-error_abs_mm"), "error_abs_mm")[:3] == [400.0, 21.0, 20.0]
+    assert values_of(best_first(runs), "error_abs_mm") == [10.0 + k for k in range(12)]
+
+
+def test_a_listing_leaves_out_what_is_empty(runs):
+    usual = ["path", "started", "status", "experiment", "varied", "seed", "error_abs_mm", "coverage_90"]
+    assert list(listing(runs, None)) == usual
+    assert list(listing(runs[:1], None)) == [name for name in usual if name != "varied"]
+    assert listing(runs, ["varied"])["varied"][0] == "implicit, n_particles=500"
+
+
+def test_a_sweep_is_a_row_with_its_jobs_and_its_best(runs):
+    (row,) = sweeps(runs).to_dict("records")
+    assert (row["jobs"], row["complete"], row["others"], row["best"]) == (12, 12, "", "error_abs_mm 10.00")

@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_info
 from workbench.recording.read.reader import Run, read
 from workbench.results.check.agreement import Agreement, Demand
 from workbench.results.check.compare import compare
+from workbench.results.check.outcome import Check
 from workbench.results.check.rerun import Request
-from workbench.results.report.checks import Check
 from workbench.utils.errors import InputError
 from workbench.utils.processes import CAPTURED, module, run
 from workbench.utils.run_files import RECORDING

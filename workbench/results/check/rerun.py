@@ -20,8 +20,8 @@ from workbench.recording.read.reader import Run, read
 from workbench.recording.settings import NO_EFFECT
 from workbench.results.check.agreement import Agreement, MetricChange, Tolerance
 from workbench.results.check.compare import compare, demand_on, same_environment
+from workbench.results.check.outcome import Check, has_moved
 from workbench.results.check.seeds import compare_paired, compare_seeds
-from workbench.results.report.checks import Check, has_moved
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 from workbench.utils.input_limits import parse_json

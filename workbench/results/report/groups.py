@@ -1,249 +1,177 @@
-"""Runs that differ in nothing but their seed and whom they show, grouped: what is wrong, and what metrics come to."""
+"""Runs that differ in nothing but their seed and whom they show, grouped: what is wrong, and statistics of metrics."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from workbench.evaluation.headline import ERRORS, TITLES
 from workbench.evaluation.intervals import bootstrap_interval
 from workbench.recording.read.reader import Run, Unreadable
 from workbench.results.report import variation as varied
-from workbench.results.report.people import MOTION, keys_of_people, person_of
-from workbench.results.report.protocol import half_of
+from workbench.results.report.people import MOTION, half_of, keys_of_people, person_of
 from workbench.results.report.variation import EXPERIMENT, Settings, Variation
 from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 LEVEL = 0.95
-
 STATUS = {
-    "failed": "failed",
-    "interrupted": "interrupted",
-    "running": "cut off or still running",
-    "stopped": "ended early by sweep.stop_when",
-}
+    "complete": "complete", "failed": "failed", "interrupted": "interrupted", "running": "cut off or still running",
+    "stopped": "ended early by sweep.stop_when", "unreadable": "unreadable",
+}  # fmt: skip
+STATISTICS = ("n", "people", "mean", "sd_people", "sd", "low_95", "high_95")
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Runs with equal settings. label: how they differ from the other groups'.
+class Grouping(NamedTuple):
+    """Groups of complete runs with equal settings, in the order of their values; each is known by its number.
 
-    values: of the keys that varied, as far as it has them. settings: all of them. runs: those complete, by clip and
-    seed, one each. incomplete: the others. repeats: complete ones of what is there already, left out. missing: clips
-    and seeds that other groups have; clips are empty where they do not repeat, see `keys_of_people`.
+    labels: a row for each group: `group`, how it differs from the others in one line, and the keys that varied, as
+    text. settings: of each group. runs: a row for each run that counts, one for each clip and seed of a group. values:
+    a row for each finite number of those. statistics: a row for each metric and group: numbers of runs and people, mean
+    and standard deviation over the people's means, standard deviation of all runs, and the ends of the interval of the
+    mean, over people where there are several, else over runs. counts: recordings by status. problems: a sentence for
+    each recording that does not count or is missing.
     """
 
-    label: str
-    values: Settings
-    settings: Settings
-    runs: tuple[Run, ...]
-    incomplete: tuple[Run, ...] = ()
-    repeats: tuple[Run, ...] = ()
-    missing: tuple[tuple[str, int], ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Grouping:
-    """All groups, in the order of their values, and the recordings that could not be read."""
-
-    groups: tuple[Group, ...]
+    labels: pd.DataFrame
+    settings: tuple[Settings, ...]
+    runs: pd.DataFrame
+    values: pd.DataFrame
+    statistics: pd.DataFrame
     variation: Variation
-    unreadable: tuple[Unreadable, ...] = ()
+    counts: Counter[str]
+    problems: tuple[str, ...]
 
     @property
-    def runs(self) -> tuple[Run, ...]:
-        """Select those complete, group by group."""
-        return tuple(run for group in self.groups for run in group.runs)
+    def metrics(self) -> list[str]:
+        """The metrics that any of the runs has: those of TITLES first, the others by the alphabet."""
+        return list(self.statistics["metric"].unique())
 
     @property
-    def problems(self) -> tuple[str, ...]:
-        """Tell what is wrong, a sentence each: failed, cut off, repeated, missing and unreadable runs."""
-        found = []
-        for group in self.groups:
-            for run in group.incomplete:
-                again = "; a complete one is there" if _same(run, group.runs) else ""
-                status = STATUS.get(run.status, run.status)
-                if condition := run.properties["run"].get("stopped"):
-                    status = f"{status}, {condition}"
-                found.append(f"{group.label}, seed {seed_of(run)}: {status}, not counted{again} ({run.path})")
-            found += [
-                f"{group.label}, seed {seed_of(run)}: recorded more than once, not counted again ({run.path})"
-                for run in group.repeats
-            ]
-            for clip in dict.fromkeys(clip for clip, _ in group.missing):
-                seeds = ", ".join(str(seed) for other, seed in group.missing if other == clip)
-                what = f"{clip}, seed {seeds}" if clip else f"seed {seeds}"
-                found.append(f"{group.label}: no recording of {what}, which other groups have")
-        return (*found, *(f"not a recording that can be read: {problem.reason}" for problem in self.unreadable))
+    def chief_metrics(self) -> list[str]:
+        """The metrics of TITLES, and all of those that only studies have."""
+        tracked = [not run.is_study for run in self.runs["run"]]
+        of_tracked = self.values["recording"].isin(self.runs["recording"][tracked])
+        return [name for name in self.metrics if name in TITLES or name not in set(self.values["metric"][of_tracked])]
+
+    @property
+    def headline(self) -> str | None:
+        """The error that the runs are ranked by; None where there is none, as in studies."""
+        return next((name for name in ERRORS if name in self.metrics), None)
+
+    def labelled(self, table: pd.DataFrame, keys: bool = False) -> pd.DataFrame:
+        """Return a table with labels for the numbers of groups, and with the keys that varied."""
+        labels = self.labels.loc[table["group"], slice(None) if keys else ["group"]]
+        return pd.concat([labels.set_index(table.index), table.drop(columns="group")], axis="columns")
+
+    def sample(self, metric: str, group: int) -> pd.DataFrame:
+        """Return the rows of `values` of a metric of a group."""
+        return self.values[(self.values["metric"] == metric) & (self.values["group"] == group)]
 
 
-def _same(run: Run, others: Sequence[Run]) -> bool:
-    """Tell whether one of the others shows the same clip with the same seed."""
-    shown = [(str((each.settings.get("dataset") or {}).get("motion", "")), seed_of(each)) for each in (run, *others)]
-    return shown[0] in shown[1:]
+def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
+    """Group the runs by what varied in their configurations; one without a readable one joins the unreadable."""
+    reasons = [problem.reason for problem in unreadable]
+    rows: list[dict[str, Any]] = []
+    for run in runs:
+        try:
+            settings = varied.flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))
+            rows.append({"run": run, "seed": _seed_of(run), "settings": settings})
+        except InputError as error:
+            reasons.append(str(error))
+    of_people = keys_of_people([row["settings"] for row in rows])
+    repeated = of_people | varied.seeds_of_parts([row["settings"] for row in rows], [row["seed"] for row in rows])
+    for row in rows:
+        run, settings = row["run"], row["settings"]
+        row |= {"recording": str(run.path), "person": person_of(run.settings), "half": str(half_of(run.settings))}
+        row |= {"clip": str(settings.get(MOTION, "")) if of_people else "", "status": run.status, "id": run.id}
+        row["settings"] = {key: value for key, value in settings.items() if key not in repeated}
+    variation = varied.what_varied([row["settings"] for row in rows])
+    order = [tuple(_order(row["settings"], key) for key in variation.keys) for row in rows]
+    numbers = {values: k for k, values in enumerate(sorted(set(order)))}
+    columns = ["run", "seed", "settings", "recording", "person", "half", "clip", "status", "id"]
+    table = pd.DataFrame(rows, columns=columns).assign(group=[numbers[values] for values in order])
+    settings_of = tuple(table.drop_duplicates("group").sort_values("group")["settings"])
+    newest = table[table["status"] == "complete"].sort_values("id", ascending=False, kind="stable")
+    place = ["group", "clip", "seed"]
+    counted = newest.drop_duplicates(place).sort_values(place, ignore_index=True)
+    labels = [varied.label(variation.keys, each) or str(each[EXPERIMENT]) or "all runs" for each in settings_of]
+    problems = [problem for k, label in enumerate(labels) for problem in _problems(table, counted, k, label)]
+    problems += [f"not a recording that can be read: {reason}" for reason in reasons]
+    keys = {name: [varied.shown(key, each[key]) if key in each else "" for each in settings_of]
+            for key, name in varied.short_names(variation.keys).items()}  # fmt: skip
+    values = pd.DataFrame(_numbers(counted), columns=["group", "recording", "person", "seed", "metric", "value"])
+    counts = Counter(table["status"]) + Counter(unreadable=len(reasons))
+    return Grouping(
+        pd.DataFrame({"group": labels} | keys, dtype=object), settings_of, counted, values, _statistics(values),
+        variation, counts, tuple(problems),
+    )  # fmt: skip
 
 
-def seed_of(run: Run) -> int:
-    """Return the run's seed; raises InputError when its configuration has none."""
+def _seed_of(run: Run) -> int:
     seed = run.settings.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{run.path}: expected a configuration with a whole number as its seed, found {seed!r}")
     return seed
 
 
-def group_runs(runs: Sequence[Run], unreadable: Sequence[Unreadable] = ()) -> Grouping:
-    """Group the runs by what varied in their configurations; one without a readable one joins the unreadable."""
-    readable: list[tuple[Run, dict[str, Any]]] = []
-    problems = list(unreadable)
-    for run in runs:
-        try:
-            seed_of(run)
-            readable.append((run, varied.flat(run.settings, str(run.provenance.get(EXPERIMENT, "")))))
-        except InputError as error:
-            problems.append(Unreadable(Path(run.path), str(error)))
-    rows = [settings for _, settings in readable]
-    of_people = keys_of_people(rows)
-    repeated = of_people | varied.seeds_of_parts(rows, [seed_of(run) for run, _ in readable])
-    told = {run: (str(row.get(MOTION, "")) if of_people else "", seed_of(run)) for run, row in readable}
-    readable = [(run, {k: v for k, v in settings.items() if k not in repeated}) for run, settings in readable]
-    variation = varied.what_varied([settings for _, settings in readable])
-    members: dict[tuple[str, ...], list[tuple[Run, dict[str, Any]]]] = {}
-    for run, settings in readable:
-        values = tuple(varied.comparable(settings, key) for key in variation.keys)
-        members.setdefault(values, []).append((run, settings))
-    groups = [_group([run for run, _ in found], found[0][1], variation, told) for found in members.values()]
-    groups.sort(key=lambda group: [_rank(group, key) for key in variation.keys])
-    return Grouping(tuple(groups), variation, tuple(problems))
+def _order(settings: Settings, key: str) -> tuple[int, float, str, str]:
+    """Order numbers by size, then other values by the alphabet, then settings without the key."""
+    if key not in settings:
+        return 2, 0.0, "", ""
+    value, exactly = settings[key], varied.comparable(settings, key)
+    if isinstance(value, int | float):
+        return 0, float(value), "", exactly
+    return 1, 0.0, varied.shown(key, value), exactly
 
 
-def _group(runs: Sequence[Run], settings: Settings, variation: Variation, told: Mapping[Run, tuple[str, int]]) -> Group:
-    """Group runs; told: clip and seed of every run of all groups. Of a protocol's other half none is missing."""
-    halves = {half_of(run.settings) for run in runs}
-    expected = {shown for run, shown in told.items() if half_of(run.settings) in halves}
-    complete: dict[tuple[str, int], Run] = {}
-    repeats: list[Run] = []
-    for run in sorted(runs, key=lambda run: run.id, reverse=True):
-        if run.status == "complete" and complete.setdefault(told[run], run) is not run:
-            repeats.append(run)
-    return Group(
-        label=varied.label(variation.keys, settings) or str(settings[EXPERIMENT]) or "all runs",
-        values={key: settings[key] for key in variation.keys if key in settings},
-        settings=settings,
-        runs=tuple(complete[each] for each in sorted(complete)),
-        incomplete=tuple(run for run in runs if run.status != "complete"),
-        repeats=tuple(repeats),
-        missing=tuple(sorted(expected - {told[run] for run in runs})),
-    )
+def _problems(table: pd.DataFrame, counted: pd.DataFrame, group: int, label: str) -> Iterator[str]:
+    """Describe a group's runs that failed, were cut off, are repeated or missing, a sentence each."""
+    members, ours = table[table["group"] == group], counted[counted["group"] == group]
+    there = set(zip(ours["clip"], ours["seed"], strict=True))
+    for row in members[members["status"] != "complete"].itertuples():
+        stopped = row.run.properties["run"].get("stopped")
+        status = STATUS.get(row.status, row.status) + (f", {stopped}" if stopped else "")
+        again = "; a complete one is there" if (row.clip, row.seed) in there else ""
+        yield f"{label}, seed {row.seed}: {status}, not counted{again} ({row.recording})"
+    for row in members[members["status"] == "complete"].itertuples():
+        if row.run not in set(ours["run"]):
+            yield f"{label}, seed {row.seed}: recorded more than once, not counted again ({row.recording})"
+    expected = table[table["half"].isin(members["half"])]  # of a protocol's other half no run is missing
+    pairs = [set(zip(each["clip"], each["seed"], strict=True)) for each in (expected, members)]
+    missing = sorted(pairs[0] - pairs[1])
+    for clip in dict.fromkeys(clip for clip, _ in missing):
+        seeds = ", ".join(str(seed) for other, seed in missing if other == clip)
+        yield f"{label}: no recording of {f'{clip}, ' * bool(clip)}seed {seeds}, which other groups have"
 
 
-def _rank(group: Group, key: str) -> tuple[int, float, str]:
-    """Numbers by size, then text by the alphabet, then groups without the key."""
-    if key not in group.values:
-        return 2, 0.0, ""
-    value = group.values[key]
-    return (0, float(value), "") if isinstance(value, int | float) else (1, 0.0, varied.shown(key, value))
+def _numbers(counted: pd.DataFrame) -> Iterator[tuple[Any, ...]]:
+    for row in counted.itertuples():
+        for metric, value in sorted({**row.run.result, **row.run.properties.get("cost", {})}.items()):
+            if isfinite(value):
+                yield row.group, row.recording, row.person, row.seed, metric, float(value)
 
 
-@dataclass(frozen=True)
-class Statistic:
-    """A metric over a group's runs. n: those with a finite value. people: whom they show, each with a mean of its own.
-
-    mean: over the people's means, sd_people their standard deviation. sd: of all runs. low, high: of the interval of
-    the mean, over people where there are several, else over runs. NaN where there are fewer than two of them.
-    """
-
-    metric: str
-    n: int
-    people: int
-    mean: float
-    sd_people: float
-    sd: float
-    low: float
-    high: float
+def _statistics(values: pd.DataFrame) -> pd.DataFrame:
+    rows = []
+    names = [name for name in TITLES if name in set(values["metric"])]
+    for metric in [*names, *sorted(set(values["metric"]) - set(names))]:
+        for group, sample in values[values["metric"] == metric].groupby("group"):
+            people = sample.groupby("person")["value"].mean()
+            spread = people.mean(), people.std(), sample["value"].std(), *interval(repetitions(sample))
+            rows.append((metric, group, len(sample), len(people), *spread))
+    return pd.DataFrame(rows, columns=["metric", "group", *STATISTICS])
 
 
-def numbers(run: Run) -> dict[str, float]:
-    """Return a complete run's metrics and its cost, by name."""
-    return {**run.result, **run.properties.get("cost", {})}
-
-
-def metric_names(groups: Sequence[Group]) -> list[str]:
-    """Name the metrics that any of the runs has: the chief ones first, the others by the alphabet."""
-    found = {name for group in groups for run in group.runs for name in numbers(run)}
-    return [name for name in TITLES if name in found] + sorted(found - TITLES.keys())
-
-
-def chief_names(groups: Sequence[Group]) -> list[str]:
-    """Name the chief metrics, and all of those that only studies have."""
-    tracked = {name for group in groups for run in group.runs if not run.is_study for name in numbers(run)}
-    return [name for name in metric_names(groups) if name in TITLES or name not in tracked]
-
-
-def headline(groups: Sequence[Group]) -> str | None:
-    """Name the error that the runs are ranked by; None where there is none, as in studies."""
-    found = metric_names(groups)
-    return next((name for name in ERRORS if name in found), None)
-
-
-def values(group: Group, metric: str) -> list[tuple[Run, float]]:
-    """Return the group's runs with their value of a metric, where it is finite."""
-    found = [(run, float(numbers(run).get(metric, np.nan))) for run in group.runs]
-    return [(run, value) for run, value in found if np.isfinite(value)]
-
-
-def statistic(group: Group, metric: str) -> Statistic | None:
-    """Sum up the metric over the group's runs; None when no run has it.
-
-    The resampling has a generator of its own, so that a group's interval does not depend on the other groups.
-    """
-    found = values(group, metric)
-    if not found:
-        return None
-    sample, people = np.array([value for _, value in found]), by_person(found)
-    low, high = interval(repetitions(found))
-    return Statistic(
-        metric, len(sample), len(people), float(people.mean()), _sd(people), _sd(sample), float(low), float(high)
-    )
-
-
-def by_person(found: Sequence[tuple[Run, float]]) -> FloatArray:
-    """Average what was found over the runs that show the same person; one number each."""
-    people: dict[str, list[float]] = {}
-    for run, value in found:
-        people.setdefault(person_of(run.settings), []).append(value)
-    return np.array([np.mean(each) for each in people.values()])
-
-
-def repetitions(found: Sequence[tuple[Run, float]]) -> FloatArray:
-    """Return what an interval is over: people's means where there are several people, else the single runs'."""
-    people = by_person(found)
-    return people if len(people) > 1 else np.array([value for _, value in found])
-
-
-def _sd(sample: FloatArray) -> float:
-    return float(sample.std(ddof=1)) if len(sample) > 1 else float("nan")
+def repetitions(sample: pd.DataFrame) -> FloatArray:
+    """Return what an interval is over: people's means where there are several people, else the values of the runs."""
+    people = sample.groupby("person", sort=False)["value"].mean()
+    return (people if len(people) > 1 else sample["value"]).to_numpy()
 
 
 def interval(sample: FloatArray) -> FloatArray:
-    """Return the interval (2, ...) of the mean of a sample (n, ...)."""
+    """Return the interval (2,) of the mean of a sample (n,), which does not depend on other groups."""
     return bootstrap_interval(sample, np.random.default_rng(0), LEVEL)
-
-
-def joint_errors(run: Run) -> Mapping[str, float]:
-    """Return every joint's mean distance from its true place, mm, over the frames after the first that have truth.
-
-    Empty for studies and without truth. The first frame is given, not tracked.
-    """
-    if run.is_study:
-        return {}
-    estimate, truth = run.joints, run.true_joints
-    frames, mine, true = np.intersect1d(estimate.frames, truth.frames, return_indices=True)
-    tracked = frames > estimate.frames.min(initial=np.iinfo(np.int64).max)
-    if not tracked.any():
-        return {}
-    apart = estimate.positions[mine[tracked]] - truth.positions[true[tracked]]
-    means = 1e3 * np.linalg.norm(apart, axis=2).mean(axis=0)
-    return {name: float(value) for name, value in zip(estimate.names, means, strict=True)}

@@ -1,20 +1,27 @@
-"""Whom runs show: people repeat an experiment as seeds do, and numbers are means over them."""
+"""Who is shown in runs, and how the runs of a protocol divide: people repeat an experiment as seeds do."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.motion.formats.names import GENERATED, left_out, performer
-from workbench.results.report.protocol import SHOWN, half_of
 
 MOTION = "dataset.motion"
-HALF = "protocol.half"
+_HALF = "protocol.half"
+_DRAWN = ("dataset.view_deg", "dataset.first_frame", "dataset.occluder", "protocol.activity", "protocol.shown")
+"""Keys that a protocol draws for every clip and seed, so that they do not tell groups of runs apart."""
+
+
+def half_of(settings: Mapping[str, Any]) -> str | None:
+    """Return the half of its protocol's clips that a run belongs to; None where there is no protocol."""
+    half = (settings.get("protocol") or {}).get("half")
+    return None if half is None else str(half)
 
 
 def person_of(settings: Mapping[str, Any]) -> str:
-    """Name whom a run's configuration shows: who performed the motion; of generated people each seed's is another.
+    """Return who performed the motion that a configuration shows; of generated people each seed's is another.
 
-    In a protocol that leaves out styles, Bandai's styles are people. Empty where there is no motion: a dataset of one's
-    own shows one person.
+    In a protocol that leaves out styles, Bandai's styles are people. Empty without a motion: such a dataset shows one
+    person.
     """
     dataset = settings.get("dataset") or {}
     motion = dataset.get("motion")
@@ -28,7 +35,7 @@ def person_of(settings: Mapping[str, Any]) -> str:
 
 
 def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
-    """Name the keys of flat settings that only say who is shown and left out, where recorded people are swept over.
+    """Return the keys of flat settings that only say who is shown and left out, where recorded people are swept over.
 
     That is where the runs show clips of two known performers or more; otherwise no key.
     """
@@ -36,5 +43,5 @@ def keys_of_people(settings: Sequence[Mapping[str, Any]]) -> set[str]:
     people = {performer(motion) for motion in motions}
     if len(people) < 2 or None in people:
         return set()
-    drawn = set(SHOWN) if any(row.get(HALF) is not None for row in settings) else set()
+    drawn = set(_DRAWN) if any(row.get(_HALF) is not None for row in settings) else set()
     return {MOTION} | drawn | {key for row in settings for key in row if key.rpartition(".")[2] == "leave_out"}

@@ -3,8 +3,7 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from workbench.recording.settings import NO_EFFECT, leaves
 
@@ -16,8 +15,7 @@ Settings = Mapping[str, Any]
 """A configuration as flat dotted keys, with the experiment's name under `experiment`."""
 
 
-@dataclass(frozen=True)
-class Variation:
+class Variation(NamedTuple):
     """keys: dotted keys that tell the runs apart, choices first. following: keys that only change with one of them."""
 
     keys: tuple[str, ...]
@@ -25,18 +23,18 @@ class Variation:
 
 
 def flat(settings: Mapping[str, Any], experiment: str) -> dict[str, Any]:
-    """Tell what may have influenced a run's numbers but the seed: {dotted key: value}."""
-    kept = {key: value for key, value in settings.items() if key not in ("seed", *NO_EFFECT)}
-    told = {key: value for key, value in leaves(kept) if not key.endswith(_PLACES)}
-    return {EXPERIMENT: experiment, **told}
+    """Return what may have affected a run's numbers, except the seed: {dotted key: value}."""
+    keys = {key: value for key, value in leaves(settings) if not key.endswith(_PLACES)}
+    return {EXPERIMENT: experiment} | {
+        key: value for key, value in keys.items() if key.partition(".")[0] not in ("seed", *NO_EFFECT)
+    }
 
 
 def seeds_of_parts(settings: Sequence[Settings], seeds: Sequence[int]) -> set[str]:
-    """Find the seeds of parts that are the run's own in every run, such as `dataset.seed=${seed}`: they only repeat."""
+    """Return the keys of components' seeds that equal the run's seed in every run, as `dataset.seed=${seed}` does."""
     names = {key for row in settings for key in row if key.endswith(".seed")}
-    return {
-        name for name in names if all(row.get(name, seed) == seed for row, seed in zip(settings, seeds, strict=True))
-    }
+    pairs = list(zip(settings, seeds, strict=True))
+    return {name for name in names if all(row.get(name, seed) == seed for row, seed in pairs)}
 
 
 def what_varied(settings: Sequence[Settings]) -> Variation:
@@ -66,23 +64,22 @@ def _leads(first: Sequence[str], second: Sequence[str], choice: bool) -> bool:
 
 
 def comparable(row: Settings, name: str) -> str:
-    """Write a value as text, equal for equal values; a list of one is its item, a key that is not there is empty."""
+    """Return a value as JSON; a list of one item is that item, a key that is not there an empty list."""
     value = row.get(name, [])
     return json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value, sort_keys=True, default=str)
 
 
 def short_names(keys: Sequence[str]) -> dict[str, str]:
-    """Shorten dotted keys to their last part, or for the choice of a part its group, where that is unique."""
+    """Shorten dotted keys to their last part, or for the choice of a component its group, where that is unique."""
     parts = {key: key.removesuffix(TARGET).split(".") for key in keys}
     last = [words[-1] for words in parts.values()]
     return {key: words[-1] if last.count(words[-1]) == 1 else ".".join(words) for key, words in parts.items()}
 
 
 def shown(key: str, value: Any) -> str:
-    """Write a value as a person would; what a part is made by as the name of the part."""
+    """Format a value as a user types it; a component's class as the component's name."""
     if key.endswith(TARGET):
-        name = str(value).rpartition(".")[2]
-        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(value).rpartition(".")[2]).lower()
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, list):
@@ -91,8 +88,8 @@ def shown(key: str, value: Any) -> str:
 
 
 def label(keys: Sequence[str], values: Settings) -> str:
-    """Return one line that tells a group from the others, of the keys that it has: `walking, n_particles=200`."""
-    names = short_names(keys)
+    """Return the values of those keys that a group has in one line: `walking, n_particles=200`."""
     texts = {key: shown(key, values[key]) for key in keys if key in values}
-    chosen = (EXPERIMENT, *(key for key in keys if key.endswith(TARGET)))
-    return ", ".join(text if key in chosen else f"{names[key]}={text}" for key, text in texts.items())
+    names = short_names(keys)
+    bare = (EXPERIMENT, *(key for key in keys if key.endswith(TARGET)))
+    return ", ".join(text if key in bare else f"{names[key]}={text}" for key, text in texts.items())

@@ -7,8 +7,10 @@ from report_runs import made_up
 from workbench.recording.read.reader import Unreadable
 from workbench.results.report import plots
 from workbench.results.report.contents import contents
-from workbench.results.report.groups import chief_names, group_runs, headline, metric_names, seed_of, statistic
+from workbench.results.report.groups import group_runs
 from workbench.results.report.plots import all_series
+
+ERRORS = {"35_02": (10.0, 12.0), "35_15": (14.0, 16.0), "38_02": (40.0, 42.0), "39_02": (70.0,)}
 
 
 def sweep():
@@ -21,28 +23,66 @@ def sweep():
     ]
 
 
+def people(prior="walking"):
+    """Two seeds of clips of three people."""
+    return [
+        made_up(prior, seed=seed, motion=motion, error_abs_mm=error)
+        for motion, errors in ERRORS.items()
+        for seed, error in enumerate(errors)
+    ]
+
+
+def statistic(grouping, metric):
+    """The statistics of a metric of the first group; None where it has none."""
+    rows = grouping.statistics[(grouping.statistics["metric"] == metric) & (grouping.statistics["group"] == 0)]
+    return next(rows.itertuples(), None)
+
+
 def test_groups_are_ordered_and_their_runs_too():
     grouping = group_runs(sweep())
-    labels = [group.label for group in grouping.groups]
-    expected = [f"{prior}, n_particles={n}" for prior in ("smooth", "walking") for n in (200, 1000)]
-    assert labels == expected
-    assert all([seed_of(run) for run in group.runs] == [0, 1, 2] for group in grouping.groups)
+    labels = [f"{prior}, n_particles={n}" for prior in ("smooth", "walking") for n in (200, 1000)]
+    assert list(grouping.labels["group"]) == labels
+    assert list(grouping.labels["n_particles"]) == ["200", "1000"] * 2
+    assert list(grouping.runs["seed"]) == [0, 1, 2] * 4
     assert grouping.problems == ()
 
 
 def test_statistics_are_those_of_the_seeds():
-    group = group_runs(sweep()).groups[0]  # 300, 301, 302
-    found = statistic(group, "error_abs_mm")
-    assert (found.n, found.mean, found.sd, found.low, found.high) == (3, 301.0, 1.0, 300.0, 302.0)
-    assert statistic(group, "error_px") is None
+    found = statistic(group_runs(sweep()), "error_abs_mm")  # 300, 301, 302
+    assert (found.n, found.mean, found.sd, found.low_95, found.high_95) == (3, 301.0, 1.0, 300.0, 302.0)
+    assert statistic(group_runs(sweep()), "error_px") is None
 
 
 def test_a_value_that_is_not_finite_is_not_counted():
     runs = [made_up(seed=0, error_px=2.0), made_up(seed=1, error_px=np.nan), made_up(seed=2)]
-    found = statistic(group_runs(runs).groups[0], "error_px")
+    found = statistic(group_runs(runs), "error_px")
     assert (found.n, found.mean) == (1, 2.0)
-    assert np.isnan([found.sd, found.low, found.high]).all()
-    assert statistic(group_runs(runs[1:]).groups[0], "error_px") is None
+    assert np.isnan([found.sd, found.low_95, found.high_95]).all()
+    assert statistic(group_runs(runs[1:]), "error_px") is None
+
+
+def test_clips_of_several_people_are_one_group_whose_mean_is_over_people():
+    grouping = group_runs(people())
+    assert len(grouping.labels) == 1
+    found = statistic(grouping, "error_abs_mm")
+    means = np.array([13.0, 41.0, 70.0])
+    assert (found.n, found.people, found.mean) == (7, 3, pytest.approx(means.mean()))
+    assert found.sd_people == pytest.approx(means.std(ddof=1))
+    assert found.sd == pytest.approx(np.std([10, 12, 14, 16, 40, 42, 70], ddof=1))
+    assert 13.0 <= found.low_95 < found.mean < found.high_95 <= 70.0
+
+
+def test_a_missing_clip_is_named():
+    grouping = group_runs([*people(), *people("smooth")[:-1]])
+    assert grouping.problems == ("smooth: no recording of 39_02, seed 0, which other groups have",)
+    assert any("repeated over seeds and 3 people" in line for line in contents(grouping).summary)
+    row = grouping.values[(grouping.values["person"] == "38") & (grouping.values["seed"] == 1)].iloc[0]
+    assert (row["metric"], row["value"]) == ("error_abs_mm", 42.0)
+
+
+def test_clips_of_one_person_are_told_apart():
+    runs = [made_up(seed=seed, motion=motion, error_px=1.0) for motion in ("35_02", "35_15") for seed in (0, 1)]
+    assert list(group_runs(runs).labels["motion"]) == ["35_02", "35_15"]
 
 
 def test_everything_that_does_not_count_is_named():
@@ -58,9 +98,7 @@ def test_everything_that_does_not_count_is_named():
     ]
     torn = Unreadable("torn.rrd", "torn.rrd: expected a whole recording")
     grouping = group_runs(runs, [torn])
-    smooth, walking = grouping.groups
-    assert smooth.runs[0].result == {"error_px": 2.0}  # the later of two
-    assert (smooth.missing, walking.missing) == ((("", 1), ("", 2)), (("", 3),))
+    assert list(grouping.values["value"]) == [2.0]  # the later of two
     assert grouping.problems == (
         "smooth, seed 0: failed, not counted; a complete one is there (smooth_500_0_failed.rrd)",
         "smooth, seed 0: recorded more than once, not counted again (smooth_500_0_complete.rrd)",
@@ -72,73 +110,60 @@ def test_everything_that_does_not_count_is_named():
         "not a recording that can be read: smooth_500_one_complete.rrd: expected a configuration with a whole number "
         "as its seed, found 'one'",
     )
-    said = contents(grouping).summary
-    assert said[0] == "9 recordings: 4 complete, 2 failed, 1 cut off or still running, 2 unreadable."
+    summary = contents(grouping).summary
+    assert summary[0] == "9 recordings: 4 complete, 2 failed, 1 cut off or still running, 2 unreadable."
 
 
-def test_what_was_asked_for_comes_first():
+def test_chief_metrics_come_first_and_a_study_is_not_ranked():
     runs = [made_up(alpha=1.0, error_px=2.0, cost={"seconds": 3.0}), made_up("study", study=True, gap_deg=1.0)]
-    groups = group_runs(runs).groups
-    assert metric_names(groups) == ["error_px", "seconds", "alpha", "gap_deg"]
-    assert chief_names(groups) == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
-    assert headline(groups) == "error_px"
-    assert (groups[0].label, headline(groups[:1])) == ("study", None)
-
-
-def test_a_study_is_not_ranked():
-    found = contents(group_runs([made_up("study", study=True, gap_deg=1.0)]))
-    assert found.extremes is None
-    assert [title for title, _ in found.chief] == ["gap_deg"]
+    grouping = group_runs(runs)
+    assert grouping.metrics == ["error_px", "seconds", "alpha", "gap_deg"]
+    assert grouping.chief_metrics == ["error_px", "seconds", "gap_deg"]  # a study has no other numbers than its own
+    assert (grouping.headline, group_runs(runs[1:]).headline) == ("error_px", None)
+    assert list(contents(group_runs(runs[1:])).tables) == ["gap_deg"]
 
 
 def test_best_and_worst_are_the_least_and_the_largest_error():
-    title, table = contents(group_runs(sweep())).extremes
-    assert title == "best and worst runs by error_abs_mm"
-    assert table.rows[:2] == (
-        ("smooth, n_particles=200", "best", "300.0", "", "0", "smooth_200_0_complete.rrd"),
-        ("smooth, n_particles=200", "worst", "302.0", "", "2", "smooth_200_2_complete.rrd"),
-    )
+    table = contents(group_runs(sweep())).tables["best and worst runs by error_abs_mm"]
+    assert table.to_numpy().tolist()[:2] == [
+        ["smooth, n_particles=200", "best", 300.0, "", 0, "smooth_200_0_complete.rrd"],
+        ["smooth, n_particles=200", "worst", 302.0, "", 2, "smooth_200_2_complete.rrd"],
+    ]
 
 
-def test_recordings_without_their_cost_are_told():
-    sentence = "The recordings do not say what the runs took."
-    assert sentence in contents(group_runs([made_up(error_px=1.0)])).summary
-    assert sentence not in contents(group_runs([made_up(error_px=1.0, cost={"seconds": 1.0})])).summary
+def test_missing_costs_and_different_versions_are_reported():
+    cost, version = "The recordings do not say what the runs took.", "different versions of the workbench: 0.1, 0.2."
+    runs = [made_up(seed=0, version="0.1", error_px=1.0), made_up(seed=1, version="0.2", error_px=1.0)]
+    summary = " ".join(contents(group_runs(runs)).summary)
+    assert cost in summary
+    assert version in summary
+    summary = " ".join(contents(group_runs([made_up(error_px=1.0, cost={"seconds": 1.0})])).summary)
+    assert cost not in summary
+    assert "versions" not in summary
 
 
-def test_different_versions_are_told():
-    runs = [made_up(seed=0, version="0.1"), made_up(seed=1, version="0.2")]
-    assert any("different versions of the workbench: 0.1, 0.2" in line for line in contents(group_runs(runs)).summary)
-    assert not any("version" in line for line in contents(group_runs(runs[:1])).summary)
-
-
-def test_groups_of_a_series_differ_in_their_particles_only():
-    series, left_out = all_series(group_runs(sweep()), "error_abs_mm")
-    assert [(line.label, [group.settings["inference.n_particles"] for group in line.groups]) for line in series] == [
-        ("smooth", [200, 1000]), ("walking", [200, 1000]),
-    ]  # fmt: skip
-    assert left_out == 0
+def test_groups_of_a_series_differ_in_their_particles_only_and_the_best_are_shown():
+    series, n_left_out = all_series(group_runs(sweep()), "error_abs_mm")
+    assert [(line.label, line.groups) for line in series] == [("smooth", [0, 1]), ("walking", [2, 3])]
+    assert n_left_out == 0
     assert len({line.shade(group) for line in series for group in line.groups}) == 4
-
-
-def test_the_best_series_are_shown_where_colours_run_out():
-    runs = [made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]
-    series, left_out = all_series(group_runs(runs), "error_abs_mm")
-    assert ([line.label for line in series], left_out) == ([f"prior_{k}" for k in range(7)], 2)
+    series, n_left_out = all_series(
+        group_runs([made_up(f"prior_{k}", error_abs_mm=float(k)) for k in range(9)]), "error_abs_mm"
+    )
+    assert ([line.label for line in series], n_left_out) == ([f"prior_{k}" for k in range(7)], 2)
 
 
 def test_every_plot_shows_the_best_series_each_in_one_colour(monkeypatch):
     figures = {}
     monkeypatch.setattr(plots, "joint_errors", lambda run: {})  # which are in the recordings
-    monkeypatch.setattr(plots, "_picture", lambda name, _, figure: figures.setdefault(name, figure))
+    monkeypatch.setattr(plots, "_plot", lambda name, _, figure: figures.setdefault(name, figure))
     runs = [
         made_up(f"prior_{k}", n, error_abs_mm=float(k + n / 1e4), coverage_90=0.9 - 0.1 * k, cost={"seconds": 1.0 + k})
         for k in range(9) for n in (200, 1000)
     ]  # fmt: skip
-    plots.pictures(group_runs(runs))
-    best = [f"prior_{k}" for k in range(7)]
+    plots.plots_of(group_runs(runs))
     coverage = [label.get_text() for label in figures["coverage"].axes[0].get_yticklabels()]
-    assert coverage == [f"{prior}, n_particles={n}" for prior in best for n in (200, 1000)]
+    assert coverage == [f"prior_{k}, n_particles={n}" for k in range(7) for n in (200, 1000)]
     means = [line for line in figures["coverage"].axes[0].lines if line.get_markersize() == 6.5]
     assert len({line.get_color() for line in means}) == len(coverage)
     shown = {tuple(line.get_color()) for line in figures["error_against_particles"].axes[0].lines}
@@ -148,4 +173,4 @@ def test_every_plot_shows_the_best_series_each_in_one_colour(monkeypatch):
 @pytest.mark.parametrize("runs", [[], [made_up(status="failed")]])
 def test_nothing_complete_is_no_error(runs):
     found = contents(group_runs(runs))
-    assert (found.extremes, found.chief, found.others) == (None, (), ())
+    assert (found.tables, found.others) == ({}, {})

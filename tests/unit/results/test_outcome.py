@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from workbench.results.check.agreement import Agreement, Demand, MetricChange, Tolerance
-from workbench.results.report.checks import Check, exit_code, has_moved, moved, notes, table
+from workbench.results.check.outcome import Check, exit_code, has_moved, moved, notes, table
 
 
 def run(environment, **result):

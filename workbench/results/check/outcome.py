@@ -1,4 +1,4 @@
-"""What checks of recordings came to: tables for a terminal, a file for a build server, an exit code."""
+"""Outcomes of checks of recordings: tables for a terminal, a file for a build server, an exit code."""
 
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -9,12 +9,11 @@ from statistics import median
 
 from workbench.recording.read.reader import Run
 from workbench.results.check.agreement import Agreement, Demand, MetricChange
-from workbench.results.report.tables import Table, printable, text
+from workbench.results.formatting import printable, table_of, text
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.environment import differing
 
 _COLUMNS = ("recording", "metric", "was", "is", "allowed", "outcome")
-_NUMBERS = frozenset(("was", "is"))
 MAIN = ("error_abs_mm", "error_rel_mm", "error_px")
 """Numbers of which a check says by how much they may change unseen."""
 
@@ -60,13 +59,13 @@ def exit_code(checks: Iterable[Check]) -> int:
 
 def table(checks: Sequence[Check], verbose: bool = False) -> str:
     """A row for every number that failed, and one for every recording that passed; verbose: for every number."""
-    return text(Table(_COLUMNS, tuple(row for check in checks for row in _rows(check, verbose)), _NUMBERS))
+    return text(table_of(_COLUMNS, (row for check in checks for row in _rows(check, verbose))))
 
 
 def moved(checks: Sequence[Check]) -> str:
     """A row for every number that is not what it was."""
-    rows = tuple((check.name, *_cells(finding)) for check in checks for finding in check.findings if has_moved(finding))
-    return text(Table(_COLUMNS, rows, _NUMBERS)) if rows else "nothing moved"
+    rows = [(check.name, *_cells(finding)) for check in checks for finding in check.findings if has_moved(finding)]
+    return text(table_of(_COLUMNS, rows)) if rows else "nothing moved"
 
 
 def notes(checks: Sequence[Check]) -> list[str]:
