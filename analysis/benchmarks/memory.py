@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from analysis.benchmarks.figure import Figure
 
-RUN = ("-m", "workbench", "dataset.n_frames=5")
+RUN = ("-m", "workbench", "run", "dataset.n_frames=5")
 FEW, MANY = 64, 100_000
 
 # A process counts as its own peak what its parent held when it was started. So a small one is put in between.

@@ -1,6 +1,6 @@
 """Time to find some of a thousand runs: the first time, when all are read, and later, when the index answers.
 
-The runs are made up, with as many settings and numbers as a run has. `workbench-runs` is started as a process of its
+The runs are made up, with as many settings and numbers as a run has. `workbench runs` is started as a process of its
 own, as a person does, imports included.
 """
 
@@ -50,7 +50,7 @@ def _summary(k: int) -> dict[str, object]:
         "status": "complete", "experiment": "walk_straight", "seed": k, "identity": f"{k:064d}", "host": "elsewhere",
         "started": f"202611{1 + k % 28:02d}T{k % 24:02d}0000.{k:06d}Z", "error": None,
         "metrics": {"error_abs_mm": k * 37 % 1000 / 10, **{f"number_{i}": i + k / 7 for i in range(50)}},
-        "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench seed={k}"},
+        "provenance": {"commit": "c" * 40, "choices": [f"prior={prior}"], "command": f"workbench run seed={k}"},
         "settings": {"seed": k, "inference": {"n_particles": n_particles}, **parts},
     }  # fmt: skip
 
@@ -58,7 +58,7 @@ def _summary(k: int) -> dict[str, object]:
 def _seconds(folder: str) -> tuple[float, float]:
     """Wall time and processor time of a process that must find something."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
-    command = [sys.executable, "-m", "workbench.cli.runs", folder, *QUERY]
+    command = [sys.executable, "-m", "workbench", "runs", folder, *QUERY]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     wall, after = perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     assert "sweep_" in done.stdout

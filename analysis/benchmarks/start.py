@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.benchmarks.figure import Figure
 
-RUN = ["-m", "workbench", "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
+RUN = ["-m", "workbench", "run", "dataset.n_frames=2", "inference.n_particles=64", "threads=1"]
 REPEATS = 3
 
 

@@ -14,7 +14,7 @@ from time import perf_counter
 
 from analysis.benchmarks.figure import Figure
 
-JOBS = ["-m", "workbench", "-m", "dataset.n_frames=50", "inference.n_particles=6000"]
+JOBS = ["-m", "workbench", "run", "-m", "dataset.n_frames=50", "inference.n_particles=6000"]
 N_JOBS, REPEATS = 24, 2
 WORKERS = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
 

@@ -1,4 +1,4 @@
-"""How often workbench-why names the cause of a loss that was planted: python -m analysis.benchmarks.why FOLDER.
+"""How often workbench diagnose names the cause of a loss that was planted: python -m analysis.benchmarks.why FOLDER.
 
 A built-in walker is rendered and tracked with few particles, with one thing wrong. A scene counts where the run loses
 the person with it and does not without it; scenes are gone through by their seeds until there are enough. Then every

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from workbench.cli.run import main
+from workbench.cli.main import main
 from workbench.experiment.execute import execute
 from workbench.experiment.resuming import resumed
 from workbench.recording.read import checkpoints as reading
@@ -25,8 +25,7 @@ def recorded(folder, cache, *overrides):
         patch.setenv("WORKBENCH_CACHE", str(cache))
         patch.delenv("WORKBENCH_DATA", raising=False)
         patch.setattr(checkpoints, "SHARE", np.inf)
-        patch.setattr("sys.argv", ["workbench", "experiment=walk_circle", *overrides, f"hydra.run.dir={folder}"])
-        assert main() == 0
+        assert main(["run", "experiment=walk_circle", *overrides, f"hydra.run.dir={folder}"]) == 0
     return folder / "run.rrd"
 
 
@@ -137,7 +136,7 @@ def test_two_futures_of_one_frame(run, long):
     found, before = read(folder / "run.rrd"), read(long)
     np.testing.assert_array_equal(found.poses[1][0], before.poses[1][5])
     assert not (found.poses[1][1:] == before.poses[1][6:]).all(axis=1).any()
-    assert f"workbench-view {long} {folder / 'run.rrd'}" in told
+    assert f"workbench view {long} {folder / 'run.rrd'}" in told
 
 
 def cut_at(frame, patch):

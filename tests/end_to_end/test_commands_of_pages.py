@@ -80,7 +80,7 @@ def made(tmp_path_factory, cache):
     small = [*RENDERED, "dataset.n_frames=4", "inference.n_particles=20"]
     for sweep in (["hydra.run.dir=recordings/runs/walk_circle/TIME", "experiment=walk_circle"],
                   ["-m", "seed=0,1", "hydra.sweep.dir=recordings/sweeps/walk_straight/TIME"]):  # fmt: skip
-        command = [sys.executable, "-m", "workbench", *sweep, *small]
+        command = [sys.executable, "-m", "workbench", "run", *sweep, *small]
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     runs = [folder / "recordings/sweeps/walk_straight/TIME" / job / "run.rrd" for job in "01"]

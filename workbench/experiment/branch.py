@@ -1,5 +1,5 @@
-"""A new run from what a recording was made with, `workbench from=RUN.rrd seed=3 prior=smooth`, from its first frame or,
-`from=RUN.rrd@120`, from one of those recorded."""
+"""A new run of a recorded configuration, `workbench run from=RUN.rrd seed=3 prior=smooth`, from its first frame or,
+`from=RUN.rrd@120`, from another one."""
 
 import logging
 import re
@@ -55,7 +55,7 @@ def branch(arguments: Sequence[str]) -> Summary:
         raise InputError(f"{folder}: holds the run that is gone on from; choose another by {_FOLDER}FOLDER")
     summary = execute(config, experiment, folder, command=command, continued=continued)
     if continued is not None:
-        log.info("both under one cursor: workbench-view %s %s", run.path, summary.recording)
+        log.info("both under one cursor: workbench view %s %s", run.path, summary.recording)
     return summary
 
 

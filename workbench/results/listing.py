@@ -54,7 +54,7 @@ def _cut(name: str, cell: str) -> str:
 
 
 def varied(entries: Sequence[Entry]) -> list[str]:
-    """Say what tells each of the runs from the others, as `workbench-report` does; empty where nothing does."""
+    """Say what tells each of the runs from the others, as `workbench report` does; empty where nothing does."""
     settings = [flat(entry.settings, entry.experiment) for entry in entries]
     keys = [key for key in what_varied(settings).keys if key != "experiment"]
     return [label(keys, values) for values in settings]

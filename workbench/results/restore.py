@@ -23,7 +23,7 @@ _COMMIT = re.compile("[0-9a-f]{7,64}")
 def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
     """Commands for a shell in the clone at `root`, and sentences of what they do not bring back.
 
-    The difference of the code is taken out of the recording again by `workbench-runs --changes`.
+    The difference of the code is taken out of the recording again by `workbench runs --changes`.
     """
     origin, commands = run.provenance, list[str]()
     if commit := _commit(origin):
@@ -32,12 +32,14 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
         commands.append(f"cd {shlex.quote(folder)}")
         if origin.get("difference"):
             recording = shlex.quote(os.path.relpath(run.path.resolve(), root.parent / folder.removeprefix("../")))
-            commands.append(f"workbench-runs --changes {recording} | git apply")
+            commands.append(f"workbench runs --changes {recording} | git apply")
         commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
     if words := _command(origin):
-        commands.append(shlex.join([".venv/bin/workbench" if commit else "workbench", *words[1:]]))
+        legacy = not commit and words[1:2] != ["run"]  # recorded by a version whose command was `workbench KEY=VALUE`
+        program = ".venv/bin/workbench" if commit else "workbench"
+        commands.append(shlex.join([program, *(["run"] if legacy else []), *words[1:]]))
     else:
-        commands.append(f"workbench-check {shlex.quote(str(run.path))}")
+        commands.append(f"workbench check {shlex.quote(str(run.path))}")
     return commands, [*_gone(origin, root), *_inputs(run)]
 
 

@@ -1,4 +1,4 @@
-"""workbench-export: from a recording, whole or cut off, to files; and what it says where it cannot."""
+"""workbench export: from a recording, whole or cut off, to files; and what it says where it cannot."""
 
 import csv
 import os

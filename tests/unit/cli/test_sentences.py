@@ -79,13 +79,13 @@ def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(tmp_p
 def test_the_last_line_can_be_pasted(tmp_path, monkeypatch):
     """Also where the environment is not active, and of a folder with a blank in its name."""
     (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "workbench-view").touch(mode=0o755)
+    (tmp_path / "bin" / "workbench view").touch(mode=0o755)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.chdir(tmp_path)
-    assert list(told.lines(summary(tmp_path)))[-1].endswith(" bin/workbench-view 'a folder/run.rrd'")
+    assert list(told.lines(summary(tmp_path)))[-1].endswith(" bin/workbench view 'a folder/run.rrd'")
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert list(told.lines(summary(tmp_path)))[-1].endswith(" workbench-view 'a folder/run.rrd'")
+    assert list(told.lines(summary(tmp_path)))[-1].endswith(" workbench view 'a folder/run.rrd'")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert str(tmp_path) in list(told.lines(summary(tmp_path)))[-1]

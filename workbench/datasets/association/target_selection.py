@@ -115,7 +115,7 @@ def _wanted(names: Sequence[str], person: int | Mapping[str, int]) -> Mapping[st
     if not whole or not wanted or not set(wanted) <= set(names):
         raise InputError(
             f"person: expected a number, or numbers by some of {', '.join(names)}, found {person!r}; to follow "
-            "everybody, sweep over the numbers: workbench -m dataset.person=0,1"
+            "everybody, sweep over the numbers: workbench run -m dataset.person=0,1"
         )
     return wanted
 
