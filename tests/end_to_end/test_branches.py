@@ -83,11 +83,6 @@ def test_what_cannot_be_changed_is_a_sentence(run, first, words, told):
     assert not (done.folder / "run.rrd").exists()
 
 
-def test_a_recording_that_is_not_there_is_a_sentence(run):
-    done = run("second", "from=nothing.rrd")
-    assert (done.code, done.err.count("\n")) == (2, 1)
-
-
 @pytest.fixture(scope="module")
 def long(tmp_path_factory, cache):
     """A run of 8 frames with checkpoints of all but the last, however small its file is."""

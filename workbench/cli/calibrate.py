@@ -1,5 +1,6 @@
 """`workbench calibrate`: calibrate cameras by images of a checkerboard, or of a person of known height."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -70,11 +71,10 @@ def _board(
     write_cameras(output, cameras, error_px, {"made_by": "workbench calibrate board", "up": up})
     for lens, one in zip(lenses, detections, strict=True):
         _print_lens(lens, one)
-    for pair, by_image in pair_errors.items():
-        errors, names = np.array(list(by_image.values())), " with ".join(pair)
-        rms = np.sqrt((errors**2).mean())
+    for pair, errors in pair_errors.items():
+        rms, names = np.sqrt(np.mean(np.square([*errors.values()]))), " with ".join(pair)
         print(f"{names}: {rms:.2f} px over {len(errors)} images in which both show the board")
-        _print_by_image(names, by_image)
+        _print_by_image(names, errors)
     print(up)
     _print_written(output)
 
@@ -175,7 +175,6 @@ def _sources(words: Sequence[str]) -> dict[str, Path]:
 
 
 def _corners(text: str) -> tuple[int, int]:
-    columns, by, rows = text.partition("x")
-    if not (by and columns.isascii() and rows.isascii() and columns.isdigit() and rows.isdigit()):
+    if (numbers := re.fullmatch("([0-9]+)x([0-9]+)", text)) is None:
         raise InputError(f"--corners: expected two numbers of inner corners, such as 9x6, found {text!r}")
-    return int(columns), int(rows)
+    return int(numbers[1]), int(numbers[2])

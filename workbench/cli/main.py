@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _usage_error(error: BaseException) -> str | None:
     """Return the message of an option or argument that typer refuses; None for any other error."""
-    message = getattr(error, "format_message", None)  # no version of typer exports the class of all these
+    message = getattr(error, "format_message", None)  # older versions of typer export no class of all these
     return None if message is None else str(message())
 
 
@@ -116,7 +116,7 @@ def _unknown(words: Sequence[str]) -> str:
 
 
 def _loaded(name: str) -> Any:
-    """Import a subcommand."""
+    """Import a subcommand: a typer application, or a function with typer's annotations."""
     module, _, attribute = COMMANDS[name][0].partition(":")
     command = getattr(import_module(f"workbench.cli.{module}"), attribute)
     if isinstance(command, typer.Typer):

@@ -62,13 +62,6 @@ def run(
       workbench run -m prior=walking,smooth seed=1,2,3
       workbench run from=RUN.rrd seed=4        # a recorded configuration, changed
       workbench run from=RUN.rrd@120 seed=4    # the same from frame 120 on
-
-    \b
-    Your own video, with a calibrated camera and joints annotated or detected:
-      workbench run experiment=custom dataset=video dataset.source=walk.mp4 \\
-        dataset.camera=camera.toml dataset.keypoints=joints.csv body=height \\
-        body.height_m=1.72 prior=activity likelihood=keypoints \\
-        inference=least_squares
     """
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)

@@ -117,10 +117,13 @@ def test_a_run_cut_off_or_still_running_is_exported_as_far_as_it_is_written(run,
         for step in run[:11]:
             recording.log(step, {})
         running = shutil.copy(recording.part, tmp_path / "running.rrd.part")
-    with pytest.raises(KeyboardInterrupt), recorder(tmp_path / "cut.rrd") as recording:
-        for step in run[:4]:
-            recording.log(step, {})
+
+    def interrupted():
+        yield from run[:4]
         raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record(tmp_path / "cut.rrd", interrupted())
     for part, status, n in ((running, "running", 9), (tmp_path / "cut.rrd.part", "interrupted", 4)):  # three flushes
         for options in ([], ["--truth"]):
             assert exported(part, tmp_path / "out.csv", *options) == 0
