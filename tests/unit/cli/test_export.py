@@ -1,7 +1,6 @@
 """From a recording, whole or cut off, to files; and the messages where that cannot be done."""
 
 import csv
-import os
 import shutil
 from dataclasses import replace
 
@@ -13,7 +12,6 @@ from workbench.body.kinematics import joints
 from workbench.cli.export import estimated_track, true_track
 from workbench.cli.main import main
 from workbench.motion.formats.bvh import read_bvh
-from workbench.motion.formats.export import export
 from workbench.recording.read.reader import read
 from workbench.recording.write.recorder import Recorder
 from workbench.utils.errors import InputError
@@ -36,10 +34,6 @@ def without_truth(step):
     return replace(step, frame=replace(step.frame, truth=None))
 
 
-def at(step, time_s):
-    return replace(step, frame=replace(step.frame, time_s=time_s))
-
-
 @pytest.fixture(scope="module")
 def run():
     """Steps without images, which no export reads."""
@@ -59,19 +53,6 @@ def estimated(run):
 def exported(recording, output, *options):
     """Call the command and return its exit code."""
     return main(["export", str(recording), "-o", str(output), *options])
-
-
-@pytest.fixture
-def refused(capsys):
-    """Call the command, which prints one sentence to stderr; return it."""
-
-    def call(*arguments):
-        assert exported(*arguments) == 2
-        printed = capsys.readouterr()
-        assert (printed.out, printed.err.count("\n")) == ("", 1)
-        return printed.err
-
-    return call
 
 
 @pytest.mark.parametrize(("options", "unit"), [([], "cm"), (["--metres"], "m")])
@@ -140,28 +121,13 @@ def test_frames_without_truth_are_left_out_and_counted(run, tmp_path, capsys):
     assert len(np.loadtxt(tmp_path / "out.trc", skiprows=6)) == 7
 
 
-def test_a_gap_in_the_truth_has_no_rate_but_a_table(run, tmp_path, refused):
-    gappy = record(tmp_path / "run.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
-    assert "0.0667 s after 0.133 s" in refused(gappy, tmp_path / "out.trc", "--truth")
-    assert exported(gappy, tmp_path / "out.csv", "--truth") == 0
-    assert len((tmp_path / "out.csv").read_text().splitlines()) == 1 + N - 1
-
-
-def test_uneven_times_and_one_frame(run, tmp_path, refused):
-    uneven = record(tmp_path / "uneven.rrd", [*run[:5], *[at(step, step.frame.time_s + 0.5) for step in run[5:]]])
-    assert "expected frames at even times" in refused(uneven, tmp_path / "out.bvh")
-    single = record(tmp_path / "single.rrd", run[:1])
-    assert "expected two frames or more" in refused(single, tmp_path / "out.bvh")
-    assert not (tmp_path / "out.bvh").exists()
-    assert exported(single, tmp_path / "out.csv") == 0
-
-
-def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, refused):
+def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, capsys):
     output, junk = tmp_path / "out.bvh", tmp_path / "junk.rrd"
     output.write_text("keep me")
     junk.write_bytes(b"no recording" * 100)
     empty = record(tmp_path / "empty.rrd", [])
     blind = record(tmp_path / "blind.rrd", [without_truth(step) for step in run[:3]])
+    gappy = record(tmp_path / "gappy.rrd", [*run[:5], without_truth(run[5]), *run[6:]])
     for arguments, sentence in (
         ((tmp_path / "none.rrd", output), f"{tmp_path / 'none.rrd'}: no such recording"),
         ((junk, output), f"{junk}: expected a whole Rerun recording"),
@@ -170,9 +136,13 @@ def test_what_cannot_be_read_or_written_is_refused(recorded, run, tmp_path, refu
         ((empty, output), "expected a recording with poses (estimate/pose), found none"),
         ((empty, output, "--truth"), "expected a recording of a tracked person"),
         ((blind, output, "--truth"), "with true joints (world/truth/joints), found none"),
+        ((gappy, tmp_path / "out.trc", "--truth"), "0.0667 s after 0.133 s"),
         ((recorded, output, "--truth"), "BVH holds angles, but only joints are known here"),
     ):
-        assert sentence in refused(*arguments)
+        assert exported(*arguments) == 2
+        printed = capsys.readouterr()
+        assert sentence in printed.err
+        assert (printed.out, printed.err.count("\n")) == ("", 1)
     assert output.read_text() == "keep me"
 
 
@@ -182,11 +152,8 @@ def test_another_body_or_shape_is_refused(recorded):
     assert estimated_track(original).poses.shape == (N, 25)
     for wrong, sentence in (
         ({"body": {"joints": ["pelvis"], "pose": ["root_x"]}}, "joints and pose numbers of this version's body"),
-        ({"body": {}}, "of this version's body"),
         ({"shape": {}}, "lacks the length 'neck'"),
-        ({"shape": {**shape, "thigh": "long"}}, "lacks the length 'thigh'"),
         ({"shape": {**shape, "thigh": np.nan}}, "lacks the length 'thigh'"),
-        ({"shape": {**shape, "hip": [0.1, 0.2]}}, "lacks the length 'hip'"),
         ({"shape": {**shape, "calf": -0.4}}, "calf must be a positive length"),
     ):
         for track in (estimated_track, true_track):
@@ -199,18 +166,3 @@ def test_poses_that_are_none_are_refused(recorded, monkeypatch, poses):
     monkeypatch.setattr("workbench.cli.export.timed_poses", lambda path: (np.arange(3), np.arange(3) / 30.0, poses))
     with pytest.raises(InputError, match="expected poses of 25 finite numbers"):
         estimated_track(read(recorded))
-
-
-def test_a_file_appears_whole_or_not_at_all(recorded, tmp_path, monkeypatch):
-    track = estimated_track(read(recorded))
-    (tmp_path / f"out.csv.{os.getpid()}.part").mkdir()
-    with pytest.raises(InputError, match=r"out\.csv: cannot be written"):
-        export(tmp_path / "out.csv", track)
-
-    def refuse(source, target):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(os, "replace", refuse)
-    with pytest.raises(InputError, match=r"out\.bvh: cannot be written: Permission denied"):
-        export(tmp_path / "out.bvh", track)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"out.csv.{os.getpid()}.part"]
