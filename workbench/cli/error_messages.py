@@ -37,7 +37,7 @@ def report_error(error: BaseException) -> int | None:
     is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
     if not is_full and not isinstance(error, (*_BAD_INPUT, RunFailure)):
         return None
-    print_error(lines(error))
+    print_error(message_of(error))
     return 2 if isinstance(error, _BAD_INPUT) else 1
 
 
@@ -47,7 +47,7 @@ def print_error(message: Sequence[str]) -> None:
     print(*listed, f"workbench: {shortened(sentence)}", sep="\n", file=sys.stderr)
 
 
-def lines(error: BaseException) -> list[str]:
+def message_of(error: BaseException) -> list[str]:
     """Return the message of an error and its causes, the sentence last, without Hydra's hints on debugging.
 
     Before the sentence on an unknown option or key stand those that exist.

@@ -91,14 +91,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if (message := _usage_error(error)) is None:
             raise
-        print(f"workbench: {message}", file=sys.stderr)
+        print(message, file=sys.stderr)
         return 2
 
 
 def _usage_error(error: BaseException) -> str | None:
     """Return the message of an option or argument that typer refuses; None for any other error."""
     message = getattr(error, "format_message", None)  # older versions of typer export no class of all these
-    return None if message is None else str(message())
+    context = getattr(error, "ctx", None)
+    return None if message is None else f"{context.command_path if context else 'workbench'}: {message()}"
 
 
 def _unknown(words: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from workbench.cli.error_messages import mistyped, print_error, report_error
 from workbench.cli.hydra_quoting import quoted, unquoted
-from workbench.cli.run_output import lines, tell_warnings
+from workbench.cli.run_output import summary_lines, tell_warnings
 from workbench.experiment.config.options import name_config_dir, name_parts, parts_in
 from workbench.experiment.config.schema import prepare_hydra
 from workbench.sweep.job import metric_of, run_job
@@ -165,7 +165,7 @@ def _job(config: DictConfig) -> float | None:
 
 
 def _log(summary: "Summary") -> None:
-    for line in lines(summary):
+    for line in summary_lines(summary):
         log.info("%s", line)
 
 

@@ -30,7 +30,7 @@ NUMBERS: Mapping[str, tuple[str, str, float]] = {
 """Printed metrics by name: description, unit, and factor to that unit."""
 
 
-def lines(summary: "Summary") -> Iterator[str]:
+def summary_lines(summary: "Summary") -> Iterator[str]:
     """Yield the lines on a run; of a study, all its numbers."""
     if summary.verdict is not None:
         yield f"verdict: {summary.verdict.sentence}"

@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_module
 from hydra.errors import HydraException
 
 from workbench.cli import run_output
-from workbench.cli.error_messages import lines, mistyped
+from workbench.cli.error_messages import message_of, mistyped
 from workbench.evaluation.verdict import Finding, Verdict
 from workbench.experiment.config.options import GROUPS, options
 from workbench.experiment.config.schema import prepare_hydra
@@ -20,13 +20,13 @@ class _UnknownKeyError(Exception):
 
 
 def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
-    *listed, last = lines(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
+    *listed, last = message_of(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
     assert "syntetic" in last
     assert "dataset=synthetic" in last
     assert "  dataset=video" in listed
     error = ValueError("Could not override 'inference.n_particle'.")
     error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
-    *listed, last = lines(error)
+    *listed, last = message_of(error)
     assert {"  inference.move", "  inference.n_particles"} <= set(listed)
     assert "inference.n_particles" in last
 
@@ -66,7 +66,7 @@ def summary(tmp_path):
 
 
 def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(summary):
-    first, *others = run_output.lines(summary)
+    first, *others = run_output.summary_lines(summary)
     assert first.startswith("verdict: held")
     text = "\n".join(others)
     assert "error_procrustes_mm" in text
@@ -88,4 +88,4 @@ def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
     ):
         monkeypatch.setenv("PATH", str(path))
         monkeypatch.chdir(tmp_path / place)
-        assert [*run_output.lines(summary)][-1].endswith(f" {command}")
+        assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
