@@ -55,7 +55,7 @@ def options_page() -> str:
     lines = [
         "# Options", "",
         "What can be chosen as `group=option`, and the keys that can be set as `group.key=value`, with their defaults. "
-        "`workbench-parts prior.jitter` says the same in the terminal.", "",
+        "`workbench components prior.jitter` says the same in the terminal.", "",
     ]  # fmt: skip
     for group in GROUPS:
         if found := options(group):

@@ -1,7 +1,7 @@
 """Measure by how much the numbers of recordings move in other environments: `python -m analysis.tolerances FOLDER`.
 
 Runs every recording of a folder with several seeds in the environments below and compares each with the run of the same
-seed in the environment as it is. The result, FOLDER/tolerances.json, is what `workbench-check` allows where a recording
+seed in the environment as it is. The result, FOLDER/tolerances.json, is what `workbench check` allows where a recording
 was made in another environment.
 """
 
@@ -44,7 +44,7 @@ times of the largest difference measured."""
 
 def run_in(variables: Mapping[str, str], recordings: Sequence[Path], seed: int, folder: Path) -> dict[str, Run]:
     """Run the recordings with a seed in a process with these environment variables; the new runs by name."""
-    command = [sys.executable, "-m", "workbench.cli.check", *map(str, recordings), "--run", "-o", str(folder)]
+    command = [sys.executable, "-m", "workbench", "check", *map(str, recordings), "--run", "-o", str(folder)]
     done = subprocess.run(
         [*command, f"seed={seed}"], env={**os.environ, **variables}, capture_output=True, text=True, check=False
     )

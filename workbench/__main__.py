@@ -2,6 +2,6 @@
 
 import sys
 
-from workbench.cli.run import main
+from workbench.cli.main import main
 
 sys.exit(main())

@@ -30,7 +30,7 @@ def run(
     experiment: str = "walk_straight", *overrides: str, folder: str | Path | None = None, quiet: bool = False,
     **parts: Callable[..., object],
 ) -> Run:  # fmt: skip
-    """Run an experiment as `workbench experiment=… …` does, say where it was written, and read it back.
+    """Run an experiment as `workbench run experiment=… …` does, say where it was written, and read it back.
 
     overrides: as on the command line, "seed=3" or "prior=smooth". folder: where run.rrd and summary.json go; None:
     recordings/runs/EXPERIMENT/TIME. quiet: no progress bar and no sentence. parts: by group, a class in place of what

@@ -5,7 +5,7 @@
 walk_straight runs with seeds that each have another scene, by three variants of its code: as it is, with one number
 moved by its last bit, which stands for another order of sums, and by a thousandth, which soon draws other particles.
 To each of the latter two a worsening of 2 % of the number is added. Pairs needed are by Student's test at 95 % power
-and the level that `workbench-check --paired` has for the first of all numbers; false alarms are counted in checks of
+and the level that `workbench check --paired` has for the first of all numbers; false alarms are counted in checks of
 eight of the pairs, each exchanged at random. FILE keeps every run, see `kept_runs`.
 """
 

@@ -204,4 +204,4 @@ def _made(experiment: str, source: Source, paper: str) -> Run:
 
 
 def _command(experiment: str, overrides: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "workbench", *chosen(experiment), *overrides]
+    return [sys.executable, "-m", "workbench", "run", *chosen(experiment), *overrides]

@@ -10,7 +10,7 @@ import pytest
 from compositions import composed
 from omegaconf import OmegaConf
 
-from workbench.cli.run import main
+from workbench.cli.main import main
 from workbench.experiment.config import options as parts
 from workbench.experiment.config.schema import composed as compose
 from workbench.utils.run_files import SUMMARY
@@ -79,11 +79,10 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("text", ERRORS)
-def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, monkeypatch, capsys, text):
+def test_an_error_in_the_folder_is_one_sentence_that_names_the_file(folder, capsys, text):
     file = folder / "experiment" / "mine.yaml"
     file.write_text(f"# @package _global_\n{text}\n", encoding="utf-8", errors="surrogateescape")
-    monkeypatch.setattr(sys, "argv", ["workbench", "--config-dir", str(folder), "experiment=mine"])
-    assert main() == 2
+    assert main(["run", "--config-dir", str(folder), "experiment=mine"]) == 2
     last = capsys.readouterr().err.splitlines()[-1]
     assert re.match(rf"workbench: {re.escape(str(file))}: {ERRORS[text]}", last)
 
@@ -101,7 +100,16 @@ def test_a_copy_runs_alone_and_in_the_workers_of_a_launcher(folder, tmp_path, ca
     (folder / "experiment" / "mine.yaml").write_text(original.read_text(encoding="utf-8"), encoding="utf-8")
     sweep = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=sweep"]
     for words in (["hydra.run.dir=alone"], sweep):
-        command = [sys.executable, "-m", "workbench", f"--config-dir={folder}", "experiment=mine", *SMALL, *words]
+        command = [
+            sys.executable,
+            "-m",
+            "workbench",
+            "run",
+            f"--config-dir={folder}",
+            "experiment=mine",
+            *SMALL,
+            *words,
+        ]
         environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr

@@ -60,7 +60,7 @@ MADE = {
 
 
 def composed(name, folder):
-    """As `workbench prior=NAME` builds it, but for databases, which are of built-in motions here."""
+    """As `workbench run prior=NAME` builds it, but for databases, which are of built-in motions here."""
     prepare_hydra()
     overrides = [f"prior={name.removesuffix('.yaml')}", f"paths.cache={folder}", "paths.data=null"]
     with initialize_config_module("workbench.conf", version_base="1.3"):

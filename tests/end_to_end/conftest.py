@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.cli.run import main
+from workbench.cli.main import main
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,8 @@ def run(tmp_path, cache, monkeypatch, capfd, request):
         monkeypatch.chdir(within or tmp_path)
         monkeypatch.setenv("WORKBENCH_CACHE", str(within / "cache" if within else cache))
         monkeypatch.delenv("WORKBENCH_DATA", raising=False)
-        monkeypatch.setattr(sys, "argv", ["workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"])
         try:
-            code = main()
+            code = main(["run", *overrides, f"hydra.run.dir={tmp_path / folder}"])
         except SystemExit as end:
             code = end.code
         logging.captureWarnings(False)
@@ -79,7 +78,7 @@ def process(tmp_path, cache):
         environment = {**os.environ, "WORKBENCH_CACHE": str(cache)}
         environment.pop("WORKBENCH_DATA", None)
         done = subprocess.run(
-            [sys.executable, "-m", "workbench", *overrides, f"hydra.run.dir={tmp_path / folder}"],
+            [sys.executable, "-m", "workbench", "run", *overrides, f"hydra.run.dir={tmp_path / folder}"],
             cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         return Done(done.returncode, done.stdout, done.stderr, tmp_path / folder)

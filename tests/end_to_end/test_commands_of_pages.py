@@ -5,18 +5,16 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from own_files import CORNERS, SQUARE_MM, write_own_files
 
+from workbench.cli.main import main
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / ".docs"
-SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
 RENDERED = ("dataset.width=80", "dataset.height=60", "dataset.person_px=40", "dataset.focal_px=90")
 SMALLER = {  # what makes them small; what is measured stays as it is written
     r"\b(inference\.n_particles)=\d+\b(?!,)": r"\1=20", "n_particles=500,5000": "n_particles=20,30",
@@ -30,7 +28,11 @@ ELSEWHERE = {  # what is not run here, and which test does
     "pytest --pyargs": "test_own_parts.py", "my/experiment": "test_own_experiments.py",
     "--config-dir": "test_own_experiments.py", "--against": "test_check.py", "git bisect": "test_check.py",
     "python -m analysis": "tests/unit/analysis", "analysis.benchmarks": "analysis/benchmarks, by hand",
-    "runs watch": "test_watch.py", "rm status=failed": "tests/unit/cli/test_runs.py",
+    "my_parts": "test_own_parts.py", "runs watch": "test_watch.py", "rm status=failed": "tests/unit/cli/test_runs.py",
+}  # fmt: skip
+EXTRAS = {
+    "joblib": "hydra_plugins.hydra_joblib_launcher", "optuna": "hydra_plugins.hydra_optuna_sweeper",
+    "runs gallery": "datafusion",
 }  # fmt: skip
 PAGES = [
     page for page in sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
@@ -52,7 +54,7 @@ def words(line, folder):
         line = re.sub(long, short, line)
     said = ["bash", "-euc", f"printf '%s\\0' {line}"]
     found = subprocess.run(said, cwd=folder, capture_output=True, text=True, check=True).stdout.split("\0")[:-1]
-    return found + _small(found) if found[0] == "workbench" else found
+    return found + _small(found) if found[1] == "run" else found
 
 
 def _small(found):
@@ -80,7 +82,7 @@ def made(tmp_path_factory, cache):
     small = [*RENDERED, "dataset.n_frames=4", "inference.n_particles=20"]
     for sweep in (["hydra.run.dir=recordings/runs/walk_circle/TIME", "experiment=walk_circle"],
                   ["-m", "seed=0,1", "hydra.sweep.dir=recordings/sweeps/walk_straight/TIME"]):  # fmt: skip
-        command = [sys.executable, "-m", "workbench", *sweep, *small]
+        command = [sys.executable, "-m", "workbench", "run", *sweep, *small]
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     runs = [folder / "recordings/sweeps/walk_straight/TIME" / job / "run.rrd" for job in "01"]
@@ -108,10 +110,8 @@ def call(made, cache, monkeypatch, request):
             found = [f"paths.data={data}" if word == "paths.data=DATA" else word for word in found]
         if any(word.startswith("hydra/") for word in found):
             return subprocess.run([sys.executable, "-m", *found], check=False).returncode
-        module, _, function = SCRIPTS[found[0]].partition(":")
-        monkeypatch.setattr(sys, "argv", found)
         try:
-            return getattr(import_module(module), function)()
+            return main(found[1:])
         except SystemExit as end:
             return end.code
         finally:
@@ -126,16 +126,9 @@ ALL = [(page, line) for page in PAGES for line in lines(page)]
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "line"), ALL, ids=lambda each: " ".join(getattr(each, "name", each).split())[:80])
 def test_a_command_of_a_page_does_what_it_says(call, made, page, line, capfd):
-    if "my_parts" in line:
-        pytest.skip("test_own_parts.py runs it")
-    for extra in ("joblib", "optuna"):
-        if (
-            extra in line
-            and find_spec(f"hydra_plugins.hydra_{extra}_{'launcher' if extra == 'joblib' else 'sweeper'}") is None
-        ):
-            pytest.skip(f"needs the extra with {extra}")
-    if "runs gallery" in line and find_spec("datafusion") is None:
-        pytest.skip("needs the extra 'catalog'")
+    for word, module in EXTRAS.items():
+        if word in line:
+            pytest.importorskip(module)
     code = call(words(line, made))
     told = capfd.readouterr()
     assert code == 0, told.out + told.err

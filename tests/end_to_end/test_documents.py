@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -15,14 +14,10 @@ DOCS = ROOT / ".docs"
 
 @pytest.fixture(scope="module")
 def shell(tmp_path_factory):
-    """Run a block of shell commands in one folder, with the workbench's commands as this Python's."""
+    """Run a block of shell commands in one folder, with `workbench` as this Python's."""
     folder, commands = tmp_path_factory.mktemp("tutorial"), tmp_path_factory.mktemp("bin")
-    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
-    for name, place in scripts.items():
-        module, _, function = place.partition(":")
-        code = f"import sys; from {module} import {function}; sys.exit({function}())"
-        (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{code}" "$@"\n')
-        (commands / name).chmod(0o755)
+    (commands / "workbench").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m workbench "$@"\n')
+    (commands / "workbench").chmod(0o755)
     path = f"{commands}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "WORKBENCH_CACHE": str(folder / "cache"), "MPLBACKEND": "agg"}
     environment.pop("WORKBENCH_DATA", None)
@@ -52,7 +47,7 @@ def test_the_tutorial_can_be_followed_to_the_letter(shell):
         told.append(run("bash", "-euc", text) if language == "sh" else run(sys.executable, "-c", text))
     first, again, table, sweep = told[:4]
     assert re.search(r"^verdict: held", first, re.MULTILINE)
-    assert re.search(r"^look at it: \S*workbench-view first/run\.rrd$", first, re.MULTILINE)
+    assert re.search(r"^look at it: \S*workbench view first/run\.rrd$", first, re.MULTILINE)
     assert "prior._target_: workbench.priors.from_motions.walking → workbench.priors.smooth.Smooth" in again
     rows = {row.split()[0]: row.split()[1:] for row in table.splitlines()}
     assert rows["first"][0] == "walking"

@@ -57,7 +57,7 @@ def started(folder, *overrides, limit=None, **environment):
     """Start the command as a process of its own, its output piped; limit: called in it first."""
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", **environment}
     environment.pop("WORKBENCH_DATA", None)
-    command = [sys.executable, "-m", "workbench", *SMALL, f"hydra.run.dir={folder}", *overrides]
+    command = [sys.executable, "-m", "workbench", "run", *SMALL, f"hydra.run.dir={folder}", *overrides]
     piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     return subprocess.Popen(command, cwd=folder.parent, env=environment, preexec_fn=limit, **piped)
 

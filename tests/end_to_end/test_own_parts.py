@@ -41,18 +41,18 @@ def command(tmp_path_factory):
 @pytest.mark.slow
 def test_a_run_its_check_and_a_sweep(command):
     folder, call = command
-    done = call("workbench", "parts=[my_parts]", *SMALL, "hydra.run.dir=out")
+    done = call("workbench", "run", "parts=[my_parts]", *SMALL, "hydra.run.dir=out")
     assert done.returncode == 0, done.stderr
-    done = call("workbench.cli.check", "out/run.rrd", "parts=[my_parts]")
+    done = call("workbench", "check", "out/run.rrd", "parts=[my_parts]")
     assert done.returncode == 0, done.stdout + done.stderr
-    done = call("workbench.cli.check", "out/run.rrd")
+    done = call("workbench", "check", "out/run.rrd")
     assert done.returncode == 2
     assert "my_parts.nodding.Nodding' is no part of the workbench; if you trust it, say parts=[my_parts]" in done.stdout
-    done = call("workbench", "-m", "parts=[my_parts]", *SMALL, "seed=0,1", "hydra.sweep.dir=sweep")
+    done = call("workbench", "run", "-m", "parts=[my_parts]", *SMALL, "seed=0,1", "hydra.sweep.dir=sweep")
     assert done.returncode == 0, done.stdout + done.stderr
     for job in "01":
         assert json.loads((folder / "sweep" / job / "summary.json").read_text())["status"] == "complete"
-    done = call("workbench.cli.report", "sweep")  # which builds nothing
+    done = call("workbench", "report", "sweep")  # which builds nothing
     assert done.returncode == 0, done.stderr
     assert "2 complete" in done.stdout
 
@@ -62,7 +62,7 @@ def test_the_workers_of_a_launcher_build_the_components_of_a_named_package(comma
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     folder, call = command
     words = ["seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=workers"]
-    done = call("workbench", "-m", "parts=[my_parts]", *SMALL, *words)
+    done = call("workbench", "run", "-m", "parts=[my_parts]", *SMALL, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert json.loads((folder / "workers" / "1" / "summary.json").read_text())["status"] == "complete"
 
@@ -79,9 +79,9 @@ def test_the_page_is_enough_to_use_a_likelihood_and_a_prior_by_name(command, tmp
         option.write_text(text.replace("still.Still", f"{name}.{name.title()}"))
         (tmp_path / code).write_text((SCENES / code).read_text(encoding="utf-8"))
     _, call = command
-    said = next(line for line in page.splitlines() if line.startswith("workbench parts="))
+    said = next(line for line in page.splitlines() if line.startswith("workbench run parts="))
     small = ["dataset.n_frames=3", "inference.n_particles=20", f"hydra.run.dir={tmp_path / 'out'}"]
-    done = call("workbench", *shlex.split(said)[1:], *small, PYTHONPATH=str(tmp_path))
+    done = call("workbench", "run", *shlex.split(said)[2:], *small, PYTHONPATH=str(tmp_path))
     assert done.returncode == 0, done.stderr
     chosen = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
     assert (chosen["prior"]["_target_"], chosen["likelihood"]["_target_"]) == TARGETS
@@ -97,7 +97,7 @@ def test_its_parts_keep_the_contracts(command):
 
 def test_without_its_name_the_option_is_not_there(command):
     _, call = command
-    done = call("workbench", *SMALL)
+    done = call("workbench", "run", *SMALL)
     assert done.returncode == 2
     assert "dataset: there is no option 'nodding'" in done.stderr  # the first of its options on the command line
     assert "Traceback" not in done.stderr

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from workbench.cli import report
+from workbench.cli.main import main
 from workbench.recording.read.reader import read
 from workbench.results.formatting import number
 from workbench.results.report.plots import joint_errors
@@ -17,7 +17,7 @@ def test_runs_of_two_priors_become_a_report(run, tmp_path, capfd):
     for prior in ("walking", "smooth"):
         code, told, _ = run(f"sweep/{prior}", *SMALL, f"prior={prior}", "inference.n_particles=30")
         assert code == 0, told
-    assert report.main([str(tmp_path / "sweep")]) == 0
+    assert main(["report", str(tmp_path / "sweep")]) == 0
     told = capfd.readouterr().out
     assert "2 groups by prior, repeated over seeds." in told
     for prior in ("walking", "smooth"):
@@ -42,6 +42,6 @@ def test_a_fit_costs_its_iterations_and_has_no_plot_against_particles(run, tmp_p
         recorded = read(folder / "run.rrd")
         cost, iterations = recorded.properties["cost"], recorded.result["iterations"]
         assert cost["likelihood_evaluations"] == pytest.approx(8 * iterations)
-    assert report.main([str(tmp_path / "sweep"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["report", str(tmp_path / "sweep"), "-o", str(tmp_path / "out")]) == 0
     assert not (tmp_path / "out" / "error_against_particles.png").exists()
     assert (tmp_path / "out" / "coverage.png").exists()

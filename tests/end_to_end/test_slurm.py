@@ -41,7 +41,7 @@ def test_a_sweep_over_slurm_is_completed_after_a_job_was_killed(tmp_path, enviro
     sweep, output = tmp_path / "sweep", tmp_path / "output.txt"
     environment = {**environment, "WORKBENCH_CACHE": str(tmp_path / "cache")}
     environment.pop("NUMBA_NUM_THREADS", None)  # the cores that Slurm binds a job to say how many
-    command = [sys.executable, "-m", "workbench", "-m", *LAUNCHER, *JOBS]
+    command = [sys.executable, "-m", "workbench", "run", "-m", *LAUNCHER, *JOBS]
     with output.open("w") as out, subprocess.Popen(
         [*command, f"hydra.sweep.dir={sweep}"], cwd=tmp_path, env=environment, stdout=out, stderr=subprocess.STDOUT
     ) as process:  # fmt: skip

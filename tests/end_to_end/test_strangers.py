@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from workbench.cli.report import main as report
+from workbench.cli.main import main
 
 SMALL = (
     "dataset.n_frames=6", "dataset.width=160", "dataset.height=120", "dataset.person_px=80", "dataset.focal_px=175",
@@ -35,7 +35,7 @@ def test_a_sweep_of_the_protocol_is_reported_by_halves(run, data, tmp_path, capf
         f"paths.data={data}", f"hydra.sweep.dir={tmp_path / 'jobs'}", *SMALL,
     )  # fmt: skip
     assert code == 0, told
-    assert report([str(tmp_path / "jobs")]) == 0
+    assert main(["report", str(tmp_path / "jobs")]) == 0
     said = capfd.readouterr().out
     assert "half=choose" in said
     assert "half=report" in said

@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
-from workbench.cli.runs import main as runs
+from workbench.cli.main import main
 from workbench.recording.read.partial_run import earlier
 from workbench.recording.read.reader import read
 from workbench.sweep.job import read_summary
@@ -159,7 +159,7 @@ def test_a_second_launcher_is_refused_the_sweep(tmp_path, sweep):
     assert code == 2
     assert f"process {process.pid} on " in told
     wait_for(lambda: not is_locked(folder), lambda: True)
-    assert runs(["watch", str(folder)]) == 1
+    assert main(["runs", "watch", str(folder)]) == 1
 
 
 def wait_for(what, going_on, seconds=600.0):
@@ -179,7 +179,7 @@ SUBMITIT = ("hydra/launcher=submitit_local", "threads=1", "hydra.sweeper.max_bat
 
 def many(folder, launcher):
     """The command of a sweep of eight jobs, its environment and its folder."""
-    command = [sys.executable, "-m", "workbench", "-m", *launcher, *MANY]
+    command = [sys.executable, "-m", "workbench", "run", "-m", *launcher, *MANY]
     return command, {**os.environ, "WORKBENCH_CACHE": str(folder / "cache")}, folder / "sweep"
 
 
@@ -219,7 +219,7 @@ def test_a_killed_worker_of_joblib_costs_the_jobs_at_work_and_no_others(tmp_path
 @pytest.mark.slow
 def test_submitit_runs_a_sweep_and_names_what_fails(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
-    command = [sys.executable, "-m", "workbench", "-m", *SUBMITIT, "seed=0,-1,1", *TINY]
+    command = [sys.executable, "-m", "workbench", "run", "-m", *SUBMITIT, "seed=0,-1,1", *TINY]
     environment, sweep = {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}, tmp_path / "sweep"
     with started(command, environment, sweep) as process:
         pass
@@ -238,7 +238,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp
     sweep, environment = tmp_path / "sweep", {**os.environ, "WORKBENCH_CACHE": str(tmp_path / "cache")}
     same = ("experiment=walk_straight", "prior=smooth", "inference.n_particles=1500", "recorder.checkpoints=true")
     same += ("dataset.n_frames=200", *LONGER[1:], "threads=1")
-    command = [sys.executable, "-m", "workbench", "-m", *launcher, *same, "seed=range(4)"]
+    command = [sys.executable, "-m", "workbench", "run", "-m", *launcher, *same, "seed=range(4)"]
     number = signal.SIGINT if whole_group else signal.SIGTERM
     with started(command, environment, sweep) as process:
         job = wait_for(
@@ -268,7 +268,7 @@ def test_a_sweep_that_is_asked_to_end_keeps_what_was_recorded_and_resumes_it(tmp
     assert again.returncode == 0, again.stderr
     assert "(resumed at frame" in again.stdout
     assert not (sweep / job / ".earlier").exists()
-    whole = [sys.executable, "-m", "workbench", *same, f"seed={job}", f"hydra.run.dir={tmp_path / 'whole'}"]
+    whole = [sys.executable, "-m", "workbench", "run", *same, f"seed={job}", f"hydra.run.dir={tmp_path / 'whole'}"]
     assert subprocess.run(whole, cwd=tmp_path, env=environment, check=False).returncode == 0
     recorded = [read(folder / "run.rrd") for folder in (tmp_path / "whole", sweep / job)]
     assert [len(each.poses[0]) for each in recorded] == [200, 200]

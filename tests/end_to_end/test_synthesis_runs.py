@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 from workbench.body.kinematics import joints
 from workbench.body.limbs import person
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cli.export import main as export
+from workbench.cli.main import main
 from workbench.datasets.blank import Blank
 from workbench.motion.formats.bvh import read_bvh
 from workbench.recording.read.reader import read
@@ -64,7 +64,7 @@ def test_a_run_with_images_has_no_trails(run):
 def test_what_is_synthesised_can_be_exported(run):
     folder = run("out", "experiment=synthesize_run", *BUILTIN, SHORT).folder
     for suffix in ("bvh", "trc", "csv"):
-        assert export([str(folder / "run.rrd"), str(folder / f"out.{suffix}")]) == 0
+        assert main(["export", str(folder / "run.rrd"), "-o", str(folder / f"out.{suffix}")]) == 0
     places = joints(person(Blank().known.shape).skeleton, read(folder / "run.rrd").poses[1])
     clip = read_bvh(folder / "out.bvh")
     for name in ("pelvis", "left_knee", "right_elbow"):

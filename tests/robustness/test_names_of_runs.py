@@ -11,7 +11,7 @@ from run_folders import leave
 from small_recordings import leave_recorded
 
 from workbench.cli import view
-from workbench.cli.runs import main
+from workbench.cli.main import main
 
 NASTY, LONG = "<script>alert(1)</script>\n../../etc\x1b[31m\x07", "k" * 10_000
 NAMES = ["two\nlines", "--rm", "-rf", "esc\x1b[31m", "a..", "a b'c\"d", "é" * 100]
@@ -47,7 +47,7 @@ def called(home, capsys):
     before = tree(home.parent / "outside")
 
     def command(*words):
-        code = main(words)
+        code = main(["runs", *words])
         out, err = capsys.readouterr()
         assert tree(home.parent / "outside") == before
         assert all(line.isprintable() for line in err.splitlines())

@@ -1,6 +1,5 @@
 """Recordings made elsewhere, decoded in the sandbox first; a damaged one hides no sound one."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,13 +11,7 @@ from kinds_of_recordings import leave_kinds
 from run_folders import leave
 from small_recordings import leave_recorded, record
 
-from workbench.cli.check import main as check
-from workbench.cli.diagnose import main as why
-from workbench.cli.export import main as export
-from workbench.cli.report import main as report
-from workbench.cli.run import main as run_of
-from workbench.cli.runs import main as runs
-from workbench.cli.view import main as view
+from workbench.cli.main import main
 from workbench.experiment.summary import Summary
 from workbench.recording.read import crash_probe as probe
 from workbench.recording.read.crash_probe import fatal, is_own, open_sound_runs, read_sound_run
@@ -121,34 +114,24 @@ def test_a_body_that_no_reader_knows_is_refused(tmp_path):
     assert "property body.joints: expected texts, found 3" in refusal(read_sound_run, tmp_path / "a.rrd")
 
 
-def started(arguments):
-    """Call the command that runs, which takes its words from the command line."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["workbench", *arguments])
-        return run_of()
-
-
-COMMANDS = {
-    "check": (check, ["{run}"]), "check of two": (check, ["{run}", "{other}"]), "report": (report, ["{run}"]),
-    "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
-    "runs": (runs, ["list", "{run}"]), "runs, published": (runs, ["list", "{folder}"]),
-    "restore": (runs, ["restore", "{folder}"]), "changes": (runs, ["restore", "--changes", "{folder}"]),
-    "from": (started, ["from={run}"]), "from a folder": (started, ["from={folder}"]),
-    "from a frame": (started, ["from={run}@1"]),
-}  # fmt: skip
+COMMANDS = (
+    "check {run}", "check {run} {other}", "report {run}", "view {run}", "export {run} -o {run}.csv", "diagnose {run}",
+    "runs list {run}", "runs list {folder}", "runs restore {folder}", "runs restore --changes {folder}",
+    "run from={run}",
+    "run from={folder}", "run from={run}@1",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("words", COMMANDS)
 def test_no_command_decodes_what_crashed_in_the_sandbox(kinds, words, tmp_path, capsys, monkeypatch):
-    command, arguments = COMMANDS[words]
-    folder = leave(tmp_path / "folder", status="running" if "published" in words else "complete")
+    folder = leave(tmp_path / "folder", status="running" if words.startswith("runs {folder}") else "complete")
     for path in (folder / "run.rrd", tmp_path / "other.rrd"):
         path.write_bytes(kinds[0])
     monkeypatch.setattr("workbench.cli.view.viewer", lambda: Path("true"))
     monkeypatch.setattr(probe, "fatal", lambda paths: {Path(path) for path in paths})
     places = {"run": folder / "run.rrd", "other": tmp_path / "other.rrd", "folder": folder}
-    code = command([argument.format(**places) for argument in arguments])
+    code = main([word.format(**places) for word in words.split()])
     printed = " ".join("".join(capsys.readouterr()).split())
     assert "run.rrd: expected a whole recording, found damage that crashes its decoder" in printed
-    assert code == (0 if words.startswith(("report", "runs")) else 2)
+    assert code == (0 if words.startswith(("report", "runs {")) else 2)
     assert "Traceback" not in printed

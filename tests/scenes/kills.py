@@ -70,7 +70,7 @@ def begin(case):
     os.environ |= {"WORKBENCH_CACHE": str(case.cache), "NUMBA_NUM_THREADS": "1"}
     os.environ.pop("WORKBENCH_DATA", None)
     words = [*SMALL, f"hydra.run.dir={case.folder}"]
-    os.execv(sys.executable, [sys.executable, "-m", "workbench", *words])
+    os.execv(sys.executable, [sys.executable, "-m", "workbench", "run", *words])
 
 
 def let_run(case):

@@ -134,15 +134,11 @@ def test_every_name_is_there_and_no_room_stands_in_its_place():
 
 @pytest.mark.slow
 def test_a_run_from_python_is_the_commands(tmp_path):
-    from workbench.cli.run import main
+    from workbench.cli.main import main
 
     small = [*SMALL, "seed=4"]
     run = wb.run("walk_straight", *small, folder=tmp_path / "python", quiet=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            sys, "argv", ["workbench", "experiment=walk_straight", *small, f"hydra.run.dir={tmp_path / 'cli'}"]
-        )
-        assert main() == 0
+    assert main(["run", "experiment=walk_straight", *small, f"hydra.run.dir={tmp_path / 'cli'}"]) == 0
     told = wb.read(tmp_path / "cli")
     assert told.provenance["identity"] == run.provenance["identity"]
     assert told.provenance["choices"] == run.provenance["choices"]

@@ -22,7 +22,14 @@ def python(code, folder):
 
 @pytest.mark.parametrize(
     "imported",
-    ["workbench", "workbench.api", "workbench.cli.run", "workbench.recording.write.recorder", "workbench.sweep.plan"],
+    [
+        "workbench",
+        "workbench.api",
+        "workbench.cli.main",
+        "workbench.cli.run",
+        "workbench.recording.write.recorder",
+        "workbench.sweep.plan",
+    ],
 )
 def test_an_import_changes_nothing_in_the_process(imported, tmp_path):
     code = f"{STATE}\nimport hydra, numba, omegaconf, rerun, cv2\nbefore = state()\nimport {imported}\n"

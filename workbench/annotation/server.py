@@ -55,7 +55,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self) -> None:
         token, _, path = self.path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.server.token.encode()):
-            self._send({"error": "expected the address that workbench-mark prints"}, HTTPStatus.FORBIDDEN)
+            self._send({"error": "expected the address that workbench annotate prints"}, HTTPStatus.FORBIDDEN)
             return
         try:
             match self.command, path.split("/"):

@@ -1,21 +1,14 @@
-"""workbench-look-at: check before tracking whether a calibration fits the images and the people in them.
+"""`workbench check-calibration`: check before tracking whether a calibration fits the images and the people in them."""
 
-It takes the arguments of the run, such as dataset=video dataset.source=walk.mp4 dataset.camera=camera.toml
-dataset.keypoints=marks.csv body=height body.height_m=1.65, or experiment=balance_4cam, draws a floor, axes, up and the
-joints into a frame of every camera, and prints what fits.
-"""
-
-import argparse
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
-from hydra.errors import HydraException
+import typer
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from workbench.camera_calibration.findings import CalibrationCheck, CalibrationFinding, check_calibration
 from workbench.camera_calibration.observed_joints import ObservedJoints, observe_joints
@@ -26,56 +19,58 @@ from workbench.experiment.config.options import name_parts, parts_in
 from workbench.utils.atomic_write import whole_file
 from workbench.utils.errors import InputError
 
-SIGNS = {True: "fits", False: "WRONG", None: "note"}
-VERDICTS = {
-    True: "the calibration fits", False: "the calibration does not fit",
+_SIGNS = {True: "fits", False: "WRONG", None: "note"}
+_VERDICTS = {
+    True: "the calibration fits",
+    False: "the calibration does not fit",
     None: "it is unknown whether the calibration fits: annotate joints, and view the pictures",
-}  # fmt: skip
+}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Check a dataset's calibration. Return 0, 1 where something does not fit, 2 for bad input."""
-    parser = argparse.ArgumentParser(
-        prog="workbench-look-at", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("words", metavar="KEY=VALUE", nargs="+", help="the dataset, as for a run")
-    parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("look-at"), help="for the pictures")
-    arguments = parser.parse_intermixed_args(argv)
-    try:
-        config = composed(arguments.words)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", UserWarning)
-            seen = observe_joints(build(config.dataset))
-        check = check_calibration(seen, _height(config))
-        files = _draw(seen, check, arguments.output)
-    except (InputError, HydraException, OmegaConfBaseException) as error:
-        print(f"workbench-look-at: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+def check_of_dataset(
+    overrides: Annotated[list[str], typer.Argument(metavar="KEY=VALUE", help="The dataset, as for a run.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="For the pictures.")] = Path(
+        "check-calibration"
+    ),
+) -> int:
+    """Check before tracking whether a calibration fits the images and the people in them.
+
+    Draws a floor, axes, up and the joints into a frame of every camera, and
+    prints what fits. The exit code is 1 where something does not.
+
+    \b
+    Examples:
+      workbench check-calibration experiment=balance_4cam paths.data=DATA
+      workbench check-calibration dataset=video dataset.source=walk.mp4 \\
+        dataset.camera=camera.toml dataset.keypoints=marks.csv \\
+        body=height body.height_m=1.65
+    """
+    config = _composed(overrides)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        seen = observe_joints(build(config.dataset))
+    height_m = None if config.body is None else config.body.get("height_m")
+    check = check_calibration(seen, None if height_m is None else float(height_m))
+    files = _draw(seen, check, output)
     warned = [CalibrationFinding(str(each.message)) for each in caught if issubclass(each.category, UserWarning)]
     for finding in (*warned, *check.findings):
-        print(f"{SIGNS[finding.fits]:<6}{finding.sentence}")
-    print(f"{VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
+        print(f"{_SIGNS[finding.fits]:<6}{finding.sentence}")
+    print(f"{_VERDICTS[check.fits]}; drawn in {', '.join(map(str, files))}")
     return 1 if check.fits is False else 0
 
 
-def composed(words: Sequence[str]) -> DictConfig:
-    """Compose the configuration of command-line arguments; raises InputError where it has no complete dataset."""
-    name_parts(parts_in(words))
-    chosen = {word.partition("=")[0] for word in words}
+def _composed(overrides: Sequence[str]) -> DictConfig:
+    """Compose the configuration; raises InputError where it has no complete dataset."""
+    name_parts(parts_in(overrides))
+    chosen = {text.partition("=")[0] for text in overrides}
     if not chosen & {"dataset", "experiment"}:
         raise InputError("expected a dataset, such as dataset=video dataset.source=walk.mp4, or an experiment")
-    config = schema.composed([*([] if "experiment" in chosen else ["experiment=custom"]), *words])
+    config = schema.composed([*([] if "experiment" in chosen else ["experiment=custom"]), *overrides])
     if config.dataset is None:
         raise InputError("expected an experiment with a dataset, found none")
-    if lacking := sorted(OmegaConf.missing_keys(config.dataset)):
-        raise InputError(f"the dataset lacks {', '.join(lacking)}: give dataset.{lacking[0]}=…")
+    if missing := sorted(OmegaConf.missing_keys(config.dataset)):
+        raise InputError(f"the dataset lacks {', '.join(missing)}: give dataset.{missing[0]}=…")
     return config
-
-
-def _height(config: DictConfig) -> float | None:
-    """Return the person's height, m, where the configuration has one."""
-    height = None if config.body is None else config.body.get("height_m")
-    return None if height is None else float(height)
 
 
 def _draw(seen: ObservedJoints, check: CalibrationCheck, folder: Path) -> list[Path]:

@@ -1,46 +1,60 @@
-"""workbench-parts: what can be chosen, and what the keys of an option are."""
+"""`workbench components`: what can be chosen, and what the keys of an option are."""
 
-import argparse
 import inspect
 import shutil
-import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from typing import Annotated
+
+import typer
 
 from workbench.experiment.config.options import GROUPS, OURS, Option, name_parts, options, packages, parts_in
 from workbench.utils.errors import InputError
 
+_GROUPS = ("experiment", "paper", *GROUPS)
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """List the options of all groups, or the keys of those named. Returns 0, or 2 for a name that is none."""
-    parser = argparse.ArgumentParser(prog="workbench-parts", description=__doc__)
-    parser.add_argument(
-        "what", metavar="GROUP|GROUP.OPTION|parts=[PACKAGE]", nargs="*",
-        help="what to show, such as prior.jitter; nothing: all options. parts=[my_parts]: those of a package, too",
-    )  # fmt: skip
-    parser.add_argument("--table", action="store_true", help="what goes with what, and what is lacking elsewhere")
-    arguments = parser.parse_args(argv)
-    try:
-        name_parts(parts_in(arguments.what))
-        chosen = [text for text in arguments.what if "=" not in text]
-        if arguments.table:
-            print(_combinations())
-        else:
-            print("\n\n".join(map(_described, chosen)) if chosen else listing())
-    except InputError as error:
-        print(f"workbench-parts: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+def components(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="GROUP|GROUP.OPTION|parts=\\[PACKAGE]",
+            help="What to show, by default all options; parts=\\[my_parts] adds those of a package.",
+        ),
+    ] = None,
+    table: Annotated[bool, typer.Option("--table", help="Which options go together, and what others lack.")] = False,
+) -> None:
+    """List the experiments and components that can be chosen, or the keys of one.
+
+    \b
+    Examples:
+      workbench components experiment
+      workbench components prior.jitter
+    """
+    names = names or []
+    name_parts(parts_in(names))
+    chosen = [name for name in names if "=" not in name]
+    if table:
+        print(_combinations())
+    else:
+        print("\n\n".join(map(_described, chosen)) if chosen else listing())
 
 
 def listing() -> str:
-    """Every group with its options and what they are, one line each."""
-    groups = [group for group in ("experiment", "paper", *GROUPS) if options(group)]
-    return "\n\n".join(f"{group}=\n{_table(_abouts(group), lines=1)}" for group in groups)
+    """Return every group with its options and what they are, one line each."""
+    return "\n\n".join(_options_of(group, lines=1) for group in _GROUPS if options(group))
+
+
+def _options_of(group: str, lines: int | None = None) -> str:
+    rows = {
+        name: option.about + ("" if option.package == OURS else f" [{option.package}]")
+        for name, option in options(group).items()
+    }
+    return f"{group}=\n{_table(rows, lines)}"
 
 
 def _combinations() -> str:
-    """Which options go with which, and what the others lack; wrappers as they stand, with the parts they begin with."""
+    """Return which options go with which, and what the others lack; wrappers with the components of their files."""
     from workbench.experiment.config.requirements import PAIRS, table, traits_of
     from workbench.experiment.config.schema import composed
 
@@ -51,53 +65,44 @@ def _combinations() -> str:
         }
         for group in groups
     }
-    told = "\n\n".join(f"{title}\n{_table(rows)}" for title, rows in table(traits).items())
-    return f"{told}\n\nOptions as they stand; a video with marks or joints, for example, has a start and 2-D joints."
-
-
-def _abouts(group: str) -> dict[str, str]:
-    return {
-        name: option.about + ("" if option.package == OURS else f" [{option.package}]")
-        for name, option in options(group).items()
-    }
+    text = "\n\n".join(f"{title}\n{_table(rows)}" for title, rows in table(traits).items())
+    return f"{text}\n\nOptions as they stand; a video with marks or joints, for example, has a start and 2-D joints."
 
 
 def _described(place: str) -> str:
-    """An option's class, what that says of itself, and its keys with defaults and notes."""
+    """Return an option's class, the first paragraph of its docstring, and its keys with defaults and notes."""
     group, _, name = place.partition(".")
-    if group not in ("experiment", "paper", *GROUPS) or (name and name not in options(group)):
+    if group not in _GROUPS or (name and name not in options(group)):
         raise InputError(f"expected a group or group.option, such as prior.jitter, found {place!r}")
     if not name:
-        return f"{group}=\n{_table(_abouts(group))}"
+        return _options_of(group)
     option = options(group)[name]
     if option.target is None:
         return f"{place}\n{option.text.rstrip()}"
-    from workbench.experiment.config.instantiate import (
-        resolved,  # here and below, so that a list of options imports none of them
-    )
+    from workbench.experiment.config.instantiate import resolved  # here, as a list of options imports none of them
 
-    first, _, _ = (inspect.getdoc(resolved(option.target)) or "").partition("\n\n")
-    paragraph = f"{option.target}: {' '.join(first.split())}"
-    return f"{place}: {option.about}\n\n{paragraph}\n\n{_table(_keys(option))}"
+    target = resolved(option.target)
+    first, _, _ = (inspect.getdoc(target) or "").partition("\n\n")
+    return f"{place}: {option.about}\n\n{option.target}: {' '.join(first.split())}\n\n{_table(_keys(option, target))}"
 
 
-def _keys(option: Option) -> dict[str, str]:
-    """Key = value, as the option has it or else its class, and the note on it."""
+def _keys(option: Option, target: Callable[..., object]) -> dict[str, str]:
+    """Return the note on each `key: value`, with the value of the option or else the default of its class."""
     from omegaconf import OmegaConf
 
-    from workbench.experiment.config.instantiate import keys_of, resolved
+    from workbench.experiment.config.instantiate import keys_of
 
     own: Mapping[str, object] = OmegaConf.to_container(OmegaConf.create(option.text))  # type: ignore[assignment]
-    found, notes = {}, option.notes
-    for key, (_, default) in keys_of(resolved(str(option.target))).items():
+    rows, notes = {}, option.notes
+    for key, (_, default) in keys_of(target).items():
         value = own.get(key, "expected" if default is inspect.Parameter.empty else default)
         shown = "null" if value is None else list(value) if isinstance(value, tuple) else value
-        found[f"{key}: {shown}"] = notes.get(key, "")
-    return found
+        rows[f"{key}: {shown}"] = notes.get(key, "")
+    return rows
 
 
 def _table(rows: Mapping[str, str], lines: int | None = None) -> str:
-    """Two columns, the second wrapped to the terminal, to at most so many lines."""
+    """Return two columns, the second wrapped to the terminal and cut after so many lines."""
     width = min(max(map(len, rows), default=0), 28)
     room = max(shutil.get_terminal_size((120, 24)).columns - width - 4, 40)
     found = []

@@ -1,22 +1,57 @@
-"""Errors as a person reads them: one sentence, what was meant, and what there is, a line each."""
+"""Errors as messages: one sentence and, for an unknown option or key, those that exist and the most similar ones."""
 
+import errno
 import re
+import signal
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from workbench.utils.errors import InputError, RunFailure, shortened
+from workbench.utils.signals import Interrupted
+
+_BAD_INPUT = (InputError, HydraException, OmegaConfBaseException)
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OPTION = re.compile(r"Could not (?:find|load) '(\w+)/([^']*)'")
 _KEY = re.compile(r"Key '([^']+)' not in '")
 _PLACE = re.compile(r"full_key: (\S+)")
-_IN = re.compile(r"In '(\w+)/([^',]+)[^']*':(?: \w+ raised while composing config:)?")
+_FILE = re.compile(r"In '(\w+)/([^',]+)[^']*':(?: \w+ raised while composing config:)?")
 _COMPONENT = re.compile(r"object_type=(\w+)_keys")
 _WORD = re.compile(r"([a-z]\w*)=(.*)", re.DOTALL)
-_MOST = 40
+_MAX_LISTED = 40
 
 
-def lines(error: BaseException) -> list[str]:
-    """Return the error and, for Hydra's wrappers, its cause, in one line without Hydra's hints on debugging. Of an
-    option or a key that there is none of it says what was meant, and before it stands what there is, a line each."""
+def report_error(error: BaseException) -> int | None:
+    """Print an expected error and return the exit code; None for any other error, which is a defect.
+
+    Expected are bad input (2), a full disk and a failed run (1), and an interruption by signal n (128 + n).
+    """
+    if isinstance(error, KeyboardInterrupt):
+        number = error.number if isinstance(error, Interrupted) else signal.SIGINT
+        print_error([f"interrupted by {signal.Signals(number).name}; what was recorded is kept"])
+        return 128 + number
+    is_full = isinstance(error, OSError) and error.errno in _DISK_FULL
+    if not is_full and not isinstance(error, (*_BAD_INPUT, RunFailure)):
+        return None
+    print_error(message_of(error))
+    return 2 if isinstance(error, _BAD_INPUT) else 1
+
+
+def print_error(message: Sequence[str]) -> None:
+    """Print the lines of a message to stderr; the last is its sentence."""
+    *listed, sentence = message
+    print(*listed, f"workbench: {shortened(sentence)}", sep="\n", file=sys.stderr)
+
+
+def message_of(error: BaseException) -> list[str]:
+    """Return the message of an error and its causes, the sentence last, without Hydra's hints on debugging.
+
+    Before the sentence on an unknown option or key stand those that exist.
+    """
     chain = list(_causes(error))
     texts: list[str] = []
     for cause in chain:
@@ -26,47 +61,18 @@ def lines(error: BaseException) -> list[str]:
         if text and not any(text in part for part in texts):
             texts.append(text)
     whole = ": ".join(texts)
-    if place := _IN.search(whole):
+    if place := _FILE.search(whole):
         file = _file(*place.groups())
-        whole = whole.replace(place[0], file)
-        *there, sentence = _meant(whole, chain, place[2])
-        return [*there, sentence if sentence.startswith(file) else f"{file} {sentence}"]
-    return _meant(whole, chain)
-
-
-def _file(group: str, name: str) -> str:
-    """Return the file of an option, and a colon."""
-    from workbench.experiment.config.options import find, folders
-
-    name = f"{'experiment' if group == 'when' else group}/{name}"
-    return f"{find(folders().values(), f'{name}.yaml') or name}:"
-
-
-def _meant(whole: str, chain: Sequence[BaseException], experiment: str = "") -> list[str]:
-    """Return what there is in place of an unknown option or key, and a sentence on it; any other error as it is.
-
-    experiment: whose file names it.
-    """
-    if found := _OPTION.search(whole):
-        return _no_option(found[1], found[2])
-    if not (found := _KEY.search(whole)):
-        return [whole]
-    place, there, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
-    name = place[1] if place else found[1]
-    group, before = name.partition(".")[0], name.rpartition(".")[0]
-    if experiment and component and not get_close_matches(found[1], there):
-        return [
-            f"the chosen {group} ({component[1]}) has no key {name}; "
-            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment}"
-        ]
-    return _unknown(f"there is no key {name}", found[1], there, f"{before}." if before else "") if there else [whole]
+        *listed, sentence = _explained(whole.replace(place[0], file), chain, place[2])
+        return [*listed, sentence if sentence.startswith(file) else f"{file} {sentence}"]
+    return _explained(whole, chain)
 
 
 def mistyped(arguments: Sequence[str]) -> list[str]:
-    """Tell of the first `group=option` or `key=value` of which there is none, as `lines` does; empty where all are.
+    """Return the message on the first `group=option` or `key=value` that does not exist; empty where all do.
 
-    It is what Hydra would say once it has imported the parts of the run. Left to it is whatever is not as plain: keys
-    within parts, choices of a sweep, and all where a folder with other options is named.
+    Hydra would refuse it, too, after importing the components of the run. Left to Hydra are keys of components, choices
+    of a sweep, and everything where --config-dir names a folder with more options.
     """
     from workbench.experiment.config.options import GROUPS, options
     from workbench.experiment.config.schema import RunSchema
@@ -79,29 +85,56 @@ def mistyped(arguments: Sequence[str]) -> list[str]:
         name, value = found.groups()
         if name in groups and re.fullmatch(r"[a-zA-Z]\w*", value) and value.lower() != "null":
             if value not in options(name):
-                return _no_option(name, value)
+                return _unknown_option(name, value)
         elif name not in (*keys, "hydra", "when"):
-            return _unknown(f"there is no key {name}", name, sorted(keys), "")
+            return _unknown(f"there is no key {name}", name, sorted(keys))
     return []
 
 
-def _no_option(group: str, name: str) -> list[str]:
+def _file(group: str, name: str) -> str:
+    """Return the file of an option, and a colon."""
+    from workbench.experiment.config.options import find, folders
+
+    name = f"{'experiment' if group == 'when' else group}/{name}"
+    return f"{find(folders().values(), f'{name}.yaml') or name}:"
+
+
+def _explained(whole: str, chain: Sequence[BaseException], experiment: str = "") -> list[str]:
+    """Return the message on an unknown option or key, and any other text as it is.
+
+    experiment: the one whose file names the option or key.
+    """
+    if option := _OPTION.search(whole):
+        return _unknown_option(option[1], option[2])
+    if not (key := _KEY.search(whole)):
+        return [whole]
+    place, keys, component = _PLACE.search(whole), _keys(chain), _COMPONENT.search(whole)
+    name = place[1] if place else key[1]
+    group, before = name.partition(".")[0], name.rpartition(".")[0]
+    if experiment and component and not get_close_matches(key[1], keys):
+        return [
+            f"the chosen {group} ({component[1]}) has no key {name}; "
+            f"choose experiment=custom with {group}=…, or leave the {group} to experiment={experiment}"
+        ]
+    return _unknown(f"there is no key {name}", key[1], keys, f"{before}." if before else "") if keys else [whole]
+
+
+def _unknown_option(group: str, name: str) -> list[str]:
     from workbench.experiment.config.options import options
 
     return _unknown(f"{group}: there is no option {name!r}", name, sorted(options(group)), f"{group}=")
 
 
-def _unknown(told: str, name: str, there: Sequence[str], before: str) -> list[str]:
-    """List what there is, and say what was meant."""
-    near = get_close_matches(name, there, n=3, cutoff=0.6)
+def _unknown(sentence: str, name: str, names: Sequence[str], before: str = "") -> list[str]:
+    """List the names that exist, and add the most similar ones to the sentence."""
+    near = get_close_matches(name, names, n=3, cutoff=0.6)
     meant = f"; did you mean {' or '.join(before + each for each in near)}?" if near else ""
-    listed = [f"  {before}{each}" for each in there[:_MOST]]
-    more = [f"  and {len(there) - _MOST} more"] if len(there) > _MOST else []
-    return ["there are:", *listed, *more, f"{told}{meant}"]
+    more = [f"  and {len(names) - _MAX_LISTED} more"] if len(names) > _MAX_LISTED else []
+    return ["there are:", *(f"  {before}{each}" for each in names[:_MAX_LISTED]), *more, f"{sentence}{meant}"]
 
 
 def _keys(chain: Sequence[BaseException]) -> list[str]:
-    """Find the keys that the place of an unknown one has."""
+    """Return the keys that exist where one is unknown."""
     for cause in chain:
         kind = getattr(cause, "object_type", None)
         if isinstance(kind, type) and is_dataclass(kind):

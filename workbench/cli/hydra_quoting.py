@@ -1,4 +1,4 @@
-"""Arguments key=value as Hydra takes them, whose grammar knows no letters but English ones, and few signs."""
+"""Quoting of `key=value` arguments for Hydra, whose grammar knows English letters only, and few signs."""
 
 import re
 
@@ -8,31 +8,33 @@ from hydra.errors import HydraException
 from workbench.utils.errors import InputError
 
 _FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "sweep.resume", "sweep.reuse", "paths.data", "paths.cache")
-_MEANT = re.compile(r"""[\[\]{}(),'"$\\]""")
-"""What means something in Hydra's grammar, so that whoever writes it has to say what."""
+_GRAMMAR = re.compile(r"""[\[\]{}(),'"$\\]""")
+"""Signs of Hydra's grammar: a value with one of them may be a list or a sweep."""
 
 
 def quoted(argument: str) -> str:
-    """Put a value that Hydra cannot read, such as `times_lost>0` or the name of a folder, into quotes.
+    """Quote a value that Hydra cannot read, such as `times_lost>0` or the name of a folder.
 
-    Of a key that is no folder's, one with brackets, commas, quotes or the like stays as it is, as it may be meant as a
-    list or a sweep. Raises InputError for what no grammar gets to the end of.
+    A value with signs of Hydra's grammar stays as it is, except a folder's. Raises InputError for a value on which
+    Hydra's parser fails.
     """
     key, sign, value = argument.partition("=")
     if not sign or argument.startswith("-") or value[:1] in ("'", '"') or "${" in value:
         return argument
-    if _is_read(argument) or (key not in _FOLDERS and _MEANT.search(value)):
+    if _is_read(argument) or (key not in _FOLDERS and _GRAMMAR.search(value)):
         return argument
     return f"{key}='{value.replace(chr(39), chr(92) + chr(39))}'"
 
 
-def unquoted(value: str) -> str:
-    """Take the quotes from around a value that somebody has put into them."""
-    return value[1:-1] if len(value) > 1 and value[0] == value[-1] in ("'", '"') else value
+def unquoted(argument: str) -> str:
+    """Remove the quotes around the value of `key=value`."""
+    key, sign, value = argument.partition("=")
+    is_quoted = len(value) > 1 and value[0] == value[-1] in ("'", '"')
+    return f"{key}{sign}{value[1:-1]}" if is_quoted else argument
 
 
 def _is_read(argument: str) -> bool:
-    """Tell whether Hydra reads a value, and one only where it is a folder's."""
+    """Return whether Hydra reads a value, and as a single one where it is a folder's."""
     try:
         override = OverridesParser.create().parse_override(argument)
     except HydraException:

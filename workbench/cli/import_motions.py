@@ -1,9 +1,11 @@
-"""workbench-import: motion files in, one motion library out."""
+"""`workbench import`: motion files in, one motion library out."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
 
 from workbench.motion.library import write_library
 from workbench.motion.pose_sequence import Motion
@@ -11,35 +13,35 @@ from workbench.motion.sources import import_sources
 from workbench.utils.errors import InputError
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Import files and folders. Returns 0 when all is well, 2 when any was bad; the good ones are written either way.
+def import_motions(
+    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE", help="An .amc or .bvh file, or a folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.h5", help="The library to write.")],
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Resample; by default as in the files.")] = None,
+    unit: Annotated[Literal["cm", "m"], typer.Option(help="Unit of length of BVH files.")] = "cm",
+) -> int:
+    """Import motion files into a motion library.
 
-    Where nothing could be imported no file is written.
+    Files that cannot be imported are named, and the others are imported;
+    the exit code is 2 then. Without any, no library is written.
+
+    \b
+    Examples:
+      workbench import clips/ -o motions.h5
+      workbench import dance.bvh jump.bvh -o motions.h5 --unit m --rate 60
     """
-    parser = argparse.ArgumentParser(prog="workbench-import", description=__doc__)
-    parser.add_argument("sources", metavar="SOURCE", nargs="+", type=Path, help=".amc or .bvh file, or a folder")
-    parser.add_argument("-o", "--output", required=True, type=Path, help="the library to write, e.g. motions.h5")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="resample to this rate (default: as in the files)")
-    parser.add_argument("--unit", choices=("cm", "m"), default="cm", help="unit of length of BVH files (default: cm)")
-    arguments = parser.parse_args(argv)
-    output: Path = arguments.output
-    try:
-        if not output.parent.is_dir() or output.is_dir():  # before the work, not after it
-            raise InputError(f"{output}: expected the name of a file in a folder that exists")
-        motions, reports = import_sources(arguments.sources, arguments.rate, arguments.unit)
-        for report in reports:
-            print(report, file=sys.stderr)
-        if motions:
-            write_library(output, motions)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
+    if not output.parent.is_dir() or output.is_dir():  # before the work, not after it
+        raise InputError(f"{output}: expected the name of a file in a folder that exists")
+    motions, reports = import_sources(sources, rate, unit)
+    for report in reports:
+        print(report, file=sys.stderr)
+    if motions:
+        write_library(output, motions)
     print("\n".join(_summary(motions)) if motions else f"nothing imported, {output} not written")
     return 2 if reports else 0
 
 
 def _summary(motions: Sequence[Motion]) -> list[str]:
-    """A table of clips, frames and mean residual of the joints after retargeting, by subject and in total."""
+    """Return a table of clips, frames and mean residual of the joints after retargeting, by subject and in total."""
     lines = [f"{'subject':<12}{'clips':>7}{'frames':>9}{'error mm':>10}"]
     subjects = sorted({motion.subject for motion in motions})
     groups = [(subject, [motion for motion in motions if motion.subject == subject]) for subject in subjects]

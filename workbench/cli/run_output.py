@@ -1,4 +1,4 @@
-"""What the terminal says of a run: the verdict, the few numbers that matter, and where the rest is."""
+"""The summary of a run in the terminal: the verdict, the numbers that matter, and where the rest is."""
 
 import logging
 import os
@@ -27,11 +27,11 @@ NUMBERS: Mapping[str, tuple[str, str, float]] = {
     "inliers": ("observations near the body", "%", 100.0),
     "log_evidence": ("log evidence", "nats", 1.0),
 }
-"""What is printed, by its name in the file: what it is, its unit, and times what."""
+"""Printed metrics by name: description, unit, and factor to that unit."""
 
 
-def lines(summary: "Summary") -> Iterator[str]:
-    """Yield what is told of a run, line by line; all numbers of a study."""
+def summary_lines(summary: "Summary") -> Iterator[str]:
+    """Yield the lines on a run; of a study, all its numbers."""
     if summary.verdict is not None:
         yield f"verdict: {summary.verdict.sentence}"
     metrics = summary.metrics
@@ -46,42 +46,35 @@ def lines(summary: "Summary") -> Iterator[str]:
             _, unit, factor = NUMBERS[name]
             yield f"  {names[name]:<{width}} {factor * value:8.4g} {unit}"
         rest = len(metrics) - len(shown)
-        yield f"  {rest} more numbers: {shown_path(summary.recording.with_name(SUMMARY))}"
+        yield f"  {rest} more numbers: {_shortest(summary.recording.with_name(SUMMARY))}"
     yield f"  {_times(summary.cost)}"
-    yield f"look at it: {command('workbench-view')} {quoted(shown_path(summary.recording))}"
+    yield f"look at it: {_command()} view {quote(_shortest(summary.recording))}"
 
 
 def tell_warnings() -> None:
-    """Let Python's warnings be told as a sentence each, without the file and the line that raised them."""
+    """Print Python's warnings as a sentence each, without the file and the line that raised them."""
     logging.captureWarnings(True)
     warnings.formatwarning = lambda message, category, filename, lineno, line=None: str(message)
 
 
 def _times(cost: Mapping[str, float]) -> str:
-    seconds = f"{cost.get('seconds', 0.0):.1f} s"
-    per_frame = f", {cost['ms_per_frame']:.0f} ms a frame" if "ms_per_frame" in cost else ""
-    compiled = (
-        f"; compiling kernels, once on this machine, {cost['compiling_s']:.1f} s" if "compiling_s" in cost else ""
-    )
-    return f"took {seconds}{per_frame}{compiled}"
+    text = f"took {cost.get('seconds', 0.0):.1f} s"
+    if "ms_per_frame" in cost:
+        text += f", {cost['ms_per_frame']:.0f} ms a frame"
+    if "compiling_s" in cost:
+        text += f"; compiling kernels, once on this machine, {cost['compiling_s']:.1f} s"
+    return text
 
 
-def command(name: str) -> str:
-    """Return how to call one of our commands from this shell: by its name where that is found and is of this Python's
-    environment, else by its path."""
-    beside = Path(sys.executable).parent / name
-    found = shutil.which(name)
-    if found is not None and Path(found).resolve() == beside.resolve():
-        return name
-    return quoted(shown_path(beside)) if beside.is_file() else name
+def _command() -> str:
+    """Return how this shell calls `workbench`: by its path where the name does not find that of this Python."""
+    own, on_path = Path(sys.executable).with_name("workbench"), shutil.which("workbench")
+    if not own.is_file() or (on_path is not None and Path(on_path).resolve() == own.resolve()):
+        return "workbench"
+    return quote(_shortest(own))
 
 
-def shown_path(path: Path) -> str:
-    """Return a path as it is shortest from here: relative below the working directory, else absolute."""
+def _shortest(path: Path) -> str:
+    """Return a path relative to the working directory where it lies below that, or an absolute one."""
     relative = os.path.relpath(path)
     return os.path.abspath(path) if relative.startswith("..") else relative
-
-
-def quoted(text: str) -> str:
-    """Return a text as a shell takes it for one word."""
-    return quote(text)

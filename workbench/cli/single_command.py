@@ -1,18 +1,13 @@
 """One typer function run as a command of its own, `python -m workbench.cli.NAME`."""
 
-import os
-import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any
 
 import typer
-from hydra.errors import HydraException
-from omegaconf.errors import OmegaConfBaseException
 
-from workbench.cli.error_messages import lines
-from workbench.utils.errors import InputError, shortened
-from workbench.utils.signals import Interrupted, interruptible
+from workbench.cli.error_messages import report_error
+from workbench.utils.signals import interruptible
 
 
 def run_command(function: Callable[..., None], name: str, argv: Sequence[str] | None) -> int:
@@ -23,16 +18,10 @@ def run_command(function: Callable[..., None], name: str, argv: Sequence[str] | 
         try:
             with interruptible():
                 function(*arguments, **options)
-        except (InputError, HydraException, OmegaConfBaseException) as error:
-            *there, sentence = lines(error)
-            print("\n".join([*there, f"{name}: {shortened(sentence)}"]), file=sys.stderr)
-            raise typer.Exit(2) from None
-        except BrokenPipeError:  # the reader, such as `head`, has ended; nothing is left to flush at the exit
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(1) from None
-        except Interrupted as error:
-            print(f"{name}: interrupted by {error}", file=sys.stderr)
-            raise typer.Exit(128 + error.number) from None
+        except (Exception, KeyboardInterrupt) as error:
+            if isinstance(error, typer.Exit) or (code := report_error(error)) is None:
+                raise
+            raise typer.Exit(code) from None
 
     app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
     app.command()(called)

@@ -57,7 +57,7 @@ class Command:
     @property
     def line(self) -> str:
         """The command, which a shell takes, or what was said in Python."""
-        return self.said or shlex.join(["workbench", *self.overrides])
+        return self.said or shlex.join(["workbench", "run", *self.overrides])
 
 
 def provenance(config: DictConfig, command: Command) -> dict[str, Any]:

@@ -251,7 +251,7 @@ def branch(arguments: Sequence[str]) -> Summary:
         raise InputError(f"{folder}: holds the run that is gone on from; choose another by {_FOLDER}FOLDER")
     summary = execute(config, experiment, folder, command=command, continued=continued)
     if continued is not None:
-        log.info("both under one cursor: workbench-view %s %s", run.path, summary.recording)
+        log.info("both under one cursor: workbench view %s %s", run.path, summary.recording)
     return summary
 
 

@@ -31,7 +31,9 @@ def restore(run: Run, root: Path) -> tuple[list[str], list[str]]:
             commands.append(f"workbench runs restore --changes {recording} | git apply")
         commands.append("python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e .")
     if words:
-        commands.append(shlex.join([".venv/bin/workbench" if commit else "workbench", *words[1:]]))
+        older = not commit and words[1:2] != ["run"]  # recorded when the command was `workbench KEY=VALUE`
+        program = ".venv/bin/workbench" if commit else "workbench"
+        commands.append(shlex.join([program, *["run"] * older, *words[1:]]))
     else:
         commands.append(f"workbench check {shlex.quote(str(run.path))}")
     return commands, [*_not_restored(run, root, commit, bool(words)), *_changed_inputs(run)]

@@ -198,7 +198,7 @@ def close(progress: Progress, arguments: Sequence[str]) -> int:
     for job, reason in missing.items():
         print(f"  {folder / str(job)}: {' '.join(reason.split())}", file=sys.stderr)
     again = [each for each in arguments if not each.startswith(("sweep.resume=", "hydra.sweep.dir="))]
-    print(f"run them again: {shlex.join(['workbench', *again, f'sweep.resume={folder}'])}", file=sys.stderr)
+    print(f"run them again: {shlex.join(['workbench', 'run', *again, f'sweep.resume={folder}'])}", file=sys.stderr)
     return 1
 
 

@@ -21,3 +21,7 @@ class InputError(ValueError):
 
     def __init__(self, sentence: str) -> None:
         super().__init__(shortened(sentence))
+
+
+class RunFailure(RuntimeError):  # noqa: N818 - an outcome of a run, not a wrong input
+    """A run that cannot go on: the command line prints its message without a traceback and exits with code 1."""

@@ -225,11 +225,11 @@ def test_missing_runs_are_made_small_and_used_again(tmp_path):
     names = ("a_fig3_eigencurves", "d_fig5_walk_steady", "d_fig6_flexion")
     made = {f"{name}.{suffix}" for name in names for suffix in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "out").iterdir()} == made
-    assert done.stdout.count("workbench experiment=") == 3  # the fit as D writes it, too
+    assert done.stdout.count("workbench run experiment=") == 3  # the fit as D writes it, too
     assert "dataset.n_frames=16" in done.stdout
     again = command(*arguments)
     assert again.returncode == 0, again.stderr
-    assert "workbench experiment=" not in again.stdout
+    assert "workbench run experiment=" not in again.stdout
     assert len(list((tmp_path / "runs").rglob("run.rrd"))) == 3
 
 

@@ -8,7 +8,7 @@ import pytest
 from rendered_boards import COLUMNS, ROWS, board_poses, lens, rendered
 
 from workbench.body.camera import load_cameras
-from workbench.cli import calibrate
+from workbench.cli.main import main
 from workbench.datasets.files.decode import decode
 
 
@@ -26,11 +26,11 @@ def films(tmp_path_factory):
 
 def board(films, *words):
     sources = [f"{name}={films / name}" for name in ("left", "right")]
-    return ["board", *sources, "--corners", f"{COLUMNS}x{ROWS}", "--square-mm", "50", *words]
+    return ["calibrate", "board", *sources, "--corners", f"{COLUMNS}x{ROWS}", "--square-mm", "50", *words]
 
 
 def test_two_cameras_are_written_with_residuals_by_image(films, tmp_path, capsys):
-    assert calibrate.main([*board(films, "--floor", "3"), "-o", str(tmp_path / "c.toml")]) == 0
+    assert main([*board(films, "--floor", "3"), "-o", str(tmp_path / "c.toml")]) == 0
     said = capsys.readouterr().out
     left, right = load_cameras(tmp_path / "c.toml")
     assert np.linalg.norm(left.position - right.position) == pytest.approx(0.1, abs=0.005)
@@ -42,7 +42,7 @@ def test_two_cameras_are_written_with_residuals_by_image(films, tmp_path, capsys
 
 def test_a_file_that_is_there_is_kept(films, tmp_path, capsys):
     (tmp_path / "c.toml").write_text("mine")
-    assert calibrate.main([*board(films), "-o", str(tmp_path / "c.toml")]) == 2
+    assert main([*board(films), "-o", str(tmp_path / "c.toml")]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert (tmp_path / "c.toml").read_text() == "mine"
 
@@ -54,11 +54,11 @@ def test_a_camera_by_height_says_how_sure_it_is(films, tmp_path, capsys):
         rows += [f"{k},{side}_ankle,{u},{foot},1" for side, u in (("left", 300), ("right", 320))]
         rows.append(f"{k},head_centre,310,{head},1")
     (tmp_path / "marks.csv").write_text("\n".join(rows))
-    words = ["height", str(films / "left"), str(tmp_path / "marks.csv"), "--height-m", "1.7"]
-    assert calibrate.main([*words, "-o", str(tmp_path / "c.toml")]) == 0
+    words = ["calibrate", "height", str(films / "left"), str(tmp_path / "marks.csv"), "--height-m", "1.7"]
+    assert main([*words, "-o", str(tmp_path / "c.toml")]) == 0
     assert "do not determine the focal length" in capsys.readouterr().out  # level, it scales with all distances
     words += ["--distance-m", "4", "--overwrite"]
-    assert calibrate.main([*words, "-o", str(tmp_path / "c.toml")]) == 0
+    assert main([*words, "-o", str(tmp_path / "c.toml")]) == 0
     said = capsys.readouterr().out
     assert "focal length 60" in said
     assert "do not determine" not in said
@@ -78,8 +78,8 @@ def test_a_camera_by_height_says_how_sure_it_is(films, tmp_path, capsys):
 def test_bad_words_are_one_sentence(films, tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
     sources, rest = (words, []) if not words[0].startswith("-") else ([], words)
-    first, *others = board(films)
-    assert calibrate.main([first, *sources, *others, "-o", "c.toml", *rest]) == 2
+    calibrate, way, *others = board(films)
+    assert main([calibrate, way, *sources, *others, "-o", "c.toml", *rest]) == 2
     printed = capsys.readouterr().err
     assert said in printed
     assert printed.count("\n") == 1

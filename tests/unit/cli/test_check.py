@@ -13,7 +13,7 @@ def test_another_part_is_refused_in_a_sentence_that_says_what_runs_it(capsys):
     told = capsys.readouterr().out
     assert "REFUSED" in told
     assert "inference of a recording has keys of its own" in told
-    assert f"workbench from={recording} inference=annealed" in told
+    assert f"workbench run from={recording} inference=annealed" in told
 
 
 def test_of_two_recordings_the_keys_that_differ_are_told(capsys):

@@ -11,7 +11,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from workbench.cli.components import listing
-from workbench.cli.components import main as describe
+from workbench.cli.main import main
 from workbench.experiment.config import options as parts
 from workbench.experiment.config.instantiate import build, check_targets
 from workbench.experiment.config.schema import prepare_hydra
@@ -185,7 +185,9 @@ def test_a_recording_adds_nothing_to_what_may_be_built(package):
     assert not imported(package)
 
 
-@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "workbench.cli.run.main", "workbench.utils.errors.X"])
+@pytest.mark.parametrize(
+    "target", ["os.system", "builtins.eval", "workbench.cli.main.main", "workbench.utils.errors.X"]
+)
 def test_a_recording_builds_options_only(target):
     with pytest.raises(InputError, match=f"{target}' is no part of the workbench"):
         runnable(run_of(target=target), [], own())
@@ -219,19 +221,19 @@ def test_a_package_that_is_not_there_or_has_no_options_is_refused(package):
 
 
 def test_an_option_is_described_with_its_class_its_keys_and_their_defaults(package, capsys):
-    assert describe(["parts=[my_parts]", "prior.still"]) == 0
+    assert main(["components", "parts=[my_parts]", "prior.still"]) == 0
     told = capsys.readouterr().out
     assert "my_parts.mine.Still: Every parameter stays where it is, give or take." in told
     assert "sigma: 0.25  per second" in told
-    assert describe(["prior.jitter"]) == 0
+    assert main(["components", "prior.jitter"]) == 0
     assert "keep: 0.9" in capsys.readouterr().out
-    assert describe(["prior.no_such"]) == 2
+    assert main(["components", "prior.no_such"]) == 2
     assert "no_such" in capsys.readouterr().err
 
 
 def test_a_list_of_options_imports_none_of_them():
     """In a process of its own, whose modules are those of the command."""
-    code = "import sys; from workbench.cli import run; sys.argv = ['workbench', '--help']; code = run.main(); "
+    code = "import sys; from workbench.cli.main import main; code = main(['components']); "
     code += "assert code == 0; print(sorted({'numba', 'scipy', 'cv2', 'rerun', 'h5py', 'numpy'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"

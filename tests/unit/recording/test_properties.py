@@ -8,7 +8,8 @@ import pytest
 import rerun as rr
 from small_recordings import record
 
-from workbench.cli import export, report, view
+from workbench.cli import view
+from workbench.cli.main import main
 from workbench.recording.read.crash_probe import open_sound_runs
 from workbench.recording.read.properties import check_settings, checked
 from workbench.recording.read.reader import read
@@ -51,10 +52,10 @@ def test_a_hostile_configuration_is_one_sentence_of_every_command(beside, kind, 
         _ = read(beside).settings
     monkeypatch.setattr(view, "viewer", lambda: "true")
     monkeypatch.setattr("workbench.recording.read.crash_probe.fatal", lambda *_: set())  # which test_open_runs tests
-    assert report.main([str(beside.parent)]) == view.main([str(beside.parent)]) == 0
+    assert main(["report", str(beside.parent)]) == main(["view", str(beside.parent)]) == 0
     shown = capsys.readouterr()
     assert "hostile.rrd" in shown.out + shown.err
-    assert export.main([str(beside), str(beside.with_suffix(".csv"))]) == 2
+    assert main(["export", str(beside), "-o", str(beside.with_suffix(".csv"))]) == 2
     sentence = capsys.readouterr().err
     assert len(sentence) <= LONGEST + 1
     assert "Traceback" not in sentence

@@ -106,7 +106,7 @@ def _apply(run: Run, config: DictConfig, text: str) -> str:
     if isinstance(node[name], DictConfig) and not isinstance(override.value(), dict):
         raise InputError(
             f"{text}: {key} of a recording has keys of its own, which can be changed, such as {key}.KEY=VALUE; another "
-            f"part runs as workbench from={run.path} {text}"
+            f"part runs as workbench run from={run.path} {text}"
         )
     OmegaConf.update(config, key, override.value())
     return key

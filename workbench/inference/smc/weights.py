@@ -7,9 +7,10 @@ import numpy as np
 
 from workbench.core.resampling import systematic_indices
 from workbench.utils.arrays import FloatArray, IntArray
+from workbench.utils.errors import RunFailure
 
 
-class DegenerateWeights(RuntimeError):  # noqa: N818 - the field's own term
+class DegenerateWeights(RunFailure):
     """No particle explains a frame, and the run was told to end there."""
 
 

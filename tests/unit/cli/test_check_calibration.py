@@ -6,7 +6,7 @@ import pytest
 from seen_walkers import around, seen_by
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.cli import check_calibration as look_at
+from workbench.cli.main import main
 
 CAMERA = """[one]
 size = [1280, 960]
@@ -35,12 +35,19 @@ def folder(tmp_path):
 
 def words(folder, marks="keypoints"):
     files = (f"dataset.source={folder}/film", f"dataset.camera={folder}/camera.toml", "dataset.rate_hz=10")
-    return ["dataset=video", *files, f"dataset.{marks}={folder}/marks.csv", "-o", str(folder / "out")]
+    return [
+        "check-calibration",
+        "dataset=video",
+        *files,
+        f"dataset.{marks}={folder}/marks.csv",
+        "-o",
+        str(folder / "out"),
+    ]
 
 
 @pytest.mark.parametrize("marks", ["keypoints", "start_marks", "eval_marks"])
-def test_a_video_is_looked_at_whatever_its_marks_are_for(folder, capsys, marks):
-    assert look_at.main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
+def test_a_video_is_checked_whatever_its_annotations_are_for(folder, capsys, marks):
+    assert main([*words(folder, marks), "body=height", "body.height_m=1.7"]) == 0
     said = capsys.readouterr().out
     assert "the person leans by" in said
     assert "the calibration fits; drawn in" in said
@@ -49,19 +56,17 @@ def test_a_video_is_looked_at_whatever_its_marks_are_for(folder, capsys, marks):
 
 def test_images_of_another_size_are_refused_in_one_sentence(folder, capsys):
     (folder / "camera.toml").write_text((folder / "camera.toml").read_text().replace("1280", "640"))
-    assert look_at.main(words(folder)) == 2
+    assert main(words(folder)) == 2
     assert "images are 1280×960" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("given", "said"), [
-        (["seed=3"], "expected a dataset"), (["dataset=nonesuch"], "nonesuch"),
-        (["dataset=blank"], "cameras and images"),
-        (["dataset=video"], "source"),
+        (["seed=3"], "expected a dataset"), (["dataset=blank"], "cameras and images"), (["dataset=video"], "source"),
     ],
 )  # fmt: skip
 def test_bad_words_are_one_sentence(given, said, capsys):
-    assert look_at.main(given) == 2
+    assert main(["check-calibration", *given]) == 2
     printed = capsys.readouterr().err
     assert said in printed
     assert printed.count("\n") == 1

@@ -1,0 +1,91 @@
+"""What is meant by a wrong option or key, and the summary of a run in the terminal."""
+
+import sys
+from dataclasses import make_dataclass
+from types import SimpleNamespace
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+
+from workbench.cli import run_output
+from workbench.cli.error_messages import message_of, mistyped
+from workbench.evaluation.verdict import Finding, Verdict
+from workbench.experiment.config.options import GROUPS, options
+from workbench.experiment.config.schema import prepare_hydra
+
+
+class _UnknownKeyError(Exception):
+    object_type = make_dataclass("Filter_keys", [("_target_", str), ("n_particles", int), ("move", str)])
+
+
+def test_a_wrong_option_or_key_gets_the_closest_and_those_that_exist():
+    *listed, last = message_of(ValueError("In 'config': Could not find 'dataset/syntetic'\nAvailable options"))
+    assert "syntetic" in last
+    assert "dataset=synthetic" in last
+    assert "  dataset=video" in listed
+    error = ValueError("Could not override 'inference.n_particle'.")
+    error.__cause__ = _UnknownKeyError("Key 'n_particle' not in 'Filter_keys'\nfull_key: inference.n_particle")
+    *listed, last = message_of(error)
+    assert {"  inference.move", "  inference.n_particles"} <= set(listed)
+    assert "inference.n_particles" in last
+
+
+@pytest.mark.parametrize(
+    ("word", "wrong", "meant"),
+    [
+        ("sed=3", "sed", "seed"), ("experimnt=walk_best", "experimnt", "experiment"),
+        ("prior=walkin", "walkin", "prior=walking"), ("paper=theirs", "theirs", ""),
+    ],
+)  # fmt: skip
+def test_what_is_mistyped_is_named_before_hydra_would_refuse_it(word, wrong, meant):
+    sentence = mistyped(["seed=1", word])[-1]
+    assert wrong in sentence
+    assert meant in sentence
+    prepare_hydra()
+    with initialize_config_module("workbench.conf", version_base="1.3"), pytest.raises(HydraException):
+        compose("config", overrides=[word])
+
+
+def test_what_exists_is_not_mistyped():
+    """Nor what is left to Hydra, which knows the keys of components, and options in folders that are named."""
+    words = [f"{group}={name}" for group in ("experiment", "paper", *GROUPS) for name in options(group)]
+    words += ["study=null", "seed=3", "-m", "prior=walking,smooth", "seed=range(5)", "+prior.new=1", "prior.nothing=1"]
+    assert mistyped([*words, "hydra.run.dir=a b", "hydra/launcher=joblib", "prior@prior.base=gait"]) == []
+    assert mistyped(["--config-dir", "mine", "prior=mine"]) == mistyped(["--config-dir=mine", "prior=mine"]) == []
+
+
+@pytest.fixture
+def summary(tmp_path):
+    metrics = {"error_abs_mm": 31.0, "error_procrustes_mm": 25.0, "ess_mean": 500.0, "offset_neck_mm": 3.0}
+    return SimpleNamespace(
+        verdict=Verdict((), Finding("held", "in all 9 frames"), ()), metrics=metrics, constant=frozenset({"ess_mean"}),
+        study=None, cost={"seconds": 2.0, "ms_per_frame": 200.0, "compiling_s": 7.0},
+        recording=tmp_path / "a folder" / "run.rrd",
+    )  # fmt: skip
+
+
+def test_the_verdict_is_the_first_line_and_what_is_constant_is_not_printed(summary):
+    first, *others = run_output.summary_lines(summary)
+    assert first.startswith("verdict: held")
+    text = "\n".join(others)
+    assert "error_procrustes_mm" in text
+    assert "ess_mean" not in text
+    for number in ("25 mm", "2.0 s", "200 ms", "7.0 s"):
+        assert number in text
+
+
+def test_the_last_line_can_be_pasted(summary, tmp_path, monkeypatch):
+    """Also where the environment is not active, and of a folder with a blank in its name."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "workbench").touch(mode=0o755)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
+    for path, place, command in (
+        ("/nowhere", ".", "bin/workbench view 'a folder/run.rrd'"),
+        (tmp_path / "bin", ".", "workbench view 'a folder/run.rrd'"),
+        (tmp_path / "bin", "elsewhere", f"workbench view '{tmp_path / 'a folder' / 'run.rrd'}'"),
+    ):
+        monkeypatch.setenv("PATH", str(path))
+        monkeypatch.chdir(tmp_path / place)
+        assert [*run_output.summary_lines(summary)][-1].endswith(f" {command}")
