@@ -197,7 +197,7 @@ class Switching:
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the priors need; a switch has no density."""
-        return Traits(needs=needs_of_all(keys["priors"]))
+        return Traits(requires=needs_of_all(keys["priors"]))
 
     def __init__(self, priors: Mapping[str, Prior], weights: Mapping[str, float], *, switching: float = 0.05) -> None:
         if not 0.0 <= switching <= 1.0:
