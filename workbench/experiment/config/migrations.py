@@ -41,7 +41,6 @@ _MODULES = {
 """Modules of targets that have moved."""
 _REMOVED: Mapping[str, Mapping[str, object]] = {
     "workbench.likelihoods.product.Product": {"device": "cpu"},
-    "workbench.recording.write.recorder.Recorder": {"jpeg_quality": 80},
 }
 """Keys that components have no more, by target, with the one value that holds today; null stands for it."""
 

@@ -76,12 +76,13 @@ class Recorder:
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
         n_particles_shown: int = 50,
-        marginal_bins: int = 64, surface: bool = False,
+        marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
         decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
         for name, value, lowest, highest in (
             ("n_particles_shown", n_particles_shown, 1, 10_000), ("marginal_bins", marginal_bins, 2, 1024),
+            ("jpeg_quality", jpeg_quality, 1, 100),
         ):  # fmt: skip
             if not lowest <= value <= highest:
                 raise InputError(f"recorder: {name} must lie between {lowest} and {highest}, found {value}")
@@ -91,7 +92,7 @@ class Recorder:
         self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
         self._trails, self._ranks = trails.Trails(self._figure), posterior.Ranks()
         self._pictures: dict[str, images.Picture] = {}
-        self._n_particles_shown = n_particles_shown
+        self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
         self._constant, self._told = frozenset(constant), dict[str, int]()
@@ -257,7 +258,7 @@ class Recorder:
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
         for view, took in zip(views, true_cameras(step.frame), strict=True):
             shown = self._picture(view.camera)
-            yield from images.image(shown, view.image)
+            yield from images.image(shown, view.image, self._jpeg_quality)
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
             yield from images.overlay(images.taken_by(shown, took), "truth", true, figure.chains)
