@@ -15,7 +15,10 @@ from workbench.experiment.config import options as parts
 from workbench.experiment.config.schema import composed as compose
 from workbench.utils.run_files import SUMMARY
 
-FILES = sorted((parts.folder(parts.OURS) / "experiment").glob("*.yaml"))
+FILES = [
+    parts.folder(parts.OURS) / "experiment" / f"{name}.yaml"
+    for name in ("points_walk_steady", "strangers", "walk_best")
+]
 SMALL = (
     "dataset.n_frames=3", "dataset.width=80", "dataset.height=60", "dataset.person_px=40", "dataset.focal_px=90",
     "inference.n_particles=20",

@@ -459,7 +459,7 @@ def test_particles_that_are_not_finite_or_not_normalised_are_refused(run, tmp_pa
     assert len(read(recording.part).poses[0]) == 1
 
 
-@pytest.mark.parametrize("option", [{"n_particles_shown": 0}, {"marginal_bins": 1}])
+@pytest.mark.parametrize("option", [{"n_particles_shown": 0}, {"marginal_bins": 1}, {"jpeg_quality": 101}])
 def test_numbers_out_of_range_are_refused(tmp_path, option):
     (name,) = option
     with pytest.raises(InputError, match=name):

@@ -54,7 +54,7 @@ def composed(group: str, option: str, cache: str, *overrides: str) -> DictConfig
     usual = ["experiment=custom", f"paths.cache={cache}", "paths.data=null"]
     alone = compose("config", overrides=[*usual, *chosen])
     traits = traits_of(alone[group]) if alone[group] is not None else Traits()
-    words = {word for words in traits.needs.values() for word in words}
+    words = {word for words in traits.requires.values() for word in words}
     scene = next((scene for word, scene in BY_NEED.items() if word in words), SCENE)
     scene = tuple(text for text in scene if not text.startswith(f"{group}") or group != "dataset")
     config = compose("config", overrides=[*usual, *scene, *chosen, *overrides])

@@ -1,8 +1,8 @@
-"""What parts offer each other and need of each other, declared by their classes and compared before any is built.
+"""What components provide to and require of each other, declared by their classes and compared before any is built.
 
 A class that a configuration names may have a static member `traits`: a `Traits`, or where it depends on the part's keys
 a function from these to one. A nested part is there with its own traits in place of its keys. A class without the
-member offers nothing special and needs nothing special.
+member provides nothing special and requires nothing special.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,15 +32,18 @@ START = "a pose, marks, 2-D joints or points to start from"
 
 @dataclass(frozen=True)
 class Traits:
-    """offers: what the part has to give. needs: what it asks of the dataset, the prior and the likelihood, by group; a
-    group with nothing to ask for must be there all the same. Under `given` and `known` it says in the words of `given`
-    what it takes beforehand: in any case, and where the dataset knows it. Under `apart` stands what the likelihood must
-    not look at, as the part takes it for something else, under `without` what the dataset must not be like. lacks: a
-    sentence about what its own nested parts lack, empty where they have it."""
+    """Capabilities of a component, and its requirements of the others.
 
-    offers: frozenset[str] = frozenset()
-    needs: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    lacks: str = ""
+    provides: its capabilities. requires: those it needs of the dataset, the prior and the likelihood, by group; a group
+    without any must be there all the same. Under `given` and `known` it lists the `side_information` that it uses: in
+    any case, and where the dataset knows it. Under `apart` it lists observations that the likelihood must not use, as
+    the component uses them for something else, under `without` what the dataset must not be like. missing: a sentence
+    on what its own nested components lack, empty where they have it.
+    """
+
+    provides: frozenset[str] = frozenset()
+    requires: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    missing: str = ""
 
 
 Declared = Traits | Callable[[Mapping[str, Any]], Traits]
@@ -48,7 +51,7 @@ Part = TypeVar("Part", bound=Callable[..., object])
 
 
 def offering(*offers: str, **needs: str | tuple[str, ...]) -> Traits:
-    """Return traits with these offers, and these needs by group."""
+    """Return traits with these capabilities, and these requirements by group."""
     return Traits(
         frozenset(offers),
         {group: frozenset((words,) if isinstance(words, str) else words) for group, words in needs.items()},
@@ -66,11 +69,11 @@ def declaring(traits: Declared) -> Callable[[Part], Part]:
 
 
 def needs_of_all(parts: Mapping[str, Traits]) -> dict[str, frozenset[str]]:
-    """Tell what several parts need together, by group."""
-    groups = {group for part in parts.values() for group in part.needs}
-    return {group: frozenset().union(*(part.needs.get(group, ()) for part in parts.values())) for group in groups}
+    """Return what several components require together, by group."""
+    groups = {group for part in parts.values() for group in part.requires}
+    return {group: frozenset().union(*(part.requires.get(group, ()) for part in parts.values())) for group in groups}
 
 
 def offers_of_all(parts: Mapping[str, Traits]) -> frozenset[str]:
-    """Tell what each of several parts offers."""
-    return frozenset.intersection(*(part.offers for part in parts.values())) if parts else frozenset()
+    """Return what each of several components provides."""
+    return frozenset.intersection(*(part.provides for part in parts.values())) if parts else frozenset()

@@ -186,15 +186,15 @@ def _told(config: DictConfig, settings: Mapping[str, Any], parts: Parts) -> RunI
         max_iterations=float(iterations) if isinstance(iterations, int) else None,
         rate_hz=known.rate_hz,
         source_rate_hz=known.source_rate_hz,
-        seen=bool(traits_of(config.dataset).offers & {IMAGES, KEYPOINTS, POINTS}),
+        seen=bool(traits_of(config.dataset).provides & {IMAGES, KEYPOINTS, POINTS}),
     )
 
 
 def _constant(config: DictConfig, parts: Parts) -> frozenset[str]:
     """Name the metrics that are the same in every run of such parts: those of uniform weights, which a likelihood that
     sees nothing leaves too, and of a fit, the flexion of legs that do not move."""
-    offers = traits_of(config.inference).offers
-    seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).offers
+    offers = traits_of(config.inference).provides
+    seen = frozenset() if config.likelihood is None else traits_of(config.likelihood).provides
     names = {"ess", "ess_mean"} if EVEN_WEIGHTS in offers | seen else set()
     names |= {f"{error}_map" for error in ("error_abs_mm", "error_rel_mm", "error_px")} if FIT in offers else set()
     for joint in ("knee", "hip"):

@@ -46,8 +46,8 @@ class Jitter(Appended):
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the base offers, and columns for every joint of their own."""
         base: Traits = keys["base"]
-        parts = {LIMB_COLUMNS, *({BODY_PARTS} if SEPARABLE in base.offers else ())}
-        return replace(base, offers=(base.offers - {ACTIVITY}) | parts)
+        parts = {LIMB_COLUMNS, *({BODY_PARTS} if SEPARABLE in base.provides else ())}
+        return replace(base, provides=(base.provides - {ACTIVITY}) | parts)
 
     def __init__(
         self,

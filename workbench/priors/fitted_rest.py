@@ -41,7 +41,7 @@ class Following(Appended):
         base: Traits = keys["base"]
         needs = needs_of_all({"base": base, "rest": offering(dataset=KEYPOINTS, given=TRAJECTORY)})
         needs["given"] -= {REST}
-        return Traits(base.offers & {DENSITY}, needs, base.lacks)
+        return Traits(base.provides & {DENSITY}, needs, base.missing)
 
     def __init__(self, base: Prior, trajectory: Callable[[], Trajectory]) -> None:
         super().__init__(base, "time", ("time",), "s")

@@ -59,9 +59,9 @@ class Flipping:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the base offers but its density, and one camera that limbs may flip before."""
         base: Traits = keys["base"]
-        lacks = "" if LIMB_COLUMNS in base.offers else f"flips need {LIMB_COLUMNS} of their base"
+        lacks = "" if LIMB_COLUMNS in base.provides else f"flips need {LIMB_COLUMNS} of their base"
         needs = needs_of_all({"base": base, "flips": offering(dataset=ONE_CAMERA)})
-        return Traits(base.offers - {DENSITY, ACTIVITY, BODY_PARTS, SEPARABLE}, needs, base.lacks or lacks)
+        return Traits(base.provides - {DENSITY, ACTIVITY, BODY_PARTS, SEPARABLE}, needs, base.missing or lacks)
 
     def __init__(
         self, base: Prior, camera: Callable[[], Camera], *, probability: float = 0.01, share: float = 0.1

@@ -77,7 +77,6 @@ _FIXED: dict[str, dict[str, Any]] = {
     "workbench.priors.from_motions.linear": {"start_position": 0.03, "start_angles": 0.05},
     "workbench.priors.from_motions.walking": _CYCLE,
     "workbench.priors.smooth.Smooth": {"start_velocity": 3.0},
-    "workbench.recording.write.recorder.Recorder": {"jpeg_quality": 80},
 }  # fmt: skip
 """Keys that components no longer have, by target, with the value that is fixed today."""
 

@@ -106,22 +106,22 @@ def first_conflict(config: DictConfig, names: Mapping[str, str]) -> str | None:
     """
     traits, called = _chosen(config, _INTERACTING, names)
     for group, part in reversed(traits.items()):
-        if part.lacks:
-            return f"config: {called[group]}: {part.lacks}"
-        for other, words in part.needs.items():
+        if part.missing:
+            return f"config: {called[group]}: {part.missing}"
+        for other, words in part.requires.items():
             if other not in _INTERACTING or (other not in traits and group == "dataset"):
                 continue  # a dataset asks what the others are like, not that there are any
             if other not in traits:
                 return f"config: {called[group]} needs a {other}, and there is none"
-            for word in sorted(words - traits[other].offers):
+            for word in sorted(words - traits[other].provides):
                 return f"config: {called[group]} needs {word} of the {other}, which {called[other]} does not have"
-    shown = traits["dataset"].offers if "dataset" in traits else frozenset()
-    weighed = traits["likelihood"].needs.get("dataset", frozenset()) if "likelihood" in traits else frozenset()
+    shown = traits["dataset"].provides if "dataset" in traits else frozenset()
+    weighed = traits["likelihood"].requires.get("dataset", frozenset()) if "likelihood" in traits else frozenset()
     for group, part in traits.items():
-        for word in sorted(part.needs.get("without", frozenset()) & shown):
+        for word in sorted(part.requires.get("without", frozenset()) & shown):
             return f"config: {called[group]} is not for {word}, which {called['dataset']} shows"
     for group, part in traits.items():
-        for word in sorted(part.needs.get("apart", frozenset()) & weighed):
+        for word in sorted(part.requires.get("apart", frozenset()) & weighed):
             return f"config: {called[group]} starts from {word}, which {called['likelihood']} would use a second time"
     return None
 
@@ -129,7 +129,7 @@ def first_conflict(config: DictConfig, names: Mapping[str, str]) -> str | None:
 def ignores_likelihood(config: DictConfig) -> bool:
     """Return whether a likelihood is chosen that the inference declares not to need."""
     declared = _declared(config.inference)
-    return config.get("likelihood") is not None and declared is not None and "likelihood" not in declared.needs
+    return config.get("likelihood") is not None and declared is not None and "likelihood" not in declared.requires
 
 
 def no_evidence(config: DictConfig, names: Mapping[str, str]) -> str | None:
@@ -139,7 +139,7 @@ def no_evidence(config: DictConfig, names: Mapping[str, str]) -> str | None:
     """
     if config.get("likelihood") is None or ignores_likelihood(config):
         return "there is no likelihood"
-    if EVIDENCE in traits_of(config.likelihood).offers:
+    if EVIDENCE in traits_of(config.likelihood).provides:
         return None
     return f"{_name_of(config, 'likelihood', names)} is not {EVIDENCE}"
 
@@ -147,11 +147,11 @@ def no_evidence(config: DictConfig, names: Mapping[str, str]) -> str | None:
 def assumptions(config: DictConfig) -> list[str]:
     """Return the side information that a run uses, in its `ORDER`; a study uses none."""
     traits, _ = _chosen(config, ("body", *_INTERACTING) if config.get("inference") is not None else (), {})
-    offers = traits["dataset"].offers if "dataset" in traits else frozenset()
-    shown = frozenset().union(*(part.needs.get("dataset", ()) for part in traits.values()))
+    offers = traits["dataset"].provides if "dataset" in traits else frozenset()
+    shown = frozenset().union(*(part.requires.get("dataset", ()) for part in traits.values()))
     words = {CAMERA} if _WITH_CAMERA & shown else set()
     for part in traits.values():
-        words |= part.needs.get("given", frozenset()) | (part.needs.get("known", frozenset()) & offers)
+        words |= part.requires.get("given", frozenset()) | (part.requires.get("known", frozenset()) & offers)
     if "inference" in traits and TRAJECTORY not in words:  # which knows the first pose
         words |= _start(offers, traits["inference"])
     unused = set() if _WITH_SURFACE & shown else {RADII}
@@ -164,7 +164,7 @@ def _start(offers: frozenset[str], inference: Traits) -> set[str]:
         return {START_POSE}
     if MARKS in offers:
         return {MARKS, CAMERA}
-    return {FIRST_FRAMES} if START in inference.needs.get("dataset", frozenset()) else set()
+    return {FIRST_FRAMES} if START in inference.requires.get("dataset", frozenset()) else set()
 
 
 def _chosen(
@@ -216,10 +216,10 @@ def table(traits: Mapping[str, Mapping[str, Traits]]) -> dict[str, dict[str, str
 
 
 def _with(part: Traits, group: str, others: Mapping[str, Traits]) -> str:
-    if part.lacks:
-        return f"works with another part inside: {part.lacks}"
+    if part.missing:
+        return f"works with another part inside: {part.missing}"
     reasons = []
-    for word in sorted(part.needs.get(group, ())):
-        lacking = [name for name, other in others.items() if word not in other.offers]
+    for word in sorted(part.requires.get(group, ())):
+        lacking = [name for name, other in others.items() if word not in other.provides]
         reasons += [f"needs {word}: not with {', '.join(lacking)}"] if lacking else []
-    return "; ".join(reasons) or ("all" if group in part.needs else f"all; needs nothing of the {group}")
+    return "; ".join(reasons) or ("all" if group in part.requires else f"all; needs nothing of the {group}")

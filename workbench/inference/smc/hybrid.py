@@ -65,7 +65,7 @@ class Hybrid(Wrapper):
         """Declare what the filter and the fit need, but a start."""
         parts = {"filter": keys["filter"], "fit": keys["fitter"], "proposal": offering(prior=ACTIVITY)}
         needs = needs_of_all(parts)
-        return Traits(needs={**needs, "dataset": needs["dataset"] - {START}})  # which the fit finds
+        return Traits(requires={**needs, "dataset": needs["dataset"] - {START}})  # which the fit finds
 
     fitter: _Fitter
     _: KW_ONLY

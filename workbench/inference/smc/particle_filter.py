@@ -42,7 +42,7 @@ class ParticleFilter:
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare the need of a prior, a likelihood and a start, and what the move needs."""
         own = offering(dataset=START, prior=(), likelihood=())
-        return Traits(needs=needs_of_all({"filter": own, "move": keys["move"] or Traits()}))
+        return Traits(requires=needs_of_all({"filter": own, "move": keys["move"] or Traits()}))
 
     prior: Prior
     likelihood: Likelihood

@@ -59,7 +59,7 @@ class Restarting(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs, and that the joints it starts from are not weighed again."""
-        return Traits(needs=needs_of_all({"filter": keys["filter"], "restarts": offering(apart=KEYPOINTS)}))
+        return Traits(requires=needs_of_all({"filter": keys["filter"], "restarts": offering(apart=KEYPOINTS)}))
 
     body: Body | None = None
     _: KW_ONLY

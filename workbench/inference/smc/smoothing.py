@@ -123,7 +123,7 @@ class BackwardSimulation(Wrapper):
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
         """Declare what the filter needs, and a density."""
-        return Traits(needs=needs_of_all({"filter": keys["filter"], "paths": offering(prior=DENSITY)}))
+        return Traits(requires=needs_of_all({"filter": keys["filter"], "paths": offering(prior=DENSITY)}))
 
     _: KW_ONLY
     n_paths: int = 500

@@ -62,13 +62,13 @@ def fixed(shown: RecordedCamera) -> Entities:
         yield f"{shown.path}/image/{name}", style
 
 
-def image(shown: RecordedCamera, pixels: ByteArray, quality: int = 80) -> Rows:
+def image(shown: RecordedCamera, pixels: ByteArray, jpeg_quality: int) -> Rows:
     """Yield one image, (height, width) grey or (height, width, 3) RGB, straightened, as a JPEG."""
     if shown.maps is not None:
         pixels = np.asarray(cv2.remap(pixels, *shown.maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if pixels.ndim == 3:
         pixels = pixels[..., ::-1]  # OpenCV encodes BGR
-    _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    _, jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
     yield f"{shown.path}/image", Row(rr.EncodedImage, {"blob": [jpeg.ravel()], "media_type": ["image/jpeg"]})
 
 

@@ -40,7 +40,7 @@ MOST_WAITING = 1_000_000
 """Bytes of one path: images do not wait longer, since writing takes several times their room."""
 PICTURES_EVERY = 10  # frames, at most
 _MOST_OVERLAID = 60  # more particles over an image hide the person
-_RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024)}
+_RANGES = {"n_particles_shown": (1, 10_000), "marginal_bins": (2, 1024), "jpeg_quality": (1, 100)}
 
 
 class Recorder:
@@ -71,11 +71,13 @@ class Recorder:
         self, path: str | Path, body: Body, space: StateSpace, *, run_id: str, config_yaml: str,
         provenance: Mapping[str, Any], settings: Mapping[str, Any] | None = None, live: bool = False,
         n_particles_shown: int = 50,
-        marginal_bins: int = 64, surface: bool = False,
+        marginal_bins: int = 64, jpeg_quality: int = 80, surface: bool = False,
         coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
         decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        for (name, (least, most)), value in zip(_RANGES.items(), (n_particles_shown, marginal_bins), strict=True):
+        for (name, (least, most)), value in zip(
+            _RANGES.items(), (n_particles_shown, marginal_bins, jpeg_quality), strict=True
+        ):
             if not least <= value <= most:
                 raise InputError(f"recorder: {name} must lie between {least} and {most}, found {value}")
         self._body, self._figure = body, scene.figure(body)
@@ -84,7 +86,7 @@ class Recorder:
         self._checkpoints = stored.Checkpoints(decode) if checkpoints and decode is not None else None
         self._places: list[FloatArray] = []  # (J, 3) by frame, of a run without images
         self._cameras: dict[str, images.RecordedCamera] = {}
-        self._n_particles_shown = n_particles_shown
+        self._n_particles_shown, self._jpeg_quality = n_particles_shown, jpeg_quality
         self._n_frames = self._n_frames_pictured = self._n_waiting = 0
         self._diagnostics: tuple[str, ...] = ()
         self._constant, self._measured = frozenset(constant), dict[str, list[float]]()
@@ -252,7 +254,7 @@ class Recorder:
         expected, every = joints(figure.skeleton, step.expected_pose[None]), -(-len(drawn) // _MOST_OVERLAID)
         for view, true_camera in zip(views, true_cameras(step.frame), strict=True):
             shown = self._camera(view.camera)
-            yield from images.image(shown, view.image)
+            yield from images.image(shown, view.image, self._jpeg_quality)
             yield from images.overlay(shown, "particles", cloud[::every], figure.chains, shades[::every])
             yield from images.overlay(shown, "estimate", expected, figure.chains)
             yield from images.overlay(shown, "truth", true, figure.chains, true_camera=true_camera)
