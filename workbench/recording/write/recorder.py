@@ -75,7 +75,8 @@ class Recorder:
         coefficient_scale: FloatArray | None = None, checkpoints: bool = False,
         decode: Callable[[FloatArray], FloatArray] | None = None, constant: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        for (name, (least, most)), value in zip(
+        chosen = (n_particles_shown, marginal_bins, jpeg_quality)
+        for (name, (least, most)), value in zip(_RANGES.items(), chosen, strict=True):
             _RANGES.items(), (n_particles_shown, marginal_bins, jpeg_quality), strict=True
         ):
             if not least <= value <= most:
