@@ -77,8 +77,6 @@ class Recorder:
     ) -> None:  # fmt: skip
         chosen = (n_particles_shown, marginal_bins, jpeg_quality)
         for (name, (least, most)), value in zip(_RANGES.items(), chosen, strict=True):
-            _RANGES.items(), (n_particles_shown, marginal_bins, jpeg_quality), strict=True
-        ):
             if not least <= value <= most:
                 raise InputError(f"recorder: {name} must lie between {least} and {most}, found {value}")
         self._body, self._figure = body, scene.figure(body)
