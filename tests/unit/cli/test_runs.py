@@ -127,7 +127,7 @@ def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(t
     url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
     assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
     assert f"ssh -N -L {url[2]}:127.0.0.1:{url[2]} " in out
-    assert err.startswith(f"workbench runs: {tmp_path / 'b'}: left out")
+    assert err.startswith(f"workbench runs: left out: {tmp_path / 'b'}: it has no recording")
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def rows(served):
 def test_a_card_has_a_title_and_numbers_and_any_key_is_a_column(root):
     with gallery(read_runs(root)) as served:
         table = rows(served)
-    assert served.left_out == ()
+    assert served.left_out == []
     varied = ("smooth, n_particles=100", "smooth, n_particles=400", "walking, n_particles=100")
     assert set(table.index) == {f"walk_straight: {each}" for each in varied}
     row = table.loc["walk_straight: smooth, n_particles=400"]
@@ -89,8 +89,8 @@ def test_what_cannot_be_served_is_left_out_in_a_sentence(root, tmp_path):
     with pytest.raises(InputError, match="has no recording"), gallery(read_runs(tmp_path / "early")):
         pass
     told = "\n".join(sorted(served.left_out))
-    assert f"{tmp_path / 'thief'}: left out, as it has the same id as {root / '1'}" in told
-    assert f"{tmp_path / 'early'}: left out, as it has no recording (failed)" in told
+    assert f"left out: {tmp_path / 'thief'}: it has the same id as {root / '1'}" in told
+    assert f"left out: {tmp_path / 'early'}: it has no recording (failed)" in told
     assert f"left out: {tmp_path / 'torn' / 'run.rrd'}: expected a whole Rerun recording" in told
 
 
