@@ -13,7 +13,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from workbench.evaluation.headline import SHORT_TITLES
-from workbench.recording.write.cards import CARD, column, has_layout, images_in, recording_id, write_card, write_layout
+from workbench.recording.write.cards import CARD, column, preview_of, recording_id, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS
 from workbench.results.formatting import printable
 from workbench.results.query import varied
@@ -126,12 +126,12 @@ def _lay_out(dataset: Any, records: Sequence[Mapping[str, Any]], file: Path) -> 
     keys = what_varied([flat(record["settings"], record["experiment"]) for record in records]).keys
     varying = [column(name, key.removesuffix(TARGET)) for key in keys for name in (SETTINGS, CHOICES)]
     columns = [*(source for source in varying if source in known), *fields]
-    recordings = [Path(record["recording"]) for record in records[:_N_PREVIEWED]]
-    first_images = Counter(path for recording in recordings for path in images_in(recording)[:1])
+    previews = {Path(record["recording"]): preview_of(Path(record["recording"])) for record in records[:_N_PREVIEWED]}
+    first_images = Counter(path for paths, _ in previews.values() for path in paths[:1])
     images = [path for path, _ in first_images.most_common(1)]
-    curve = not images or first_images[images[0]] < len(recordings)
+    curve = not images or first_images[images[0]] < len(previews)
     write_layout(file, column(CARD, "title"), fields, columns, column(CARD, "rank"), images, curve)
     dataset.register_blueprint(file.resolve().as_uri(), segment_table=True)
-    own = next(filter(has_layout, recordings), None)
+    own = next((recording for recording, (_, has_layout) in previews.items() if has_layout), None)
     if own is not None and len({record["experiment"] for record in records}) == 1:
         dataset.register_blueprint(own.resolve().as_uri())
