@@ -203,6 +203,8 @@ def rm(
     from workbench.results.removal import check_removable, consequence, remove, size_of
 
     found, places = _select(query)
+    if found.empty:
+        raise InputError("no run fits")
     check_removable(found, places)
     sizes = []
     for path, status, started in zip(map(Path, found["path"]), found["status"], found["started"], strict=True):

@@ -4,17 +4,16 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from tqdm import tqdm
 
 from workbench.evaluation.headline import SHORT_TITLES
-from workbench.recording.write.cards import CARD, column, has_layout, images_in, recording_id, write_card, write_layout
+from workbench.recording.write.cards import CARD, column, preview_of, recording_id, write_card, write_layout
 from workbench.recording.write.file import CHOICES, HOST, SETTINGS
 from workbench.results.formatting import printable
 from workbench.results.query import varied
@@ -31,13 +30,12 @@ Card = tuple[str, dict[str, Any], tuple[str, str]]
 """Title, record, and ids of the application and the recording."""
 
 
-@dataclass(frozen=True)
-class Gallery:
+class Gallery(NamedTuple):
     """Runs that are served. url: what the viewer opens. left_out: a sentence for each run that is not served."""
 
     url: str
     n_runs: int
-    left_out: tuple[str, ...]
+    left_out: list[str]
 
 
 @contextmanager
@@ -57,13 +55,13 @@ def gallery(runs: pd.DataFrame) -> Iterator[Gallery]:
     with Server(host=HOST) as server, TemporaryDirectory(prefix="workbench-runs-") as folder:
         dataset = server.client().create_dataset("runs")
         refused = _register(dataset, {record["path"]: Path(record["recording"]) for _, record, _ in cards})
-        left_out += [f"{path}: left out, as the catalog refuses it: {reason}" for path, reason in refused.items()]
+        left_out += [f"left out: {path}: the catalog refuses it: {reason}" for path, reason in refused.items()]
         cards = [card for card in cards if card[1]["path"] not in refused]
         if not cards:
             raise InputError("; ".join(left_out) or "no run fits")
         _add_cards(dataset, cards, Path(folder))
         _lay_out(dataset, [record for _, record, _ in cards], Path(folder) / "runs.rbl")
-        yield Gallery(f"{server.url()}/entry/{dataset.id}", len(cards), tuple(left_out))
+        yield Gallery(f"{server.url()}/entry/{dataset.id}", len(cards), left_out)
 
 
 def titles(runs: pd.DataFrame) -> list[str]:
@@ -77,24 +75,19 @@ def titles(runs: pd.DataFrame) -> list[str]:
 
 def _cards(runs: pd.DataFrame) -> tuple[list[Card], list[str]]:
     """Return the runs with a recording of an id of its own, and a sentence for each of the others."""
-    cards: list[Card] = []
-    owners: dict[str, str] = {}
+    cards: dict[str, Card] = {}
     left_out = []
     for title, record in tqdm(list(zip(titles(runs), records_of(runs), strict=True)), unit="run", disable=None):
-        path = record["path"]
-        if record["recording"] is None:
-            left_out.append(f"{path}: left out, as it has no recording ({record['status']})")
-            continue
         try:
+            if record["recording"] is None:
+                raise InputError(f"{record['path']}: it has no recording ({record['status']})")
             ids = recording_id(Path(record["recording"]))
+            if ids[1] in cards:
+                raise InputError(f"{record['path']}: it has the same id as {cards[ids[1]][1]['path']}")
+            cards[ids[1]] = title, record, ids
         except InputError as error:
             left_out.append(f"left out: {error}")
-            continue
-        if (owner := owners.setdefault(ids[1], path)) != path:
-            left_out.append(f"{path}: left out, as it has the same id as {owner}")
-        else:
-            cards.append((title, record, ids))
-    return cards, left_out
+    return list(cards.values()), left_out
 
 
 def _register(dataset: Any, files: Mapping[str, Path], **options: str) -> dict[str, str]:
@@ -133,12 +126,12 @@ def _lay_out(dataset: Any, records: Sequence[Mapping[str, Any]], file: Path) -> 
     keys = what_varied([flat(record["settings"], record["experiment"]) for record in records]).keys
     varying = [column(name, key.removesuffix(TARGET)) for key in keys for name in (SETTINGS, CHOICES)]
     columns = [*(source for source in varying if source in known), *fields]
-    recordings = [Path(record["recording"]) for record in records[:_N_PREVIEWED]]
-    first_images = Counter(path for recording in recordings for path in images_in(recording)[:1])
+    previews = {Path(record["recording"]): preview_of(Path(record["recording"])) for record in records[:_N_PREVIEWED]}
+    first_images = Counter(path for paths, _ in previews.values() for path in paths[:1])
     images = [path for path, _ in first_images.most_common(1)]
-    curve = not images or first_images[images[0]] < len(recordings)
+    curve = not images or first_images[images[0]] < len(previews)
     write_layout(file, column(CARD, "title"), fields, columns, column(CARD, "rank"), images, curve)
     dataset.register_blueprint(file.resolve().as_uri(), segment_table=True)
-    own = next(filter(has_layout, recordings), None)
+    own = next((recording for recording, (_, has_layout) in previews.items() if has_layout), None)
     if own is not None and len({record["experiment"] for record in records}) == 1:
         dataset.register_blueprint(own.resolve().as_uri())

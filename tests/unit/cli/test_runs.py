@@ -17,9 +17,7 @@ from small_recordings import leave_recorded
 
 from workbench.cli import runs, view
 from workbench.cli.runs import main
-from workbench.recording.read import crash_probe as probe
 from workbench.results import query
-from workbench.utils.run_files import EARLIER
 from workbench.utils.run_lock import locked
 
 
@@ -50,6 +48,7 @@ def test_the_newest_come_first_with_what_varied(called, root):
     assert lines[1].split() == [str(root / "lost"), "2026-11-28T15:00:00", "failed", "walk_straight", "implicit,",
                                 "n_particles=500", "0", "400.0", "0.9000"]  # fmt: skip
     assert len(lines) == 14
+    assert called("list", "--sweeps")[1][1].split()[-4:] == ["12", "12", "error_abs_mm", "10.00"]
 
 
 def test_a_query_is_sorted_and_shows_the_columns_asked_for(called):
@@ -72,12 +71,6 @@ def test_json_and_csv_hold_the_numbers_in_full(called, root):
     assert called(*words)[1][1].split() == ["20261122", "50000", "12346"]
 
 
-def test_sweeps_are_rows_of_their_own(called, root):
-    _, lines, _ = called("list", "--sweeps")
-    assert lines[1].split()[0] == str(root / "sweep")
-    assert lines[1].split()[-4:] == ["12", "12", "error_abs_mm", "10.00"]
-
-
 def test_the_difference_is_of_configuration_and_result(root, capsys):
     assert main(["diff", str(root / "sweep" / "0"), str(root / "sweep" / "6")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
@@ -96,17 +89,6 @@ def test_nothing_is_removed_unless_it_is_confirmed(called, root):
     assert called("rm", "prior=smooth", "--yes")[0] == 0
     assert not (root / "sweep" / "0").exists()
     assert len(list(root.rglob("summary.json"))) == 7
-
-
-def test_what_else_is_removed_with_a_run_is_printed(called, root):
-    (root / "lost" / EARLIER).mkdir()
-    (root / "lost" / EARLIER / "1.rrd.part").write_text("frames")
-    sentence = f"{root / 'lost'}: with what an earlier attempt recorded, from which sweep.resume would go on"
-    assert called("rm", "status=failed")[1][0].endswith(sentence)
-    code, lines, _ = called("rm", "status=failed", "--yes")
-    assert (code, lines[-1]) == (0, "1 runs, 0.0 MB: removed")
-    assert lines[0].endswith(sentence)
-    assert called("list", "status=failed")[1] == ["no run fits"]
 
 
 def test_a_run_that_cannot_be_removed_is_reported_and_the_others_are_removed(called, root):
@@ -145,7 +127,7 @@ def test_a_gallery_that_is_only_served_prints_what_opens_it_here_and_elsewhere(t
     url = re.search(r"^1 runs as cards at (rerun\+http://127\.0\.0\.1:(\d+)/entry/\w+)$", out, re.MULTILINE)
     assert f"on this machine: rerun --bind 127.0.0.1 '{url[1]}'" in out
     assert f"ssh -N -L {url[2]}:127.0.0.1:{url[2]} " in out
-    assert err.startswith(f"workbench runs: {tmp_path / 'b'}: left out")
+    assert err.startswith(f"workbench runs: left out: {tmp_path / 'b'}: it has no recording")
 
 
 @pytest.fixture
@@ -185,13 +167,13 @@ def test_a_recording_whose_run_has_ended_meanwhile_is_opened_and_one_removed_is_
     assert capsys.readouterr().err == f"workbench runs: {tmp_path}/c/run.rrd: left out, as it was removed meanwhile\n"
 
 
-def test_a_report_of_what_is_removed_meanwhile_says_so(tmp_path, monkeypatch, capsys):
+def test_a_query_is_reported(tmp_path, capsys):
     for name in "ab":
-        leave_recorded(tmp_path / name, name)
-    fatal = probe.fatal
-    monkeypatch.setattr(probe, "fatal", lambda paths, *_: shutil.rmtree(tmp_path / "b") or fatal(paths))
-    assert main(["list", str(tmp_path), "--report"]) == 0
-    assert "b/run.rrd: no such recording" in capsys.readouterr().out
+        leave_recorded(tmp_path / name, name, prior=name)
+    assert main(["list", str(tmp_path), "prior=a", "--report"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("1 recordings: ")
+    assert f"{tmp_path}/a/run.rrd: expected a configuration with" in out
 
 
 def test_a_list_loads_neither_rerun_nor_hydra(root):

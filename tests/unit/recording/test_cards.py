@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from workbench.recording.write.cards import images_in
+from workbench.recording.write.cards import preview_of
 from workbench.recording.write.file import RecordingFile
 
 PNG = cv2.imencode(".png", np.zeros((6, 8), dtype=np.uint8))[1].tobytes()
@@ -15,9 +15,9 @@ def test_a_preview_is_of_what_a_camera_saw(tmp_path):
         file.stream.set_time("frame", sequence=0)
         for place in ("posterior/pictures/knee/mass", "world/right/image", "world/left/image"):
             file.stream.log(place, rr.EncodedImage(contents=PNG, media_type="image/png"))
-    assert images_in(tmp_path / "run.rrd") == ["/world/left/image", "/world/right/image"]
+    assert preview_of(tmp_path / "run.rrd") == (["/world/left/image", "/world/right/image"], False)
 
 
 def test_a_recording_that_was_cut_off_has_none(tmp_path):
     (tmp_path / "run.rrd").write_bytes(b"RRF2")
-    assert images_in(tmp_path / "run.rrd") == []
+    assert preview_of(tmp_path / "run.rrd") == ([], False)

@@ -118,14 +118,6 @@ def test_what_must_not_be_removed_is_refused(root, made, place, words):
         check_removable(read_runs(root / place), [root])
 
 
-def test_a_run_that_was_killed_is_removed(root):
-    leave(root / "killed", status="running", day=2)
-    runs = read_runs(root / "killed")
-    check_removable(runs, [root])
-    remove(root / "killed", STARTED)
-    assert not (root / "killed").exists()
-
-
 def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folder):
     with locked(folder), pytest.raises(InputError, match="is at work in this folder"):
         remove(folder, STARTED)
@@ -134,7 +126,8 @@ def test_a_folder_where_a_run_is_at_work_or_has_begun_since_is_not_touched(folde
     assert (folder / "summary.json").is_file()
 
 
-def test_a_run_may_begin_where_one_is_being_deleted(root, folder, monkeypatch):
+def test_a_run_may_begin_where_one_is_being_deleted_and_nothing_is_left(root, folder, monkeypatch):
+    (folder.parent / ".removed-0").mkdir()  # by a command that was killed
     whole = shutil.rmtree
 
     def begun(removed, **options):
@@ -148,18 +141,6 @@ def test_a_run_may_begin_where_one_is_being_deleted(root, folder, monkeypatch):
     remove(folder, STARTED)
     assert sorted(os.listdir(root / "sweep")) == ["0", "1"]
     assert list(read_runs(folder)["seed"]) == [7]
-
-
-def test_what_a_killed_command_did_not_delete_is_deleted_by_the_next(root, folder, monkeypatch):
-    def killed(_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(shutil, "rmtree", killed)
-    with pytest.raises(KeyboardInterrupt):
-        remove(folder, STARTED)
-    monkeypatch.undo()
-    remove(root / "sweep" / "0", "2026-11-01T15:00:00")
-    assert os.listdir(root / "sweep") == []
 
 
 def test_the_size_of_a_recording_is_its_own(root):

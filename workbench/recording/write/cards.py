@@ -1,4 +1,4 @@
-"""What a gallery shows: a card for each recording, beside and not in it, and how cards are laid out."""
+"""Cards of a gallery: one for each recording, in a file of its own, and their layout."""
 
 import re
 import warnings
@@ -37,25 +37,18 @@ def recording_id(path: Path) -> tuple[str, str]:
     return found[0].application_id, found[0].recording_id
 
 
-def images_in(path: Path) -> list[str]:
-    """Find the cameras' images in a recording, by their paths, sorted; none of a recording that was cut off.
+def preview_of(path: Path) -> tuple[list[str], bool]:
+    """Return the paths of the cameras' images in a recording, sorted, and whether it has a layout of its own.
 
-    Pictures of marginals are images, too, and no preview of a run.
+    Plots of marginals are images, too, and no preview of a run. A recording that was cut off has neither.
     """
     try:
-        columns = RrdReader(path).store().schema().component_columns()
+        reader = RrdReader(path)
+        columns, has_layout = reader.store().schema().component_columns(), bool(reader.blueprints())
     except (RuntimeError, ValueError, OSError):
-        return []
+        return [], False
     images = {each.entity_path for each in columns if each.component == _IMAGE}
-    return sorted(path for path in images if path.startswith(_SCENE))
-
-
-def has_layout(path: Path) -> bool:
-    """Whether a recording says how it is to be laid out, which a condensed one does not."""
-    try:
-        return bool(RrdReader(path).blueprints())
-    except (RuntimeError, ValueError, OSError):
-        return False
+    return sorted(path for path in images if path.startswith(_SCENE)), has_layout
 
 
 def write_card(
@@ -89,8 +82,8 @@ def write_layout(
     """Write the layout, an .rbl, of a table of recordings that opens as cards and can be switched to rows.
 
     title: the column with a card's title. fields: columns that a card shows below, and their names. columns: those that
-    come first in rows. sort_by: a column, smallest first. images: entities whose pictures a card shows beside each
-    other, as far as its recording has them. curve: whether it shows the error's curve.
+    come first in rows. sort_by: a column, smallest first. images: entities that a card shows side by side, as far as
+    its recording has them. curve: whether it shows the error's curve.
     """
     hidden = rrb.PlotLegend(visible=False)
     views: list[rrb.View] = [rrb.Spatial2DView(origin=image, contents=["$origin/**"]) for image in images]

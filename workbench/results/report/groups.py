@@ -22,7 +22,7 @@ STATUS = {
     "complete": "complete", "failed": "failed", "interrupted": "interrupted", "running": "cut off or still running",
     "stopped": "ended early by sweep.stop_when", "unreadable": "unreadable",
 }  # fmt: skip
-STATISTICS = ("n", "people", "mean", "sd_people", "sd", "low_95", "high_95")
+_STATISTICS = ("n", "people", "mean", "sd_people", "sd", "low_95", "high_95")
 
 
 class Grouping(NamedTuple):
@@ -163,7 +163,7 @@ def _statistics(values: pd.DataFrame) -> pd.DataFrame:
             people = sample.groupby("person")["value"].mean()
             spread = people.mean(), people.std(), sample["value"].std(), *interval(repetitions(sample))
             rows.append((metric, group, len(sample), len(people), *spread))
-    return pd.DataFrame(rows, columns=["metric", "group", *STATISTICS])
+    return pd.DataFrame(rows, columns=["metric", "group", *_STATISTICS])
 
 
 def repetitions(sample: pd.DataFrame) -> FloatArray:

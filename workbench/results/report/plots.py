@@ -34,8 +34,6 @@ _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 3.0, 
 _BAND: dict[str, Any] = {"alpha": 0.3, "solid_capstyle": "butt"}
 
 Colour = tuple[float, float, float]
-End = tuple[str, Colour, float, float]
-"""Label, colour, x and y of a line's end."""
 
 
 class Series(NamedTuple):
@@ -54,29 +52,40 @@ class Series(NamedTuple):
         return _mixed(self.colour, 1.0, _LIGHTEST * behind / max(len(self.groups) - 1, 1))
 
 
+class _Shown(NamedTuple):
+    """What the plots show. errors: see `_errors`, of this metric. more: a sentence on series that are not shown."""
+
+    grouping: Grouping
+    metric: str
+    errors: pd.DataFrame
+    series: list[Series]
+    more: str
+
+
 def plots_of(grouping: Grouping) -> list[Plot]:
     """Draw the plots that these groups allow: none of studies, which track nobody."""
     if (metric := grouping.headline) is None:
         return []
     series, n_left_out = all_series(grouping, metric)
     more = f" Shown are the best; {n_left_out} more are in the tables." if n_left_out else ""
+    shown = _Shown(grouping, metric, _errors(grouping, metric), series, more)
     with context(_STYLE):
         makers = tqdm((_against_particles, _against_seconds, _coverage, _per_joint), "plots", leave=False, disable=None)
-        plots = [make(grouping, series, metric, more) for make in makers]
+        plots = [make(shown) for make in makers]
     return [plot for plot in plots if plot is not None]
 
 
 def all_series(grouping: Grouping, metric: str) -> tuple[list[Series], int]:
     """Return the series with the least `metric`, one for each colour, in the groups' order; and how many more exist."""
     keys = [key for key in grouping.variation.keys if key != _N_PARTICLES]
-    means = _statistics(grouping, metric)["mean"]
+    errors = _errors(grouping, metric).sort_values("particles", kind="stable", na_position="first")
     members: dict[str, list[int]] = {}
-    for group in means.index:
+    for group in sorted(errors.index):
         settings = grouping.settings[group]
         members.setdefault(label(keys, settings) or str(settings[EXPERIMENT]), []).append(group)
-    best = sorted(members, key=lambda name: means[members[name]].min())[: len(SERIES)]
+    best = sorted(members, key=lambda name: errors["mean"][members[name]].min())[: len(SERIES)]
     shown = [name for name in members if name in best]
-    series = [Series(name, sorted(members[name], key=lambda group: _n_particles(grouping, group)), to_rgb(colour))
+    series = [Series(name, [group for group in errors.index if group in members[name]], to_rgb(colour))
               for name, colour in zip(shown, SERIES, strict=False)]  # fmt: skip
     return series, len(members) - len(series)
 
@@ -98,71 +107,65 @@ def joint_errors(run: Run) -> Mapping[str, float]:
     return dict(zip(estimate.names, means.tolist(), strict=True))
 
 
-def _against_particles(grouping: Grouping, series: Sequence[Series], metric: str, more: str) -> Plot | None:
-    counts = {line.label: [_n_particles(grouping, group) for group in line.groups] for line in series}
-    if not any(len(set(each)) > 1 for each in counts.values()):
+def _against_particles(shown: _Shown) -> Plot | None:
+    lines = _lines(shown, "particles")
+    if not any(rows["particles"].nunique() > 1 for _, rows in lines):
         return None
-    figure, axes = _canvas("Error against particles", "particles", TITLES[metric])
+    figure, axes = _canvas("Error against particles", "particles", TITLES[shown.metric])
     axes.set_xscale("log")
-    ticks = sorted({count for each in counts.values() for count in each} - {0.0})
+    ticks = sorted({count for _, rows in lines for count in rows["particles"]})
     axes.set_xticks(ticks, [f"{count:.0f}" for count in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
-    ends: list[End] = []
-    for line in series:
-        groups = [group for group in line.groups if _n_particles(grouping, group) > 0.0]
-        x = [_n_particles(grouping, group) for group in groups]
-        rows = _statistics(grouping, metric).loc[groups]
-        axes.fill_between(x, rows["low_95"], rows["high_95"], color=line.colour, alpha=0.18, linewidth=0.0)
-        axes.plot(x, rows["mean"], color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
-        for count, group in zip(x, groups, strict=True):
-            sample = grouping.sample(metric, group)["value"]
+    for line, rows in lines:
+        axes.fill_between(
+            rows["particles"], rows["low_95"], rows["high_95"], color=line.colour, alpha=0.18, linewidth=0.0
+        )
+        axes.plot(rows["particles"], rows["mean"], color=line.colour, linewidth=2.0, marker="o", markersize=5.0)
+        for group, count in rows["particles"].items():
+            sample = shown.grouping.sample(shown.metric, group)["value"]
             axes.plot([count] * len(sample), sample, color=line.colour, **_DOTS)
-        ends += [(line.label, line.colour, x[-1], rows["mean"].iloc[-1])] if groups else []
-    _finish(axes, _statistics(grouping, metric)["mean"].loc[[group for line in series for group in line.groups]], ends)
-    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{more}"
+    _finish(axes, lines, "particles")
+    caption = f"Lines are means over people and seeds, bands their 95 % intervals, dots single runs.{shown.more}"
     return _plot("error_against_particles", caption, figure)
 
 
-def _against_seconds(grouping: Grouping, series: Sequence[Series], metric: str, more: str) -> Plot | None:
-    seconds, errors = _statistics(grouping, "seconds")["mean"], _statistics(grouping, metric)
-    timed = [Series(line.label, groups, line.colour) for line in series
-             if (groups := [group for group in line.groups if group in seconds.index])]  # fmt: skip
-    if not timed:
+def _against_seconds(shown: _Shown) -> Plot | None:
+    lines = _lines(shown, "seconds")
+    if not lines:
         return None
-    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[metric])
+    figure, axes = _canvas("Error against time", TITLES["seconds"], TITLES[shown.metric])
     axes.set_xscale("log")
     _round_ticks(axes.xaxis)
-    ends: list[End] = []
-    for line in timed:
-        axes.plot(seconds[line.groups], errors["mean"][line.groups], color=line.colour, linewidth=1.0, alpha=0.5)
-        for group in line.groups:
-            x, (mean, low, high) = seconds[group], errors.loc[group, ["mean", "low_95", "high_95"]]
-            both = grouping.sample("seconds", group).merge(grouping.sample(metric, group), on="recording")
+    for line, rows in lines:
+        axes.plot(rows["seconds"], rows["mean"], color=line.colour, linewidth=1.0, alpha=0.5)
+        for group, row in rows.iterrows():
+            both = shown.grouping.sample("seconds", group).merge(
+                shown.grouping.sample(shown.metric, group), on="recording"
+            )
             axes.plot(both["value_x"], both["value_y"], color=line.colour, **_DOTS)
-            axes.plot([x, x], [low, high], color=line.colour, linewidth=7.0, **_BAND)
-            axes.plot(x, mean, color=line.colour, marker="o", markersize=6.0)
-            if len(line.groups) > 1:
+            axes.plot([row["seconds"]] * 2, row[["low_95", "high_95"]], color=line.colour, linewidth=7.0, **_BAND)
+            axes.plot(row["seconds"], row["mean"], color=line.colour, marker="o", markersize=6.0)
+            if len(rows) > 1:
                 axes.annotate(
-                    f"{_n_particles(grouping, group):.0f}", (x, mean), (0.0, 9.0), textcoords="offset points",
+                    f"{row['particles']:.0f}", (row["seconds"], row["mean"]), (0.0, 9.0), textcoords="offset points",
                     ha="center", va="bottom", fontsize=8.0, color=GREY,
                 )  # fmt: skip
-        ends.append((line.label, line.colour, x, mean))
     left, right = axes.get_xlim()
     if right < 4.0 * left:  # at least a factor of four around the points, so that a logarithmic axis has ticks
-        middle = float(np.exp(np.mean(np.log([x for _, _, x, _ in ends]))))
+        middle = float(np.exp(np.mean(np.log([rows["seconds"].iloc[-1] for _, rows in lines]))))
         axes.set_xlim(min(left, middle / 2.5), max(right, middle * 2.5))
-    _finish(axes, errors["mean"].loc[[group for line in timed for group in line.groups]], ends)
-    numbered = " Small numbers count particles." if any(len(line.groups) > 1 for line in timed) else ""
+    _finish(axes, lines, "seconds")
+    numbered = " Small numbers count particles." if any(len(rows) > 1 for _, rows in lines) else ""
     caption = (
         "Large dots are means over people and seeds, bands the errors' 95 % intervals, small dots single runs. The "
-        f"time is that of the inference alone, on the machine that ran it.{numbered}{more}"
+        f"time is that of the inference alone, on the machine that ran it.{numbered}{shown.more}"
     )
     return _plot("error_against_time", caption, figure)
 
 
-def _coverage(grouping: Grouping, series: Sequence[Series], _: str, more: str) -> Plot | None:
-    covered = _statistics(grouping, COVERAGE).index
-    rows = [(line, group) for line in series for group in line.groups if group in covered]
+def _coverage(shown: _Shown) -> Plot | None:
+    covered = set(shown.grouping.values["group"][shown.grouping.values["metric"] == COVERAGE])
+    rows = [(line, group) for line in shown.series for group in line.groups if group in covered]
     if not rows:
         return None
     figure, axes = _canvas("Coverage of the 90 % band", "fraction of the truth within the band", "", len(rows))
@@ -172,42 +175,42 @@ def _coverage(grouping: Grouping, series: Sequence[Series], _: str, more: str) -
         ha="center", va="bottom", fontsize=8.5,
     )  # fmt: skip
     for y, (line, group) in enumerate(rows):
-        sample, colour = repetitions(grouping.sample(COVERAGE, group)), line.shade(group)
+        sample, colour = repetitions(shown.grouping.sample(COVERAGE, group)), line.shade(group)
         axes.plot(sample, [y] * len(sample), color=_mixed(colour, 0.0, 0.3), **_DOTS)
         _interval_row(axes, y, sample, colour, 9.0)
-    axes.set_yticks(range(len(rows)), [grouping.labels["group"][group] for _, group in rows])
+    axes.set_yticks(range(len(rows)), [shown.grouping.labels["group"][group] for _, group in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.0)
     caption = (
         "How often the truth lies in the posterior's 5–95 % band: to the left of the line the tracker is surer than it "
         "should be. Large dots are means over people and seeds, bands their 95 % intervals, small dots people, or "
-        f"single runs where there is one person.{more}"
+        f"single runs where there is one person.{shown.more}"
     )
     return _plot("coverage", caption, figure)
 
 
-def _per_joint(grouping: Grouping, series: Sequence[Series], metric: str, _: str) -> Plot | None:
-    means, runs = _statistics(grouping, metric)["mean"], grouping.runs.groupby("group")["run"]
-    every = [(line, group) for line in series for group in line.groups]
-    rows = sorted(every, key=lambda row: means[row[1]])[:_MAX_GROUPS]
+def _per_joint(shown: _Shown) -> Plot | None:
+    runs = shown.grouping.runs.groupby("group")["run"]
+    every = [(line, group) for line in shown.series for group in line.groups]
+    rows = sorted(every, key=lambda row: shown.errors["mean"][row[1]])[:_MAX_GROUPS]
     measured = [
         [joint_errors(run) for run in runs.get_group(group)]
         for _, group in tqdm(rows, "joints", unit="group", leave=False, disable=None)
     ]
-    names = list(dict.fromkeys(name for errors in measured for run in errors for name in run))
+    names = list(dict.fromkeys(name for group in measured for run in group for name in run))
     if not names:
         return None
     figure, axes = _canvas("Error of each joint", "mean distance from the true joint (mm)", "", 1.3 * len(names))
     for y in range(0, len(names), 2):
         axes.axhspan(y - 0.5, y + 0.5, color="#F6F6F6", linewidth=0.0, zorder=0)
-    for k, ((line, group), errors) in enumerate(zip(rows, measured, strict=True)):
+    for k, ((line, group), distances) in enumerate(zip(rows, measured, strict=True)):
         offset, colour = 0.8 * ((k + 0.5) / len(rows) - 0.5), line.shade(group)
         for y, name in enumerate(names):
-            if sample := [run[name] for run in errors if name in run]:
+            if sample := [run[name] for run in distances if name in run]:
                 _interval_row(axes, y + offset, np.array(sample), colour, min(7.0, 24.0 / len(rows)))
         height = 0.99 - k * 0.05
         axes.text(1.02, height, "●", transform=axes.transAxes, color=colour, va="top")
-        axes.text(1.05, height, grouping.labels["group"][group], transform=axes.transAxes, va="top")
+        axes.text(1.05, height, shown.grouping.labels["group"][group], transform=axes.transAxes, va="top")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axes.tick_params(axis="y", length=0.0)
     axes.set_ylim(len(names) - 0.5, -0.5)
@@ -229,14 +232,22 @@ def _canvas(title: str, x_name: str, y_name: str, n_rows: float | None = None) -
     return figure, axes
 
 
-def _finish(axes: Axes, means: "pd.Series[float]", ends: Sequence[End]) -> None:
+def _lines(shown: _Shown, x: str) -> list[tuple[Series, pd.DataFrame]]:
+    """Return each series with the rows of its groups that have a value of column x."""
+    lines = [(line, shown.errors.loc[line.groups].dropna(subset=[x])) for line in shown.series]
+    return [(line, rows) for line, rows in lines if not rows.empty]
+
+
+def _finish(axes: Axes, lines: Sequence[tuple[Series, pd.DataFrame]], x: str) -> None:
     """Label the lines' ends, and begin the error's axis at zero, or make it logarithmic where means differ much."""
+    means = pd.concat([rows["mean"] for _, rows in lines])
     if means.min() > 0.0 and means.max() > _LOGARITHMIC_FROM * means.min():
         axes.set_yscale("log")
         _round_ticks(axes.yaxis)
     else:
         axes.set_ylim(bottom=0.0)
-    label_ends(axes, [(name, _mixed(colour, 0.0, 0.25), x, y) for name, colour, x, y in ends], _LABEL_GAP, 10.0)
+    ends = [(line.label, _mixed(line.colour, 0.0, 0.25), *rows[[x, "mean"]].iloc[-1]) for line, rows in lines]
+    label_ends(axes, ends, _LABEL_GAP, 10.0)
 
 
 def _round_ticks(axis: Axis) -> None:
@@ -252,16 +263,13 @@ def _interval_row(axes: Axes, y: float, sample: FloatArray, colour: Colour, widt
     axes.plot(sample.mean(), y, marker="o", markersize=min(6.5, width), color=colour, markeredgewidth=0.0)
 
 
-def _statistics(grouping: Grouping, metric: str) -> pd.DataFrame:
-    """Return the statistics of a metric, indexed by group."""
-    rows = grouping.statistics
-    return rows[rows["metric"] == metric].set_index("group")
-
-
-def _n_particles(grouping: Grouping, group: int) -> float:
-    """Return the group's number of particles, 0 where it has none."""
-    n = grouping.settings[group].get(_N_PARTICLES)
-    return float(n) if isinstance(n, int | float) else 0.0
+def _errors(grouping: Grouping, metric: str) -> pd.DataFrame:
+    """Return the statistics of a metric, indexed by group, with the groups' number of particles and mean seconds."""
+    by_metric = {name: rows.set_index("group") for name, rows in grouping.statistics.groupby("metric")}
+    errors = by_metric[metric]
+    particles = [grouping.settings[group].get(_N_PARTICLES) for group in errors.index]
+    seconds = by_metric["seconds"]["mean"] if "seconds" in by_metric else np.nan
+    return errors.assign(particles=pd.to_numeric(pd.Series(particles, errors.index), errors="coerce"), seconds=seconds)
 
 
 def _mixed(colour: Colour, other: float, part: float) -> Colour:

@@ -35,18 +35,13 @@ def test_what_cannot_change_the_numbers_is_no_difference():
         return {"paths": paths, "threads": len(name), "recorder": {"live": name == "a"}, "dataset": paths, "seed": name}
 
     assert what_varied([settings(**places("a")), settings(**places("bb"))]).keys == ()
+    assert flat({"recorder.live": True, "seed": 3, "a.b": 1}, "x") == {"experiment": "x", "a.b": 1}  # of a table
 
 
 def test_a_parts_seed_repeats_only_where_it_is_the_runs_own():
     own = [settings(dataset={"seed": seed}, likelihood={"seed": 0}) for seed in (0, 1)]
     assert seeds_of_parts(own, [0, 1]) == {"dataset.seed"}
     assert seeds_of_parts(own, [0, 2]) == set()
-
-
-def test_numbers_that_change_together_are_all_told():
-    # neither brings the other with it, as a choice would
-    found = what_varied([settings(n=n, dataset={"noise": noise}) for n, noise in ((500, 1.0), (5000, 2.0))])
-    assert found.keys == ("inference.n_particles", "dataset.noise")
 
 
 def test_what_an_experiment_or_a_motion_brings_with_it_follows():
@@ -60,7 +55,9 @@ def test_what_an_experiment_or_a_motion_brings_with_it_follows():
     assert (found.keys, found.following) == (("dataset.motion",), ("prior.leave_out", "dataset.view_deg"))
 
 
-def test_a_key_that_crosses_a_choice_is_told():
+def test_a_number_brings_no_other_with_it_and_a_key_that_crosses_a_choice_is_its_own():
+    rows = [settings(n=n, dataset={"noise": noise}) for n, noise in ((500, 1.0), (5000, 2.0))]
+    assert what_varied(rows).keys == ("inference.n_particles", "dataset.noise")
     rows = [settings(prior, dataset={"view_deg": v}) for prior, v in ((WALKING, 0), (WALKING, 90), (SMOOTH, 0))]
     assert what_varied(rows).keys == ("prior._target_", "dataset.view_deg")
 
