@@ -278,5 +278,5 @@ def _learned(
     provenance = Provenance(sources, parameters, licences, code)
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
-        return load(kind, path, own=True)
+        return load(kind, path)
     return keep(path, learn(), provenance)

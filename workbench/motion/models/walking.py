@@ -1,10 +1,9 @@
 """Models of walking: paper A's PCA of cycles cut at gait events (section 6.2), and paper B's functional PCA."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -116,14 +115,6 @@ class WalkingModel:
     explained: float
     n_cycles: int
     discrepancy: Discrepancy | None = None
-
-    SHAPES: ClassVar[Mapping[str, str]] = {"mean": "TC", "components": "dTC", "scales": "d", "cycle_rate_hz": "2"}
-
-    def flaw(self) -> str:
-        """Say how many channels were expected where there are others."""
-        known = len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS)
-        found = self.mean.shape[1]
-        return "" if found in known else f"{known[0]} or {known[1]} channels, found {found}"
 
 
 def learn_walking(

@@ -1,7 +1,6 @@
 """Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
 
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -129,12 +128,10 @@ def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_
 def test_models_within_models_are_laid_out_too():
     @dataclass(frozen=True, eq=False)
     class Inner:
-        SHAPES: ClassVar = {"a": "xy"}
         a: np.ndarray
 
     @dataclass(frozen=True, eq=False)
     class Outer:
-        SHAPES: ClassVar = {"b": "xy", "c": ""}
         b: np.ndarray
         c: np.ndarray
         inner: Inner
