@@ -156,9 +156,8 @@ class ParticlesByDimension:
     The survival rate is the effective sample size over the number of particles (MacCormick & Isard 2000, to whom C
     refers for N ∝ 1/α^d): a filter that is to keep D of its particles needs N = D / α^d. It is measured with n_most
     particles of `IndependentAngles`, where the law is exact and α known, and of `BodyAngles`. Of the first, particles
-    are counted, too, by powers of two up to n_most, that are within `off` standard deviations of the Kalman filter (root
-    mean square over angles) after one frame, as the survival rate has it, and after n_frames, each of which starts
-    from what the one before got wrong.
+    are counted, too, by powers of two up to n_most, that are within `off` standard deviations of the Kalman filter
+    (root mean square over angles) after one frame, and after n_frames, each of which starts from the last one's error.
 
     dims, dims_body: numbers of angles. n_frames, n_seeds: of every run, each seed with a truth of its own.
 

@@ -37,27 +37,6 @@ def test_the_published_numbers_of_points():
     assert LAYOUTS["COCO_18"][1]["left_hip"] == (11,)
 
 
-def test_zeros_are_joints_that_were_not_found(tmp_path):
-    joints = standing(300.0, 100.0)
-    del joints["left_wrist"]
-    found = read_openpose(write(tmp_path, {0: [points("BODY_25", joints)]}))
-    assert np.isnan(found.joints[0][0, JOINT_NAMES.index("left_wrist")]).all()
-    assert np.isnan(found.joints[0][0, JOINT_NAMES.index("neck")]).all()  # the middle of the shoulders is not our neck
-
-
-def test_empty_people_are_people_of_whom_nothing_is_seen(tmp_path):
-    """As real folders have them, which OpenPose writes where it tracks several people."""
-    joints = standing(300.0, 100.0)
-    full = points("BODY_25B", joints)
-    found = read_openpose(
-        write(tmp_path, {0: [np.zeros((0, 3)), full], 1: [np.zeros((0, 3))], 2: [full, np.zeros((25, 3))]})
-    )
-    assert found.layout == "BODY_25B"
-    assert [len(one) for one in found.joints] == [2, 1, 2]
-    seen = [[bool(np.isfinite(one).any()) for one in frame] for frame in found.joints]
-    assert seen == [[False, True], [False], [True, False]]
-
-
 PLACES = st.floats(0.0, 2000.0, allow_nan=False)
 PERSON = st.one_of(
     st.just("empty"), st.just("zeros"),

@@ -109,15 +109,6 @@ def test_one_cycle_is_no_model():
         learn_activities(cycles.only(np.arange(30) == 0), angles=ANGLES)
 
 
-def test_a_model_survives_the_disk(tmp_path, model):
-    save(tmp_path / "deep" / "m.h5", model, PROVENANCE)
-    read = load(ActivityModel, tmp_path / "deep" / "m.h5")
-    for name in ("mean", "components", "scales", "explained", "scores", "cycle_rate_hz"):
-        assert getattr(read, name).tobytes() == getattr(model, name).tobytes()
-    assert (read.angles, read.activities, read.sources) == (model.angles, model.activities, model.sources)
-    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["m.h5"]
-
-
 @pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all", "lacks"])
 def test_what_is_no_model_is_refused(tmp_path, model, content):
     path = tmp_path / "m.h5"

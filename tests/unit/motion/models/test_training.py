@@ -91,17 +91,6 @@ def test_an_unknown_set_is_named(tmp_path, read):
         read("everything", data=None, cache=str(tmp_path), **options)
 
 
-def test_windows_from_the_cache_are_those_learned(library, tmp_path):
-    options = {"motions": library, "cache": str(tmp_path), "angles": ["left_arm"], "root": False}
-    learned, read = motion_windows(**options), motion_windows(**options)
-    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 1
-    np.testing.assert_array_equal(learned.coefficients, read.coefficients)
-    assert learned.clips == read.clips
-    fewer = motion_windows(**options, leave_out=["12"])
-    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 2
-    assert set(learned.clips) - set(fewer.clips) == {"12_03"}
-
-
 def arrays(model):
     """All arrays of a model, by name, those of models within it too."""
     found = {}

@@ -5,8 +5,7 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.store import Provenance, load, save
-from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, learn_walking, walking_cycles
 from workbench.motion.pose_sequence import Motion, gait_events
 from workbench.utils.errors import InputError
 
@@ -102,22 +101,6 @@ def test_the_number_of_components_follows_the_variance():
 def test_wrong_options_are_refused(options):
     with pytest.raises(InputError):
         learn_walking(planted(4), **PAPER | options)
-
-
-def test_a_model_survives_the_disk(tmp_path):
-    model = learn_walking(planted(), **PAPER | {"n_components": 2})
-    provenance = Provenance({"a.amc": "12"}, {"variance": 0.95}, ("free",))
-    save(tmp_path / "deep" / "m.h5", model, provenance)
-    read = load(WalkingModel, tmp_path / "deep" / "m.h5")
-    for name in ("mean", "components", "scales"):
-        assert (getattr(read, name) == getattr(model, name)).all()
-    assert (read.cycle_rate_hz, read.explained, read.n_cycles) == (
-        model.cycle_rate_hz,
-        model.explained,
-        model.n_cycles,
-    )
-    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["m.h5"]
-    assert Provenance({"a.amc": "13"}, {"variance": 0.95}, ("free",)).key != provenance.key
 
 
 def swaying(heading_rate=0.0, **options):

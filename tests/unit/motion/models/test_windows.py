@@ -7,9 +7,7 @@ import pytest
 
 from workbench.body.kinematics import axis_rotations
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
-from workbench.motion.models.store import Provenance, load, save
 from workbench.motion.models.windows import (
-    Windows,
     advance,
     learn_windows,
     pose_rows,
@@ -131,15 +129,3 @@ def test_short_clips_are_named(motions, caplog):
 def test_bad_input_is_refused(motions, change, message):
     with pytest.raises(InputError, match=message):
         learn_windows(motions, **change)
-
-
-PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
-
-
-def test_what_is_written_is_read(windows, tmp_path):
-    save(tmp_path / "w.h5", windows, PROVENANCE)
-    again = load(Windows, tmp_path / "w.h5")
-    for name in ("rows", "ends", "scales", "mean", "basis", "sigmas", "coefficients"):
-        assert (getattr(again, name) == getattr(windows, name)).all()
-    assert (again.angles, again.root, again.rate_hz) == (windows.angles, windows.root, windows.rate_hz)
-    assert [file.name for file in tmp_path.iterdir()] == ["w.h5"]

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.motion.models.store import Provenance, load, save
-from workbench.motion.models.windows import Windows, learn_windows
+from workbench.motion.models.windows import learn_windows
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.priors.implicit import Implicit
-
-PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +16,6 @@ def motions():
 @pytest.fixture(scope="module")
 def windows(motions):
     return learn_windows(motions)
-
-
-def test_clips_are_written_and_read(windows, motions, tmp_path):
-    save(tmp_path / "w.h5", windows, PROVENANCE)
-    again = load(Windows, tmp_path / "w.h5")
-    assert again.clips == windows.clips == tuple(motion.name for motion in motions)
-    assert again.activities == windows.activities == ("walk",) * 3
-    assert (again.firsts == windows.firsts).all()
 
 
 def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
