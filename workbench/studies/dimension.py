@@ -140,7 +140,7 @@ DimensionProblem = IndependentAngles | BodyAngles
 
 
 @dataclass(frozen=True, eq=False)
-class DimensionRun:
+class _DimensionRun:
     """F frames. survival: (F,), effective sample size over particles. expected: (F, d), angles. observed: (F, k), in
     units of its noise."""
 
@@ -245,7 +245,7 @@ class ParticlesByDimension:
         return found
 
 
-def run_filter(problem: DimensionProblem, n: int, n_frames: int, rng: np.random.Generator) -> DimensionRun:
+def run_filter(problem: DimensionProblem, n: int, n_frames: int, rng: np.random.Generator) -> _DimensionRun:
     """Track a truth drawn from the problem by n particles, bootstrap, systematic resampling in every frame."""
     truth, state = problem.start(1, rng), problem.start(n, rng)
     survival, expected, observed = [], [], []
@@ -260,7 +260,7 @@ def run_filter(problem: DimensionProblem, n: int, n_frames: int, rng: np.random.
         expected.append(weights @ problem.angles(state))
         places = np.searchsorted(weights.cumsum(), (np.arange(n) + rng.random()) / n)
         state = state[places.clip(max=n - 1)]
-    return DimensionRun(np.array(survival), np.array(expected), np.array(observed))
+    return _DimensionRun(np.array(survival), np.array(expected), np.array(observed))
 
 
 def fitted_alpha(x: FloatArray, log10_n: FloatArray) -> float:

@@ -97,15 +97,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_other_people(generate
     assert not np.array_equal(first[0].poses, first[1].poses)
 
 
-def test_the_library_differs_in_speed_cadence_and_size():
-    motions = builtin_motions()
-    speeds = [motion.poses[-1, 0] / 6.0 for motion in motions]
-    assert len(motions) == 12
-    assert np.ptp(speeds) > 0.15
-    assert np.ptp([motion.shape.thigh for motion in motions]) > 0.03
-    assert {len(motion) for motion in motions} == {361}
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

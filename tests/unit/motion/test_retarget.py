@@ -65,7 +65,7 @@ def cmu_at_rest():
         positions[k] = (positions[parent] if parent >= 0 else 0.0) + offsets[k]
     rotations = np.broadcast_to(np.eye(3), (2, len(names), 3, 3)).copy()
     both = np.stack([positions, positions])
-    return MotionClip("rest", 120.0, 1, names, parents, offsets, rotations, both[:, 0], both)
+    return MotionClip("rest", 120.0, 1, names, parents, offsets, rotations, both)
 
 
 def test_cmu_rest_pose_in_closed_form():

@@ -18,13 +18,13 @@ from workbench.utils.hdf5 import Hdf5, read_hdf5
 FORMAT = "workbench model 3"
 
 
-class Model(Protocol):
+class _Model(Protocol):
     """A dataclass of arrays, numbers, tuples of numbers or strings, and another such model or None."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
-Stored = TypeVar("Stored", bound=Model)
+Stored = TypeVar("Stored", bound=_Model)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def keep(path: Path, model: Stored, provenance: Provenance) -> Stored:
     return as_kept(model)
 
 
-def save(path: Path, model: Model, provenance: Provenance) -> None:
+def save(path: Path, model: _Model, provenance: Provenance) -> None:
     """Write a model with where it comes from; the file appears whole or not at all.
 
     Arrays are data sets, all other fields are JSON. Raises InputError when the file cannot be written.
@@ -88,7 +88,7 @@ def load(kind: type[Stored], path: Path) -> Stored:
         ) from None
 
 
-def _write(group: h5py.Group, model: Model) -> None:
+def _write(group: h5py.Group, model: _Model) -> None:
     for field in fields(model):
         value = getattr(model, field.name)
         if _is_model(value):
@@ -104,7 +104,7 @@ def _read(kind: type[Stored], file: Hdf5, group: str) -> Stored:
 
 def _value(file: Hdf5, place: str, hint: Any) -> Any:
     if place in file.attributes:
-        kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
+        kinds: list[type[_Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
         return _read(kinds[0], file, place)
     if get_origin(hint) is np.ndarray:
         return file.arrays[place]
@@ -112,5 +112,5 @@ def _value(file: Hdf5, place: str, hint: Any) -> Any:
     return None if value is None else (get_origin(hint) or hint)(value)
 
 
-def _is_model(value: Any) -> TypeGuard[Model]:
+def _is_model(value: Any) -> TypeGuard[_Model]:
     return is_dataclass(value)

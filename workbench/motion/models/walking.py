@@ -54,7 +54,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
         events = gait_events(motion)
         if len(events) < 2:
             continue
-        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion_channels(motion))
+        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), _motion_channels(motion))
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if SHORTEST_S <= duration <= LONGEST_S:
@@ -67,7 +67,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
-def motion_channels(motion: Motion) -> FloatArray:
+def _motion_channels(motion: Motion) -> FloatArray:
     """Return the channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
     The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
@@ -191,7 +191,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
     """
     sequences, periods, rates = [], [], []
     for motion in motions:
-        channels = motion_channels(motion)
+        channels = _motion_channels(motion)
         channels[:, 0] *= SPEED_WEIGHT
         try:
             period = motion_period(motion, channels[:, 1:])

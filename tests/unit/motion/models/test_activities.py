@@ -103,12 +103,6 @@ def test_wrong_options_are_refused(options, words):
         learn_activities(planted()[0], **{"angles": ANGLES, **options})
 
 
-def test_one_cycle_is_no_model():
-    cycles, *_ = planted()
-    with pytest.raises(InputError, match="two cycles"):
-        learn_activities(cycles.only(np.arange(30) == 0), angles=ANGLES)
-
-
 @pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all", "lacks"])
 def test_what_is_no_model_is_refused(tmp_path, model, content):
     path = tmp_path / "m.h5"

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from workbench.body.skeleton import PARTS
 from workbench.motion.models.training import activity_model, database_motions, training_motions
 from workbench.utils.errors import InputError
 
@@ -13,16 +12,6 @@ def test_generated_walks_and_runs_need_no_download(tmp_path):
     assert [motion.activity for motion in found] == ["walk"] * 12 + ["run"] * 12
     walks = training_motions("builtin", data=None, cache=str(tmp_path), subjects=None)
     assert {motion.activity for motion in walks} == {"walk"}
-
-
-def test_a_model_from_the_cache_is_the_one_learned(tmp_path):
-    options = {"cache": str(tmp_path), "angles": ["lower_body"], "n_components": 4}
-    learned, read = activity_model(**options), activity_model(**options)
-    assert len(list((tmp_path / "models").glob("activities-*.h5"))) == 1
-    assert learned.angles == PARTS["lower_body"] == read.angles
-    for name in ("mean", "components", "scores"):
-        assert getattr(learned, name).tobytes() == getattr(read, name).tobytes()
-    assert (learned.sources, learned.activities) == (read.sources, read.activities)
 
 
 def test_clips_and_activities_are_left_out(tmp_path):
