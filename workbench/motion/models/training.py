@@ -199,7 +199,7 @@ def database_motions(
 ) -> tuple[Motion, ...]:
     """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
-    leave_out: names of clips, of their files, of performers or of styles (`formats.names`). activities: keep only these;
+    leave_out: names of clips, of their files, of performers or of styles (`formats.names`). activities: keep these;
     none keeps all. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("recorded", "cmu", "bandai"):

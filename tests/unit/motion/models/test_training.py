@@ -9,6 +9,7 @@ from workbench.motion.library import write_library
 from workbench.motion.models import training
 from workbench.motion.models.store import as_kept
 from workbench.motion.models.training import (
+    activity_model,
     cyclic_model,
     database_motions,
     gait_model,
@@ -144,3 +145,21 @@ def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
     assert 0.0 < apart < np.radians(2.0)
     again = cyclic_model(cache=str(tmp_path / "other"), q=2, missing=0.2)
     np.testing.assert_array_equal(gappy.mean, again.mean)
+
+
+def test_generated_walks_and_runs_need_no_download(tmp_path):
+    found = database_motions("builtin", data=None, cache=str(tmp_path))
+    assert [motion.activity for motion in found] == ["walk"] * 12 + ["run"] * 12
+    walks = training_motions("builtin", data=None, cache=str(tmp_path), subjects=None)
+    assert {motion.activity for motion in walks} == {"walk"}
+
+
+def test_clips_and_activities_are_left_out(tmp_path):
+    without = activity_model(cache=str(tmp_path), leave_out=["runner_03"], most_per_clip=1)
+    assert "runner_03_straight" not in without.sources
+    assert len(without.sources) == 23
+    runs = activity_model(cache=str(tmp_path), activities=["run"], most_per_clip=1)
+    assert set(runs.activities) == {"run"}
+    assert not np.array_equal(runs.mean, without.mean)
+    with pytest.raises(InputError, match="swim"):
+        activity_model(cache=str(tmp_path), activities=["swim"])

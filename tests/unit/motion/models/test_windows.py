@@ -13,6 +13,7 @@ from workbench.motion.models.windows import (
     pose_rows,
 )
 from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors.implicit import Implicit
 from workbench.utils.errors import InputError
 
 LENGTH = 10
@@ -129,3 +130,26 @@ def test_short_clips_are_named(motions, caplog):
 def test_bad_input_is_refused(motions, change, message):
     with pytest.raises(InputError, match=message):
         learn_windows(motions, **change)
+
+
+def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
+    kept = windows.clip_of != 1
+    whole = Implicit(windows, beta=2.0, epsilon=1e-6)
+    some = whole.only(kept)
+    probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 20000, axis=0)  # of the first clip
+    from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))
+    assert 1 not in some.windows.clip_of[from_some]
+    assert 1 in windows.clip_of[from_whole]
+    places = np.flatnonzero(kept)[from_some]
+    conditional = np.bincount(from_whole, minlength=len(windows))[kept] / kept[from_whole].sum()
+    seen = np.bincount(places, minlength=len(windows))[kept] / len(places)
+    assert np.abs(seen - conditional).max() < 5 * np.sqrt(2 * conditional.max() / kept[from_whole].sum())
+
+
+def test_another_search_has_its_own_tree_and_leaves_the_first_alone(windows):
+    exact = Implicit(windows, beta=0.5)
+    tree = exact.searching("sign_tree", 0.1)
+    assert (tree.search, tree.beta, exact.search, exact.beta) == ("sign_tree", 0.1, "exact", 0.5)
+    own = Implicit(windows, search="sign_tree", beta=0.1)
+    probes = windows.coefficients[::7].astype(np.float64)
+    assert (tree.draw(probes, np.random.default_rng(0)) == own.draw(probes, np.random.default_rng(0))).all()
