@@ -1,15 +1,13 @@
-"""HDF5 files of users: motion libraries, models and points, read in the sandbox; nothing outside the file is read."""
+"""HDF5 files of users: motion libraries and points, read in the sandbox; nothing outside the file is read."""
 
 import h5py
 import numpy as np
 import pytest
 from damage import changes, flips, refusal, withstands
-from sound_files import library, model, points, written
+from sound_files import library, points, written
 
 from workbench.datasets.files.point_formats import read_hdf5
 from workbench.motion.library import read_library
-from workbench.motion.models.linear_motion import LinearMotion
-from workbench.motion.models.store import load
 from workbench.utils import hdf5
 from workbench.utils.input_limits import DEEPEST, MOST_NUMBERS
 
@@ -18,18 +16,14 @@ def read_points(path):
     return list(read_hdf5(path))
 
 
-def read_model(path):
-    return load(LinearMotion, path)
-
-
 def read_any(path):
     return hdf5.read_hdf5(path, "numbers", own=True)
 
 
 KINDS = {
-    "library": (library, "motions/000000/poses", read_library), "points": (points, "frames/1", read_points),
-    "model": (model, "gain", read_model),
-}  # fmt: skip
+    "library": (library, "motions/000000/poses", read_library),
+    "points": (points, "frames/1", read_points),
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -23,4 +23,4 @@ def own_clip(skeleton, poses):
     rotations = frames.rotations[:, parents].swapaxes(-1, -2) @ frames.rotations
     rotations[:, 0] = frames.rotations[:, 0]
     return MotionClip("own", 100.0, 1, skeleton.names, skeleton.parents, skeleton.offsets, rotations,
-                frames.positions[:, 0], frames.positions)  # fmt: skip
+                      frames.positions)  # fmt: skip

@@ -3,11 +3,7 @@
 import h5py
 import numpy as np
 
-from workbench.body.skeleton import POSE_NAMES
-from workbench.core.pose_prior import Postures
 from workbench.motion.library import write_library
-from workbench.motion.models.linear_motion import LinearMotion
-from workbench.motion.models.store import Provenance, save
 from workbench.motion.synthetic.gait import subjects, walker
 
 BVH = """HIERARCHY
@@ -99,17 +95,6 @@ def library(path):
     """Write a motion library of one short motion."""
     (subject,) = subjects(1, np.random.default_rng(0))
     write_library(path, [walker(subject, 0.2, 30.0)])
-    return path
-
-
-def model(path):
-    """Write a model of the simplest kind."""
-    n, few, full = len(POSE_NAMES), len(POSE_NAMES) - 4, 2 * len(POSE_NAMES) - 4
-    postures = Postures(np.ones(1), np.zeros((1, few)), np.eye(few)[None])
-    linear = LinearMotion(
-        30.0, np.zeros((n, full)), np.zeros(n), np.eye(n), np.zeros((n, few)), np.zeros(n), np.eye(n), postures
-    )
-    save(path, linear, Provenance({"a": "b"}, {"c": 1}, ("d",)))
     return path
 
 

@@ -1,8 +1,7 @@
 """What a learned motion misses of a person it was not learned from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -29,13 +28,6 @@ class Discrepancy:
     rest: FloatArray
     keep: FloatArray
     n_people: int
-
-    SHAPES: ClassVar[Mapping[str, str]] = {"angles": "C", "loadings": "Cr", "rest": "C", "keep": "C"}
-
-    def flaw(self) -> str:
-        """Say what was expected of deviations and of what is kept."""
-        sound = (self.rest >= 0.0).all() and (self.keep >= 0.0).all() and (self.keep < 1.0).all()
-        return "" if sound else "rest of at least 0 and keep from 0 to below 1"
 
     @property
     def covariance(self) -> FloatArray:

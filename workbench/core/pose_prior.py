@@ -1,9 +1,7 @@
 """Which postures people take, whatever they do: a density of single frames."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
@@ -18,15 +16,6 @@ class Postures:
     weights: FloatArray
     means: FloatArray
     covariances: FloatArray
-
-    SHAPES: ClassVar[Mapping[str, str]] = {"weights": "k", "means": "ka", "covariances": "kaa"}
-
-    def flaw(self) -> str:
-        """Say what is wrong with the weights or the covariances."""
-        if not ((self.weights > 0.0).all() and abs(self.weights.sum() - 1.0) < 1e-6):
-            return "positive weights of postures that sum to 1"
-        symmetric = np.allclose(self.covariances, np.swapaxes(self.covariances, 1, 2))
-        return "" if symmetric and np.linalg.eigvalsh(self.covariances).min() > 0.0 else "positive covariances"
 
     def log_parts(self, postures: FloatArray) -> FloatArray:
         """Return log(weights_k N(posture; means_k, covariances_k)), (n, K), of postures (n, A)."""

@@ -20,9 +20,9 @@ class MotionClip:
 
     name: the file's, without its extension. first_frame: the number of the first frame in the file. joints: K names,
     parents before children. parents: (K,), -1 for the root. offsets: (K, 3), a joint's place in its parent's frame at
-    rest. rotations: (F, K, 3, 3), from a joint's frame to its parent's (the root's: to the world). root_positions:
-    (F, 3). positions: (F, K, 3), every joint in the world by forward kinematics; where the file moves a joint within
-    its parent's frame, that movement is in the positions and the offsets keep the place at rest.
+    rest. rotations: (F, K, 3, 3), from a joint's frame to its parent's (the root's: to the world). positions:
+    (F, K, 3), every joint in the world by forward kinematics; where the file moves a joint within its parent's frame,
+    that movement is in the positions and the offsets keep the place at rest.
     """
 
     name: str
@@ -32,11 +32,10 @@ class MotionClip:
     parents: IntArray
     offsets: FloatArray
     rotations: FloatArray
-    root_positions: FloatArray
     positions: FloatArray
 
     def __len__(self) -> int:
-        return len(self.root_positions)
+        return len(self.positions)
 
     def joint(self, name: str) -> int:
         """Index of the joint called `name`; raises ValueError when there is none."""
@@ -63,9 +62,7 @@ def clip_of_file(
     offsets = offsets[:, WORLD_FROM_FILE]
     check_rate(f"clip {name}", rate_hz)
     check_places(f"clip {name}", positions)
-    return MotionClip(
-        name, rate_hz, first_frame, joints, parents, offsets, rotations, positions[:, 0].copy(), positions
-    )
+    return MotionClip(name, rate_hz, first_frame, joints, parents, offsets, rotations, positions)
 
 
 def world_rotations(parents: IntArray, rotations: FloatArray) -> FloatArray:

@@ -242,6 +242,8 @@ def _read_index(path: Path) -> dict[str, _IndexRow]:
         for row in reader:
             rate_hz = check_rate(f"{path}, line {reader.line_num}", float(row["rate_hz"]))
             index[row["clip"]] = _IndexRow(row["clip"], row["subject"], row["activity"], rate_hz)
+    except InputError:
+        raise
     except (csv.Error, TypeError, ValueError) as error:
         fail(path, reader.line_num, f"expected a table of clips with a rate in Hz: {error}")
     return index

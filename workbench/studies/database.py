@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class Probes:
+class _Probes:
     """Windows to search for, and a prior whose database does not hold the clips that they come from.
 
     coefficients: (K, b), whitened; the first probe is the one that is shown. truth: the row after it in its clip.
@@ -43,7 +43,7 @@ class Probes:
 
 def left_out_probes(
     prior: Prior, clip: str | None, frame: int | None, n_probes: int, rng: np.random.Generator
-) -> Probes:
+) -> _Probes:
     """Take probes from the prior's own database, of which their clips, at most a quarter of all, are then left out.
 
     An entry that is its own probe would be all that is drawn at a low temperature, and its neighbours in time nearly
@@ -64,7 +64,7 @@ def left_out_probes(
     inside = np.setdiff1d(np.flatnonzero(left_out), first)
     entries = np.append(first, rng.choice(inside, min(n_probes - 1, len(inside)), replace=False))
     chosen, end = windows.clip_of[first], windows.ends[first]
-    return Probes(
+    return _Probes(
         prior=prior.only(~left_out),
         coefficients=windows.coefficients[entries].astype(np.float64),
         truth=int(end + 1),
@@ -108,7 +108,7 @@ class Temperature:
         }  # fmt: skip
         return StudyResult(metrics, (*sticks, *_fidelity_curves(probes, scanned, found, rng)), self._note(probes))
 
-    def _sticks(self, probes: Probes, name: str, beta: float, rng: np.random.Generator) -> Sticks:
+    def _sticks(self, probes: _Probes, name: str, beta: float, rng: np.random.Generator) -> Sticks:
         windows = probes.prior.windows
         entries = probes.prior.searching(name, beta).draw(np.repeat(probes.coefficients[:1], self.n_draws, axis=0), rng)
         skeleton = person_skeleton(from_height(HEIGHT_M))
@@ -116,7 +116,7 @@ class Temperature:
         shades = np.append(np.full(self.n_draws, 0.25), 1.0)
         return Sticks(f"draws/{SEARCHES[name]}, β = {beta:g}", joints(skeleton, poses), skeleton.parents, shades)
 
-    def _note(self, probes: Probes) -> str:
+    def _note(self, probes: _Probes) -> str:
         return (
             f"Paper C, fig. 3: the poses after {self.n_draws} windows drawn for one probe at each temperature β (dark) "
             f"and the pose that followed the probe (light), {probes.shown}, whose clip is not in the database. Above "
@@ -179,7 +179,7 @@ class CoefficientHistograms:
         metrics["tv_sampling"] = float(np.mean(sampling)) if sampling else float("nan")
         return StudyResult(metrics, tuple(figures), self._note(probes, missing))
 
-    def _note(self, probes: Probes, missing: Sequence[int]) -> str:
+    def _note(self, probes: _Probes, missing: Sequence[int]) -> str:
         lacking = f" The database has no component {', '.join(map(str, missing))}." if missing else ""
         return (
             f"Paper C, fig. 4: coefficients of {self.n_draws} windows drawn at β = {self.beta:g} for one probe, "
@@ -210,7 +210,7 @@ def _shown_window(windows: Windows, clip: str | None, frame: int | None, rng: np
     return int(rng.choice(inside[frames == frame]))
 
 
-def _fidelities(probes: Probes, name: str, betas: FloatArray, rng: np.random.Generator) -> list[Fidelity]:
+def _fidelities(probes: _Probes, name: str, betas: FloatArray, rng: np.random.Generator) -> list[Fidelity]:
     prior = probes.prior.searching(name, probes.prior.beta)
     return [
         fidelity(
@@ -222,7 +222,7 @@ def _fidelities(probes: Probes, name: str, betas: FloatArray, rng: np.random.Gen
 
 
 def _fidelity_curves(
-    probes: Probes, betas: FloatArray, found: dict[str, list[Fidelity]], rng: np.random.Generator
+    probes: _Probes, betas: FloatArray, found: dict[str, list[Fidelity]], rng: np.random.Generator
 ) -> tuple[Curves, ...]:
     x = np.log10(betas)
     mark = {"the prior's": float(np.log10(probes.prior.beta))}

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import scipy
@@ -28,41 +27,17 @@ LEAST_ESS = 300.0
 """A survival rate is measured where this many particles survive. With fewer the largest weights, which decide it, are
 rarely drawn, and it comes out too high: of 2^13 particles and 8 angles 0.027 instead of 0.016."""
 PAPERS = {8: 3.0e3, 50: 1.0e16}
-"""Particles that C states for parameters, angles and their velocities, of an arm and of a person."""
+"""Particles by the number of parameters, angles and their velocities, that C states for an arm and for a person."""
 RATE_HZ = 30.0
 TRANSITION = np.array([[1.0, 1.0], [0.0, 1.0]])
 """Of an angle and its velocity, in units of a frame."""
 
 
-class Problem(Protocol):
-    """What is tracked: d joint angles and their velocities, drawn from the prior that tracks them."""
-
-    def start(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw n states (n, D) at the start; the first of another draw is the truth."""
-
-    def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Draw states (n, D) a frame later."""
-
-    def seen(self, state: FloatArray) -> FloatArray:
-        """Compute what states (n, D) look like, (n, k), in units of the noise of what is observed."""
-
-    def angles(self, state: FloatArray) -> FloatArray:
-        """Take the angles (n, d) from states (n, D)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Tracked:
-    """F frames. survival: (F,), effective sample size over particles. expected: (F, d), rad or units. observed: (F, k),
-    what was seen, with its noise."""
-
-    survival: FloatArray
-    expected: FloatArray
-    observed: FloatArray
-
-
 @dataclass(frozen=True)
-class Independent:
-    """d angles of constant velocity, each observed by itself: the case in which the law is exact.
+class IndependentAngles:
+    """A tracking problem of d angles of constant velocity, each observed by itself, in which the law is exact.
+
+    States are (n, 2 d): angles and velocities; a truth and its particles are drawn alike.
 
     Units are the observation's deviation and a frame. jerk: deviation of the change of a velocity in a frame.
     """
@@ -109,26 +84,25 @@ class Independent:
         return expected
 
     def start(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw from the steady state's posterior about zero."""
+        """Draw states (n, 2 d) from the steady state's posterior about zero."""
         pairs = rng.multivariate_normal(np.zeros(2), self.filtered, size=(n, self.d))
         return np.concatenate([pairs[..., 0], pairs[..., 1]], axis=1)
 
     def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Go on with a constant acceleration of that deviation."""
+        """Draw states a frame later: a constant acceleration with the deviation of the jerk."""
         angles, velocities = state[:, : self.d], state[:, self.d :]
         changes = self.jerk * rng.standard_normal(angles.shape)
         return np.concatenate([angles + velocities + 0.5 * changes, velocities + changes], axis=1)
 
-    def seen(self, state: FloatArray) -> FloatArray:
-        """Show the angles."""
-        return state[:, : self.d]
-
     def angles(self, state: FloatArray) -> FloatArray:
-        """Take the angles."""
+        """Return the angles (n, d)."""
         return state[:, : self.d]
 
+    observed = angles
+    """What is observed of states, in units of its noise, (n, d)."""
 
-class Limbs:
+
+class BodyAngles:
     """The first d of ANGLES of a person who stands, under the smooth prior (A, section 6.1), seen as joints' pixels.
 
     sigma_px: of what is observed of every joint, for a person of 175 px, seen from the right and ahead.
@@ -145,21 +119,34 @@ class Limbs:
         self._columns = [POSE_NAMES.index(name) for name in ANGLES[:d]]
 
     def start(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw around the standing pose."""
+        """Draw states (n, D) around the standing pose."""
         return self.prior.start(self.pose, n, rng)
 
     def step(self, state: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Draw from the smooth prior."""
+        """Draw states a frame later from the smooth prior."""
         return self.prior.step(state, 1.0 / RATE_HZ, rng)
 
-    def seen(self, state: FloatArray) -> FloatArray:
-        """Project the joints."""
+    def angles(self, state: FloatArray) -> FloatArray:
+        """Return the moving angles (n, d), rad."""
+        return self.prior.pose(state)[:, self._columns]
+
+    def observed(self, state: FloatArray) -> FloatArray:
+        """Return the joints' pixels, in units of their noise, (n, 2 J)."""
         pixels = self.camera.project(joints(self.skeleton, self.prior.pose(state)))
         return pixels.reshape(len(state), -1) / self.sigma_px
 
-    def angles(self, state: FloatArray) -> FloatArray:
-        """Take the moving angles."""
-        return self.prior.pose(state)[:, self._columns]
+
+DimensionProblem = IndependentAngles | BodyAngles
+
+
+@dataclass(frozen=True, eq=False)
+class _DimensionRun:
+    """F frames. survival: (F,), effective sample size over particles. expected: (F, d), angles. observed: (F, k), in
+    units of its noise."""
+
+    survival: FloatArray
+    expected: FloatArray
+    observed: FloatArray
 
 
 @dataclass(frozen=True)
@@ -168,10 +155,9 @@ class ParticlesByDimension:
 
     The survival rate is the effective sample size over the number of particles (MacCormick & Isard 2000, to whom C
     refers for N ∝ 1/α^d): a filter that is to keep D of its particles needs N = D / α^d. It is measured with n_most
-    particles in two settings: `Independent`, where the law is exact and α known, and `Limbs`. There, particles are
-    counted, too, by powers of two up to n_most, that are within `off` standard deviations of the Kalman filter (root
-    mean square over angles) after one frame, as the survival rate has it, and after n_frames, each of which starts
-    from what the one before got wrong.
+    particles of `IndependentAngles`, where the law is exact and α known, and of `BodyAngles`. Of the first, particles
+    are counted, too, by powers of two up to n_most, that are within `off` standard deviations of the Kalman filter
+    (root mean square over angles) after one frame, and after n_frames, each of which starts from the last one's error.
 
     dims, dims_body: numbers of angles. n_frames, n_seeds: of every run, each seed with a truth of its own.
 
@@ -199,12 +185,12 @@ class ParticlesByDimension:
         """Track with every number of angles and every seed, and fit α."""
         x = np.union1d(self.dims, self.dims_body).astype(np.float64)
         log_n = {
-            INDEPENDENT: self._survival(Independent, self.dims, x, rng),
-            BODY: self._survival(lambda d: Limbs(d, self.sigma_px), self.dims_body, x, rng),
+            INDEPENDENT: self._survival(IndependentAngles, self.dims, x, rng),
+            BODY: self._survival(lambda d: BodyAngles(d, self.sigma_px), self.dims_body, x, rng),
             ONE_FRAME: self._needed(1, x, rng),
             NEEDED: self._needed(self.n_frames, x, rng),
         }
-        exact = Independent(1).log_alpha
+        exact = IndependentAngles(1).log_alpha
         metrics = {"alpha_exact": float(np.exp(exact)), "alpha_paper": paper_alpha(), **self._alphas(x, log_n, rng)}
         curves = {name: each.mean(axis=0) for name, each in log_n.items()}  # known where every seed is
         curves[EXACT] = -exact * x / np.log(10.0)
@@ -213,13 +199,17 @@ class ParticlesByDimension:
         return StudyResult(metrics, (needed,), _note(metrics, self))
 
     def _survival(
-        self, problem: Callable[[int], Problem], dims: Sequence[int], x: FloatArray, rng: np.random.Generator
+        self,
+        problem: Callable[[int], DimensionProblem],
+        dims: Sequence[int],
+        x: FloatArray,
+        rng: np.random.Generator,
     ) -> FloatArray:
         """Measure log₁₀ of the particles (n_seeds, len(x)) of which one survives, means over frames; NaN elsewhere."""
         found = np.full((self.n_seeds, len(x)), np.nan)
         for d in tqdm(dims, desc="survival", unit="d", disable=None):
             for seed in range(self.n_seeds):
-                rate = np.exp(np.log(tracked(problem(d), self.n_most, self.n_frames, rng).survival).mean())
+                rate = np.exp(np.log(run_filter(problem(d), self.n_most, self.n_frames, rng).survival).mean())
                 if rate * self.n_most >= LEAST_ESS:
                     found[seed, np.searchsorted(x, d)] = -np.log10(rate)
         return found
@@ -228,10 +218,10 @@ class ParticlesByDimension:
         """Find log₁₀ of the fewest particles (n_seeds, len(x)) within `off` in the last frame; NaN for over n_most."""
         found = np.full((self.n_seeds, len(x)), np.nan)
         for d in tqdm(self.dims, desc="particles", unit="d", disable=None):
-            problem = Independent(d)
+            problem = IndependentAngles(d)
             for seed in range(self.n_seeds):
                 for power in range(1, int(np.log2(self.n_most)) + 1):
-                    run = tracked(problem, 1 << power, n_frames, rng)
+                    run = run_filter(problem, 1 << power, n_frames, rng)
                     away = (run.expected - problem.exact(run.observed))[-1] ** 2 / problem.filtered[0, 0]
                     if away.mean() <= self.off**2:
                         found[seed, np.searchsorted(x, d)] = power * np.log10(2.0)
@@ -255,22 +245,22 @@ class ParticlesByDimension:
         return found
 
 
-def tracked(problem: Problem, n: int, n_frames: int, rng: np.random.Generator) -> Tracked:
+def run_filter(problem: DimensionProblem, n: int, n_frames: int, rng: np.random.Generator) -> _DimensionRun:
     """Track a truth drawn from the problem by n particles, bootstrap, systematic resampling in every frame."""
     truth, state = problem.start(1, rng), problem.start(n, rng)
     survival, expected, observed = [], [], []
     for _ in range(n_frames):
         truth, state = problem.step(truth, rng), problem.step(state, rng)
-        clean = problem.seen(truth)
+        clean = problem.observed(truth)
         observed.append(clean[0] + rng.standard_normal(clean.shape[1]))
-        log_weights = -0.5 * ((problem.seen(state) - observed[-1]) ** 2).sum(axis=1)
+        log_weights = -0.5 * ((problem.observed(state) - observed[-1]) ** 2).sum(axis=1)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
         survival.append(1.0 / ((weights**2).sum() * n))
         expected.append(weights @ problem.angles(state))
         places = np.searchsorted(weights.cumsum(), (np.arange(n) + rng.random()) / n)
         state = state[places.clip(max=n - 1)]
-    return Tracked(np.array(survival), np.array(expected), np.array(observed))
+    return _DimensionRun(np.array(survival), np.array(expected), np.array(observed))
 
 
 def fitted_alpha(x: FloatArray, log10_n: FloatArray) -> float:

@@ -108,7 +108,7 @@ class LearnWalk(WalkStudy):
         model = learn_walking(motions, variance=self.variance, n_components=self.n_components, scaling=self.scaling)
         most = min(model.n_cycles - 1, model.mean.size)
         whole = learn_walking(motions, variance=self.variance, n_components=most, scaling=self.scaling)
-        shares = explained(whole.scales)
+        shares = _explained(whole.scales)
         d = len(model.scales)
         metrics = {
             "n_cycles": float(model.n_cycles),
@@ -128,7 +128,7 @@ class LearnWalk(WalkStudy):
         return StudyResult(metrics, figures, _note(model, cycles, shares, self.variance))
 
 
-def explained(scales: FloatArray) -> FloatArray:
+def _explained(scales: FloatArray) -> FloatArray:
     """Return the part of the variance (K,) that the first 1, 2, … of K components of deviations (K,) explain."""
     return np.cumsum(scales**2) / np.sum(scales**2)
 

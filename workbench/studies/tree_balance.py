@@ -62,13 +62,13 @@ def balance(tree: Tree) -> dict[str, float]:
     return {
         "empty_pct": 100.0 * float((leaves == 0).mean()),
         "largest_leaf": float(leaves.max()),
-        "leaf_size": shared_by(leaves),
+        "leaf_size": _shared_by(leaves),
         "bits": float(-(shares * np.log2(shares)).sum()),
         "one_child_pct": 100.0 * float((pairs[filled] == 0).any(axis=1).mean()),
     }
 
 
-def shared_by(sizes: IntArray) -> float:
+def _shared_by(sizes: IntArray) -> float:
     """Average over entries how many share their node, itself included."""
     return float((sizes.astype(np.float64) ** 2).sum() / sizes.sum())
 
@@ -97,7 +97,7 @@ def _levels(trees: Mapping[str, Tree]) -> tuple[Curves, ...]:
     x = np.arange(depth + 1, dtype=np.float64)
     left, one_child, above = {}, {}, {}
     for name, tree in trees.items():
-        left[name] = np.log10([shared_by(node_sizes(tree, level)) for level in range(depth + 1)])
+        left[name] = np.log10([_shared_by(node_sizes(tree, level)) for level in range(depth + 1)])
         pairs = [node_sizes(tree, level + 1).reshape(-1, 2) for level in range(depth)]
         inside = [each[each.sum(axis=1) > 0] for each in pairs]
         one_child[name] = np.array([np.nan, *(100.0 * (each == 0).any(axis=1).mean() for each in inside)])

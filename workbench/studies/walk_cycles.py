@@ -75,7 +75,7 @@ class AlignCycles(WalkStudy):
 
 
 @dataclass(frozen=True, eq=False)
-class ClipPeriods:
+class _ClipPeriods:
     """A motion's stride period, in frames: of its hip events, by its SNR, and by its SNR with samples removed.
 
     events: NaN where there is no stride between two events. found, found_gappy: NaN where no period was found.
@@ -100,7 +100,7 @@ class ClipPeriods:
 
 def period_study(
     motions: Sequence[Motion], rng: np.random.Generator, fraction: float = 0.3
-) -> tuple[dict[str, float], list[ClipPeriods], dict[str, FloatArray]]:
+) -> tuple[dict[str, float], list[_ClipPeriods], dict[str, FloatArray]]:
     """Measure how well the period is found, without and with a fraction of the samples removed in blocks.
 
     Returns
@@ -152,11 +152,11 @@ def event_period(motion: Motion) -> float:
     return float(np.concatenate([np.diff(events), np.diff(gait_events(replace(motion, poses=poses)))]).mean())
 
 
-def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> ClipPeriods:
+def _clip_periods(motion: Motion, fraction: float, rng: np.random.Generator) -> _ClipPeriods:
     angles = motion.poses[:, N_ROOT:]
     gappy = np.where(remove_blocks(motion, fraction, rng), np.nan, angles)
     candidates = _whole_periods(motion)
-    return ClipPeriods(
+    return _ClipPeriods(
         name=motion.name, rate_hz=motion.rate_hz, events=event_period(motion), found=_period_or_nan(motion, angles),
         found_gappy=_period_or_nan(motion, gappy), candidates=candidates, snr=snr(angles, candidates),
         snr_per_angle=snr_per_series(angles, candidates),
@@ -200,7 +200,7 @@ def _log10(ratios: FloatArray) -> FloatArray:
     return np.log10(np.where(ratios > 0.0, ratios, np.nan))
 
 
-def _clip(clip: ClipPeriods) -> Curves:
+def _clip(clip: _ClipPeriods) -> Curves:
     curves = {"accumulated": _log10(clip.snr)}
     each = {title(name): _log10(clip.snr_per_angle[:, angle(name)]) for name in ANGLES}
     curves |= {label.removesuffix(" flexion"): each.pop(label) for label in list(each)[:4]}
@@ -210,7 +210,7 @@ def _clip(clip: ClipPeriods) -> Curves:
     return Curves(f"period/{clip.name}", clip.candidates, curves, x_name, "log₁₀ SNR", marks=marks, faint=each)
 
 
-def _all(clips: Sequence[ClipPeriods], noise: Mapping[str, FloatArray]) -> Curves:
+def _all(clips: Sequence[_ClipPeriods], noise: Mapping[str, FloatArray]) -> Curves:
     """Accumulated ratios over the period in seconds, since clips may differ in their rates; noise at the first's."""
     rate_hz = clips[0].rate_hz
     x = np.unique(np.concatenate([noise["candidates"] / rate_hz, *(clip.candidates / clip.rate_hz for clip in clips)]))
@@ -221,7 +221,7 @@ def _all(clips: Sequence[ClipPeriods], noise: Mapping[str, FloatArray]) -> Curve
     return Curves(name, x, drawn, "period in seconds", "log₁₀ accumulated SNR", faint=faint)
 
 
-def _deviations(clips: Sequence[ClipPeriods], missing: float) -> Curves:
+def _deviations(clips: Sequence[_ClipPeriods], missing: float) -> Curves:
     errors = np.abs([clip.errors_pct for clip in clips])
     errors[~np.isfinite(errors)] = np.nan  # not found: nothing to draw
     limits = {"2 %": np.full(len(clips), STATED_PCT)}
@@ -230,7 +230,7 @@ def _deviations(clips: Sequence[ClipPeriods], missing: float) -> Curves:
     return Curves("period/deviation from hip events", rank, curves, "walks, sorted by deviation", "percent")
 
 
-def _period_note(clips: Sequence[ClipPeriods], metrics: Mapping[str, float], missing: float) -> str:
+def _period_note(clips: Sequence[_ClipPeriods], metrics: Mapping[str, float], missing: float) -> str:
     percent = round(100 * missing)
     outside = [f"{clip.name} ({clip.errors_pct[0]:+.1f} %)" for clip in clips if abs(clip.errors_pct[0]) > STATED_PCT]
     beyond = f"Beyond {STATED_PCT:g} %: {', '.join(outside)}." if outside else f"None is off by {STATED_PCT:g} %."

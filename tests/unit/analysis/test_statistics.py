@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import yaml
 from compositions import composed
-from omegaconf import OmegaConf
 from scipy import stats
 
 from analysis.figures import kept_runs, left_out, pairs, people, replicates, sensitivity, weights
@@ -51,26 +50,6 @@ def test_as_many_pairs_and_seeds_as_computed_find_the_change():
     assert np.mean(stats.ttest_ind(before, 1.0 + after, axis=1).pvalue <= 0.01) == pytest.approx(0.95, abs=0.015)
 
 
-def test_false_alarms_are_counted(monkeypatch):
-    rng = np.random.default_rng(0)
-    monkeypatch.setattr(pairs, "N_CHECKS", 200)
-    was = {name: rng.standard_normal(16) for name in "abcde"}
-    assert pairs.false_alarms(was, {name: x + 0.1 * rng.standard_normal(16) for name, x in was.items()}, rng) <= 0.1
-    assert pairs.false_alarms(was, was, rng) == 0.0
-
-
-def test_spreads_over_people_and_over_seeds():
-    runs = kept_runs.every_run({"nothing": ("walk_best", ())}, ["a", "b"], 2, ())
-    errors = {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 50.0, ("b", 1): 60.0}
-    numbers = {
-        run: {"error_abs_mm": error, "error_px": 0.1 * error, "held": float(error < 50.0)}
-        for run in runs
-        for error in [errors[run.clip, run.seed]]
-    }
-    row = sensitivity.table(numbers).splitlines()[2]  # people 15 and 55: 35 ± 28; seeds of each 7.1 apart
-    assert [cell.strip() for cell in row.split("|")[2:5]] == ["35 ± 28, 7", "3.5 ± 2.8, 0.7", "2/4"]
-
-
 def test_a_table_continues_where_it_was_interrupted(tmp_path, monkeypatch):
     made = []
 
@@ -104,21 +83,6 @@ def test_every_seed_has_a_scene_of_its_own_and_is_run_once(monkeypatch, tmp_path
     assert seen == [(paper, seed, 1000 + seed) for paper in ("literal", "ours") for seed in (0, 1)]
     replicates.replicates("walk_straight", "ours", source, n_seeds=3)
     assert seen[4:] == [("ours", 2, 1002)]
-
-
-def test_a_clip_that_is_too_short_begins_earlier_and_is_cut(monkeypatch):
-    """Frames at 14 Hz of clips of 60, 37, 21 or 40 rows; half a blend, 2.1 frames, is part of both clips of a pair."""
-    n_rows = {"07_01": 37, "02_03": 21, "02_01": 40}
-    monkeypatch.setattr(people, "_motion", lambda config, name: range(n_rows.get(name, 60)))
-    points = OmegaConf.create({"dataset": {"motion": "35_02", "n_frames": 28, "first_frame": 10, "rate_hz": 14.0}})
-
-    def shown(*clips):
-        return [int(text.partition("=")[2]) for text in people.shown(points, clips)[1:]]
-
-    assert [shown(clip) for clip in ("05_01", "07_01", "02_03")] == [[28, 10], [28, 9], [21, 0]]
-    assert shown("02_01", "02_03") == [28, 10]
-    points.dataset.n_frames = 42
-    assert shown("02_01", "02_03") == [36, 10]
 
 
 @pytest.mark.parametrize(("experiment", "paper"), [("learn_walk", "ours"), ("walk_best", "literal")])

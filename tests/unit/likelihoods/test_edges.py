@@ -1,6 +1,5 @@
 """Edges and ridges: the filters on patterns drawn by hand, the kernel against NumPy, histograms, files."""
 
-import h5py
 import likelihood_scenes as scenes
 import numpy as np
 import pytest
@@ -155,26 +154,6 @@ def test_limbs_that_were_not_learned_are_an_error():
         model.log_ratio(["left_thigh", "tail"])
     with pytest.raises(InputError, match="k must be positive"):
         Edges(ROD, k=0.0)
-
-
-@pytest.mark.parametrize("damage", ["missing", "junk", "format", "shape", "lacks"])
-def test_a_file_that_is_no_edge_model(tmp_path, damage):
-    path = tmp_path / "edges.h5"
-    save(path, EdgeModel(("rod",), np.ones((2, 1, BINS)), np.ones((2, 1, BINS))), PROVENANCE)
-    if damage == "missing":
-        path.unlink()
-    elif damage == "junk":
-        path.write_bytes(b"not HDF5")
-    else:
-        with h5py.File(path, "a") as file:
-            if damage == "format":
-                file.attrs["format"] = "another"
-            else:
-                del file["on"]
-            if damage == "shape":
-                file["on"] = np.ones((2, 2, BINS))
-    with pytest.raises(InputError, match=r"edges\.h5: "):
-        load(EdgeModel, path)
 
 
 @pytest.mark.parametrize("size", [(90, 70), (3, 2), (1, 5)])

@@ -52,12 +52,6 @@ def test_the_file_explains_itself_to_other_readers(library):
         np.testing.assert_array_equal(file["motions/000001/velocities"], motion("two", 7, seed=1).velocities)
 
 
-def test_order_survives_many_motions(tmp_path):
-    names = [f"clip {n}" for n in range(25)]
-    write_library(tmp_path / "many.h5", [motion(name, 2) for name in names])
-    assert [found.name for found in read_library(tmp_path / "many.h5")] == names
-
-
 def test_a_library_is_replaced_only_by_a_whole_one(library):
     before = library.read_bytes()
     broken = motion("broken")
@@ -95,29 +89,16 @@ def change(file, place, value=None):
 
 BAD = {  # what: (place, its new value, what the sentence says)
     "another format": ("@format", "walking model", "found 'walking model'"),
-    "no format": ("@format", None, "found None"),
     "a later version": ("@format_version", 2, "of version 1"),
     "no motions": ("motions", None, "at least one motion"),
-    "motions are no group": ("motions", np.zeros(3), "at least one motion"),
     "a motion is no group": ("motions/000001", np.zeros(3), "motion 000001 is not a group"),
-    "no name": ("motions/000001@name", None, "lacks the text 'name'"),
     "a name that is a number": ("motions/000001@name", 5, "lacks the text 'name'"),
-    "no licence": ("motions/000001@licence", None, "lacks the text 'licence'"),
-    "no rate": ("motions/000001@rate_hz", None, "a positive rate_hz, found None"),
     "rate nought": ("motions/000001@rate_hz", 0.0, "a positive rate_hz"),
     "no poses": ("motions/000001/poses", None, "lacks the dataset 'poses'"),
     "poses of 24": ("motions/000001/poses", np.zeros((7, 24)), "poses must be F × 25 float64, found (7, 24)"),
-    "no frames": ("motions/000001/poses", np.zeros((0, 25)), "poses must be F × 25"),
-    "one pose": ("motions/000001/poses", np.zeros(25), "poses must be F × 25"),
-    "whole numbers": ("motions/000001/poses", np.zeros((7, 25), int), "poses must be F × 25 float64"),
     "a pose that is no number": ("motions/000001/poses", np.full((7, 25), np.nan), "poses holds numbers"),
-    "no velocities": ("motions/000001/velocities", None, "lacks the dataset 'velocities'"),
     "fewer velocities": ("motions/000001/velocities", np.zeros((6, 25)), "velocities must be 7 × 25"),
-    "errors of 15 joints": ("motions/000001/joint_error_mm", np.zeros(15), "joint_error_mm must be 14"),
     "no shape": ("motions/000001/shape", None, "lacks the group 'shape'"),
-    "no thigh": ("motions/000001/shape@thigh", None, "lacks the length 'thigh'"),
-    "a thigh of nought": ("motions/000001/shape@thigh", 0.0, "thigh must be a positive length"),
-    "two thighs": ("motions/000001/shape@thigh", [0.4, 0.4], "length 'thigh'"),
     "a flat neck": ("motions/000001/shape@neck", [0.0, 0.5], "length 'neck'"),
 }  # fmt: skip
 

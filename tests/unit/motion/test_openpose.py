@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from openpose_scenes import points, standing, write
 
 from workbench.body.skeleton import JOINT_NAMES
-from workbench.datasets.association.target_selection import follow
 from workbench.datasets.files.joint_annotations import read_marks
 from workbench.motion.formats.openpose import LAYOUTS, read_openpose
 from workbench.utils.errors import InputError
@@ -35,27 +34,6 @@ def test_the_published_numbers_of_points():
     assert LAYOUTS["BODY_25"][1]["right_shoulder"] == (2,)
     assert LAYOUTS["BODY_25B"][1]["right_ankle"] == (16,)
     assert LAYOUTS["COCO_18"][1]["left_hip"] == (11,)
-
-
-def test_zeros_are_joints_that_were_not_found(tmp_path):
-    joints = standing(300.0, 100.0)
-    del joints["left_wrist"]
-    found = read_openpose(write(tmp_path, {0: [points("BODY_25", joints)]}))
-    assert np.isnan(found.joints[0][0, JOINT_NAMES.index("left_wrist")]).all()
-    assert np.isnan(found.joints[0][0, JOINT_NAMES.index("neck")]).all()  # the middle of the shoulders is not our neck
-
-
-def test_empty_people_are_people_of_whom_nothing_is_seen(tmp_path):
-    """As real folders have them, which OpenPose writes where it tracks several people."""
-    joints = standing(300.0, 100.0)
-    full = points("BODY_25B", joints)
-    found = read_openpose(
-        write(tmp_path, {0: [np.zeros((0, 3)), full], 1: [np.zeros((0, 3))], 2: [full, np.zeros((25, 3))]})
-    )
-    assert found.layout == "BODY_25B"
-    assert [len(one) for one in found.joints] == [2, 1, 2]
-    seen = [[bool(np.isfinite(one).any()) for one in frame] for frame in found.joints]
-    assert seen == [[False, True], [False], [True, False]]
 
 
 PLACES = st.floats(0.0, 2000.0, allow_nan=False)
@@ -91,24 +69,6 @@ def test_whatever_is_written_is_read(frames):
                 (number,) = numbers[name]
                 expected = there[number] if there[number, 2] > 0.0 else [np.nan] * 3
                 np.testing.assert_allclose(one[JOINT_NAMES.index(name)], expected)
-
-
-def test_who_is_followed_does_not_depend_on_the_order(tmp_path):
-    def person(u, t, size, confidence=0.8):
-        return points("COCO_17", standing(u + 10.0 * t, 100.0, size), confidence)
-
-    frames = {}
-    for t in range(6):
-        near, far, doubtful = person(500, t, 200), person(100, t, 80), person(900, t, 220, 0.1)
-        frames[t] = [[near, far, doubtful], [far, doubtful, near], [doubtful, near, far]][t % 3]
-    frames[3] = frames[3][1:]  # without the one who is followed: nobody else is taken for them
-    people = {"one": read_openpose(write(tmp_path, frames))}
-
-    def heads(person):
-        return follow(people, None, 30.0, person).joints[0, :, JOINT_NAMES.index("head_centre"), 0]
-
-    np.testing.assert_allclose(heads(None), [500, 510, 520, np.nan, 540, 550])
-    np.testing.assert_allclose(heads(1), 100 + 10.0 * np.arange(6))
 
 
 def test_a_folder_can_stand_where_a_file_of_marks_does(tmp_path):

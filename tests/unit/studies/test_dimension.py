@@ -9,12 +9,12 @@ from workbench.studies.dimension import (
     INDEPENDENT,
     NEEDED,
     ONE_FRAME,
-    Independent,
-    Limbs,
+    BodyAngles,
+    IndependentAngles,
     ParticlesByDimension,
     fitted_alpha,
     paper_alpha,
-    tracked,
+    run_filter,
 )
 from workbench.utils.errors import InputError
 
@@ -32,7 +32,7 @@ def result():
 
 
 def test_the_predicted_covariance_is_that_of_a_long_kalman_filter():
-    problem = Independent(1, jerk=0.5)
+    problem = IndependentAngles(1, jerk=0.5)
     noise = 0.25 * np.outer([0.5, 1.0], [0.5, 1.0])
     p = np.eye(2)
     for _ in range(200):
@@ -44,7 +44,7 @@ def test_the_predicted_covariance_is_that_of_a_long_kalman_filter():
 
 def test_the_exact_survival_is_that_of_drawing():
     """E[w]² / E[w²] by many draws from the prediction, over innovations with the filter's variance."""
-    problem = Independent(1)
+    problem = IndependentAngles(1)
     s2 = problem.predicted[0, 0]
     draws = np.sqrt(s2) * rng().standard_normal(20_000)
     innovations = np.sqrt(s2 + 1.0) * rng(5).standard_normal(500)
@@ -55,8 +55,8 @@ def test_the_exact_survival_is_that_of_drawing():
 
 @pytest.mark.parametrize("d", [1, 3])
 def test_many_particles_survive_as_they_should_and_agree_with_the_kalman_filter(d):
-    problem = Independent(d)
-    runs = [tracked(problem, 1 << 13, 20, rng(seed)) for seed in range(4)]
+    problem = IndependentAngles(d)
+    runs = [run_filter(problem, 1 << 13, 20, rng(seed)) for seed in range(4)]
     log_rates = np.log([run.survival for run in runs])
     off = 3.0 * log_rates.std() / np.sqrt(log_rates.size)
     assert log_rates.mean() == pytest.approx(d * problem.log_alpha, abs=off)
@@ -66,12 +66,12 @@ def test_many_particles_survive_as_they_should_and_agree_with_the_kalman_filter(
 
 def test_limbs_are_added_angle_by_angle_and_move_alone():
     assert len(set(ANGLES)) == 16
-    problem = Limbs(5, 4.0)
+    problem = BodyAngles(5, 4.0)
     state = problem.step(problem.start(50, rng()), rng(4))
     poses = problem.prior.pose(state)
     moved = np.ptp(poses, axis=0) > 0.0
     assert {name for name, one in zip(POSE_NAMES, moved, strict=True) if one} == set(ANGLES[:5])
-    assert problem.seen(state) == pytest.approx(2.0 * Limbs(5, 8.0).seen(state))
+    assert problem.observed(state) == pytest.approx(2.0 * BodyAngles(5, 8.0).observed(state))
 
 
 def test_alpha_of_a_law_and_of_the_papers_numbers():

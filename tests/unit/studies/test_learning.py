@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.body.skeleton import N_ROOT, POSE_NAMES
+from workbench.body.skeleton import POSE_NAMES
 from workbench.motion.models.walking import CHANNEL_NAMES, walking_cycles
 from workbench.motion.synthetic.gait import builtin_motions
 from workbench.studies.gap_errors import ImputeGaps, in_gaps
@@ -65,12 +65,6 @@ def test_an_eigencurve_varies_as_the_cycles_do_along_it(learned, cycles):
         assert np.abs(swing) == pytest.approx(np.abs(expected), abs=1e-9)  # an eigenvector's sign is free
         mirrored = np.radians(figure.faint["−2λ1"] - figure.curves["mean"])[:-1]
         assert mirrored == pytest.approx(-swing, abs=1e-12)
-
-
-def test_a_given_number_of_components_is_taken(cycles):
-    result = LearnWalk(n_components=3, scaling="joints").run(rng())
-    assert result.metrics["n_components"] == 3.0
-    assert by_name(result)["model/explained variance"].marks == {"d =": 3.0}
 
 
 def test_folding_is_the_mean_of_each_bin():
@@ -144,16 +138,7 @@ def test_a_filled_walk_shows_the_truth_where_it_was_removed(imputed):
         assert figure.curves[label][shown & ~missing] == pytest.approx(truth[shown & ~missing])
 
 
-def test_a_gap_is_shown_with_its_neighbours():
-    missing = np.array([0, 0, 1, 1, 0, 0, 0, 1], dtype=bool)
-    assert in_gaps(missing).tolist() == [False, True, True, True, True, False, True, True]
-
-
 @pytest.mark.parametrize("fractions", [(), (0.0,), (0.2, 1.0)])
 def test_fractions_out_of_range_are_refused(fractions):
     with pytest.raises(InputError, match="fractions"):
         ImputeGaps(fractions=fractions).run(rng())
-
-
-def test_the_angles_of_a_pose_are_in_order():
-    assert POSE_NAMES[N_ROOT:] == CHANNEL_NAMES[1:]

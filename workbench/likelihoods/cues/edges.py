@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -57,13 +57,6 @@ class EdgeModel:
     on: FloatArray
     off: FloatArray
 
-    SHAPES: ClassVar[Mapping[str, str]] = {"parts": "G", "on": "kGB", "off": "kGB"}
-
-    def flaw(self) -> str:
-        """Say which counts were expected where there are others."""
-        wanted = (2, len(self.parts), BINS)
-        return "" if self.on.shape == wanted else f"counts of shape {wanted}, found {self.on.shape}"
-
     def log_ratio(self, limbs: Sequence[str]) -> Float32Array:
         """log p(response | on) − log p(response | off), (2, L, BINS), of limbs by name. A share `OUTLIERS` of either is
         what both have in common, so that bins hardly ever met say little. 0 of those NOT_LEARNED, which a warning says.
@@ -87,7 +80,7 @@ def _edge_model(cache: str) -> EdgeModel:
     provenance = Provenance({}, {"scenes": SCENES, "frames": FRAMES, "bins": BINS, "seed": _FIRST_SEED}, (), code)
     path = Path(cache).expanduser() / "models" / f"edges-{provenance.key[:16]}.h5"
     if path.is_file():
-        return load(EdgeModel, path, own=True)
+        return load(EdgeModel, path)
     log.info("learning edges and ridges from rendered people")
     rng = np.random.default_rng(_FIRST_SEED)
     return keep(path, learn_edges(_rendered_people(rng), rng), provenance)

@@ -36,7 +36,7 @@ class _Bone:
 
 
 @dataclass(frozen=True, eq=False)
-class AsfSkeleton:
+class _AsfSkeleton:
     """The skeleton of an ASF file, in the file's axes (y up). A joint is the near end of its bone, and turns it.
 
     joints: K names, parents before children: the root, the bones, and <bone>_end for every bone without children.
@@ -50,7 +50,7 @@ class AsfSkeleton:
     degrees: bool
 
 
-def read_asf(path: str | Path) -> AsfSkeleton:
+def _read_asf(path: str | Path) -> _AsfSkeleton:
     """Read the skeleton of an ASF file.
 
     Lengths are in units of 1/`length` inch (the CMU database: 1/0.45 inch), angles in `angle`, deg or rad.
@@ -77,7 +77,7 @@ def read_asf(path: str | Path) -> AsfSkeleton:
     check_number(path, "bones", len(bones), MOST_JOINTS)
     joints, parents = _tree(path, sections.get(":hierarchy", ()), bones, len(lines))
     end = _Bone(np.zeros(3), np.eye(3))
-    return AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), metres, degrees)
+    return _AsfSkeleton(joints, np.array(parents), tuple(bones.get(name, end) for name in joints), metres, degrees)
 
 
 def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 120.0) -> MotionClip:
@@ -97,7 +97,7 @@ def read_amc(path: str | Path, asf: str | Path | None = None, rate_hz: float = 1
     path = Path(path)
     check_rate(f"{path}: the rate", rate_hz)
     lines = read_lines(path)
-    skeleton = read_asf(path.with_name(f"{path.stem.rpartition('_')[0] or path.stem}.asf") if asf is None else asf)
+    skeleton = _read_asf(path.with_name(f"{path.stem.rpartition('_')[0] or path.stem}.asf") if asf is None else asf)
     channels = {joint: bone.channels for joint, bone in zip(skeleton.joints, skeleton.bones, strict=True)}
     rows, degrees = list(statements(lines)), skeleton.degrees
     n_keywords = next((k for k, (_, words) in enumerate(rows) if not words[0].startswith(":")), len(rows))

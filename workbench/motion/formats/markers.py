@@ -112,14 +112,14 @@ def _read_c3d(path: Path) -> Markers:
     points, analog, first, last = struct.unpack("<HHHH", header[2:10])
     promised = max(0, last - first + 1) * (4 * points + analog)
     check_number(path, "numbers", promised, min(MOST_NUMBERS, path.stat().st_size // 2))
-    content = parse_limited(c3d_points, path, what="a C3D file")
+    content = parse_limited(_c3d_points, path, what="a C3D file")
     names, rate_hz, positions = content["names"].tolist(), float(content["rate_hz"]), content["positions"]
     if not names or not rate_hz > 0.0 or positions.shape[1:] != (len(names), 3):
         raise InputError(f"{path}: expected labelled points at a rate, found {len(names)} labels at {rate_hz:g} Hz")
     return in_world(str(path), names, rate_hz, positions, str(content["unit"]))
 
 
-def c3d_points(path: Path) -> dict[str, AnyArray]:
+def _c3d_points(path: Path) -> dict[str, AnyArray]:
     """Return names (M,), rate_hz, positions (F, M, 3), NaN where missing, and unit of a C3D file's points, by ezc3d,
     which loops or crashes on some damaged files."""
     import ezc3d

@@ -3,10 +3,9 @@
 Paper D: PCA of whole cycles (section 3.2 and eq. 8, 9), its fig. 1b, and recognition in section 5.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -48,19 +47,6 @@ class ActivityModel:
     sources: tuple[str, ...]
     cycle_rate_hz: FloatArray
     discrepancy: Discrepancy | None = None
-
-    SHAPES: ClassVar[Mapping[str, str]] = {
-        "angles": "C", "mean": "TC", "components": "dTC", "scales": "d", "scores": "nd", "activities": "n",
-        "sources": "n", "cycle_rate_hz": "n", "explained": "K",
-    }  # fmt: skip
-
-    def flaw(self) -> str:
-        """Say what is missing where examples, phases or components are."""
-        n_explained = min(len(self.scores), self.mean.size)
-        if len(self.explained) != n_explained:
-            return f"explained of shape ({n_explained},), found {self.explained.shape}"
-        whole = len(self.mean) >= 2 and len(self.scales) and (self.scales > 0.0).all()
-        return "" if whole else "two phases and components with a scale"
 
     @property
     def pose_names(self) -> tuple[str, ...]:

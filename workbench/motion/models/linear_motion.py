@@ -4,9 +4,8 @@ Constant velocity with what recorded motions add to it: which angles change toge
 where limbs tend to. It knows no activity and no phase.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -52,18 +51,6 @@ class LinearMotion:
     start_offset: FloatArray
     start_covariance: FloatArray
     postures: Postures | None = None
-
-    SHAPES: ClassVar[Mapping[str, str]] = {
-        "gain": "vf", "offset": "v", "covariance": "vv", "start_gain": "va", "start_offset": "v",
-        "start_covariance": "vv",
-    }  # fmt: skip
-
-    def flaw(self) -> str:
-        """Say what is wrong with the sizes or the covariances."""
-        if self.gain.shape[0] != N_POSE:
-            return f"velocities of {N_POSE} numbers, found {self.gain.shape[0]}"
-        smallest = min(np.linalg.eigvalsh(each).min() for each in (self.covariance, self.start_covariance))
-        return "" if smallest > 0.0 else "positive covariances"
 
 
 def velocities(before: FloatArray, after: FloatArray, rate_hz: float) -> FloatArray:

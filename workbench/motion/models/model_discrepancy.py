@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.core.discrepancy import LEARNED_HZ, Discrepancy
+from workbench.motion.models.activities import principal_components
 from workbench.utils.arrays import FloatArray
 
 MOST_FOLDS = 8
@@ -43,11 +44,12 @@ def learn_discrepancy(
         others = curves[folds != fold]
         if len(others) <= n_components:
             return None
-        mean, basis = _components(others.reshape(len(others), -1), n_components)
+        mean, axes, scales = principal_components(others.reshape(len(others), -1))
+        basis = axes[:n_components] * scales[:n_components, None]
         model = mean.reshape(n_phases, n_angles), basis.reshape(-1, n_phases, n_angles)
         residuals[folds == fold] = curves[folds == fold] - nearest_angles(*model, curves[folds == fold])
     owners = [np.flatnonzero(np.array(people) == name) for name in everyone]
-    moments = np.mean([second_moment(residuals[own]) for own in owners], axis=0)
+    moments = np.mean([_second_moment(residuals[own]) for own in owners], axis=0)
     lagged = np.mean([(residuals[own, 1:] * residuals[own, :-1]).mean(axis=(0, 1)) for own in owners], axis=0)
     frames = LEARNED_HZ * float(np.mean(durations_s)) / n_phases
     correlation = np.clip(lagged / np.diagonal(moments), 1e-6, 1.0)
@@ -77,7 +79,7 @@ def nearest_angles(mean: FloatArray, basis: FloatArray, angles: FloatArray) -> F
     return best.reshape(angles.shape)
 
 
-def second_moment(residuals: FloatArray) -> FloatArray:
+def _second_moment(residuals: FloatArray) -> FloatArray:
     """E δ δᵀ (C, C) of residuals (..., C), about zero."""
     rows = residuals.reshape(-1, residuals.shape[-1])
     return rows.T @ rows / len(rows)
@@ -93,11 +95,3 @@ def low_rank(covariance: FloatArray, common: float) -> tuple[FloatArray, FloatAr
     rank = int(np.searchsorted(np.cumsum(values) / values.sum(), common)) + 1
     loadings = vectors[:, :rank] * np.sqrt(values[:rank])
     return loadings, np.sqrt(np.maximum(np.diagonal(covariance) - (loadings**2).sum(axis=1), 0.0))
-
-
-def _components(rows: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
-    """The mean (m,) of rows (n, m), and their first principal components times their deviations (d, m)."""
-    mean = rows.mean(axis=0)
-    _, singular, axes = np.linalg.svd(rows - mean, full_matrices=False)
-    scales = singular[:n_components] / np.sqrt(len(rows) - 1)
-    return mean, axes[:n_components] * scales[:, None]

@@ -18,20 +18,13 @@ from workbench.utils.hdf5 import Hdf5, read_hdf5
 FORMAT = "workbench model 3"
 
 
-class Model(Protocol):
-    """A dataclass of arrays, numbers, tuples of numbers or strings, and another such model or None.
-
-    SHAPES: {field: a letter per axis}, of arrays and tuples; equal letters stand for equal sizes.
-    """
+class _Model(Protocol):
+    """A dataclass of arrays, numbers, tuples of numbers or strings, and another such model or None."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
-    SHAPES: ClassVar[Mapping[str, str]]
-
-    def flaw(self) -> str:
-        """Say what was expected and is not so in a model with the right shapes; empty where nothing is wrong."""
 
 
-Stored = TypeVar("Stored", bound=Model)
+Stored = TypeVar("Stored", bound=_Model)
 
 
 @dataclass(frozen=True)
@@ -55,8 +48,8 @@ class Provenance:
 
 
 def as_kept(model: Stored) -> Stored:
-    """A model whose arrays lie in memory as those read from its file do, row by row: sums over others may round
-    otherwise, and the run that learns a model would not be the run that finds it."""
+    """Return a model whose arrays lie in memory as those read from its file do, row by row: sums over others may round
+    otherwise, and the run that learns a model would differ from the run that finds it."""
     laid: dict[str, Any] = {}
     for field in fields(model):
         value = getattr(model, field.name)
@@ -74,38 +67,28 @@ def keep(path: Path, model: Stored, provenance: Provenance) -> Stored:
     return as_kept(model)
 
 
-def save(path: Path, model: Model, provenance: Provenance) -> None:
+def save(path: Path, model: _Model, provenance: Provenance) -> None:
     """Write a model with where it comes from; the file appears whole or not at all.
 
     Arrays are data sets, all other fields are JSON. Raises InputError when the file cannot be written.
     """
     with whole_file(path, parents=True) as part, h5py.File(part, "w") as file:
-        file.attrs.update(format=_format(type(model)), workbench=__version__, provenance=json.dumps(asdict(provenance)))
+        file.attrs.update(format=FORMAT, workbench=__version__, provenance=json.dumps(asdict(provenance)))
         _write(file, model)
 
 
-def load(kind: type[Stored], path: Path, own: bool = False) -> Stored:
-    """Read a model; own: see `read_hdf5`.
-
-    Raises InputError when the file is missing, holds another kind, or does not fit together.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: expected a file with a {kind.__name__}, found none")
-    file = read_hdf5(path, f"a {kind.__name__}", own)
-    found = file.attributes["/"].get("format")
-    if found != _format(kind):
-        raise InputError(f"{path}: expected a file of format {_format(kind)!r}, found {found!r}")
+def load(kind: type[Stored], path: Path) -> Stored:
+    """Read a model that `save` wrote; raises InputError for any other file."""
+    file = read_hdf5(path, f"a {kind.__name__}", own=True)
     try:
-        model = _read(kind, file, "")
-        flaw = _misfit(model) or model.flaw()
-    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise InputError(f"{path}: expected a {kind.__name__}: {type(error).__name__}: {error}") from None
-    if flaw:
-        raise InputError(f"{path}: expected {flaw}")
-    return model
+        return _read(kind, file, "")
+    except (LookupError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: expected a {kind.__name__}: {error!r}; without this file it is learned again"
+        ) from None
 
 
-def _write(group: h5py.Group, model: Model) -> None:
+def _write(group: h5py.Group, model: _Model) -> None:
     for field in fields(model):
         value = getattr(model, field.name)
         if _is_model(value):
@@ -115,46 +98,19 @@ def _write(group: h5py.Group, model: Model) -> None:
 
 
 def _read(kind: type[Stored], file: Hdf5, group: str) -> Stored:
-    return kind(**{name: _value(file, f"{group}/{name}", hint) for name, hint in _hints(kind).items()})
-
-
-def _format(kind: type[Model]) -> str:
-    return f"{FORMAT}, {kind.__name__}"
-
-
-def _hints(kind: type[Model]) -> dict[str, Any]:
-    every = get_type_hints(kind)
-    return {field.name: every[field.name] for field in fields(kind)}
+    hints = get_type_hints(kind)
+    return kind(**{field.name: _value(file, f"{group}/{field.name}", hints[field.name]) for field in fields(kind)})
 
 
 def _value(file: Hdf5, place: str, hint: Any) -> Any:
     if place in file.attributes:
-        kinds: list[type[Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
+        kinds: list[type[_Model]] = [kind for kind in get_args(hint) if kind is not type(None)]
         return _read(kinds[0], file, place)
-    if (get_origin(hint) is np.ndarray) != (file.arrays[place].dtype.kind != "U"):
-        raise ValueError(f"{place}: found {file.arrays[place].dtype}")
     if get_origin(hint) is np.ndarray:
         return file.arrays[place]
     value = json.loads(str(file.arrays[place]))
     return None if value is None else (get_origin(hint) or hint)(value)
 
 
-def _misfit(model: Model) -> str:
-    """The first field whose shape or type is not what the others and the class say; empty where all are."""
-    sizes: dict[str, int] = {}
-    hints = _hints(type(model))
-    for name, axes in model.SHAPES.items():
-        array = np.asarray(getattr(model, name))
-        wanted = get_args(get_args(hints[name])[1])[0] if get_origin(hints[name]) is np.ndarray else array.dtype
-        fits = array.ndim == len(axes) and array.dtype == wanted
-        if not fits or any(sizes.setdefault(axis, n) != n for axis, n in zip(axes, array.shape, strict=True)):
-            shape = ", ".join(str(sizes.get(axis, axis)) for axis in axes)
-            return f"{name} of shape ({shape}), found {array.shape} {array.dtype}"
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            return f"{name} to be finite"
-    parts = (getattr(model, name) for name in hints)
-    return next((flaw for part in parts if _is_model(part) and (flaw := _misfit(part) or part.flaw())), "")
-
-
-def _is_model(value: Any) -> TypeGuard[Model]:
+def _is_model(value: Any) -> TypeGuard[_Model]:
     return is_dataclass(value)

@@ -184,8 +184,7 @@ def training_motions(
     """Get walks: "builtin" (generated), "cmu", "recorded" (both CMU's, under `data`) or a library FILE.h5.
 
     subjects: whose of CMU's, None: all. leave_out: names of clips, of their files, of performers or of styles, see
-    `mocap.names`.
-    Raises InputError when they cannot be read or none is left.
+    `formats.names`. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("cmu", "recorded"):
         kept = None if subjects is None else [subject for subject in subjects if subject not in leave_out]
@@ -200,7 +199,7 @@ def database_motions(
 ) -> tuple[Motion, ...]:
     """Get motions: "recorded" (CMU's and Bandai's under `data`), "cmu", "bandai", "builtin" or a library FILE.h5.
 
-    leave_out: names of clips, of their files, of performers or of styles (`mocap.names`). activities: keep only these;
+    leave_out: names of clips, of their files, of performers or of styles (`formats.names`). activities: keep these;
     none keeps all. Raises InputError when they cannot be read or none is left.
     """
     if motions in ("recorded", "cmu", "bandai"):
@@ -278,5 +277,5 @@ def _learned(
     provenance = Provenance(sources, parameters, licences, code)
     path = Path(cache).expanduser() / "models" / f"{name}-{provenance.key[:16]}.h5"
     if path.is_file():
-        return load(kind, path, own=True)
+        return load(kind, path)
     return keep(path, learn(), provenance)

@@ -1,10 +1,9 @@
 """Models of walking: paper A's PCA of cycles cut at gait events (section 6.2), and paper B's functional PCA."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -55,7 +54,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
         events = gait_events(motion)
         if len(events) < 2:
             continue
-        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), motion_channels(motion))
+        channels = scipy.interpolate.CubicSpline(np.arange(len(motion)), _motion_channels(motion))
         for first, last in pairwise(events):
             duration = (last - first) / motion.rate_hz
             if SHORTEST_S <= duration <= LONGEST_S:
@@ -68,7 +67,7 @@ def walking_cycles(motions: Sequence[Motion], n_phases: int = 64, root: bool = F
     return Cycles(np.array(curves).reshape(shape), np.array(durations), tuple(sources))
 
 
-def motion_channels(motion: Motion) -> FloatArray:
+def _motion_channels(motion: Motion) -> FloatArray:
     """Return the channels (F, C) of a motion: speed over the ground along the heading, m/s, and the joint angles, rad.
 
     The paper takes the speed's absolute value; the component along the heading does not count sway as progress.
@@ -116,14 +115,6 @@ class WalkingModel:
     explained: float
     n_cycles: int
     discrepancy: Discrepancy | None = None
-
-    SHAPES: ClassVar[Mapping[str, str]] = {"mean": "TC", "components": "dTC", "scales": "d", "cycle_rate_hz": "2"}
-
-    def flaw(self) -> str:
-        """Say how many channels were expected where there are others."""
-        known = len(CHANNEL_NAMES), len(CHANNEL_NAMES + ROOT_CHANNELS)
-        found = self.mean.shape[1]
-        return "" if found in known else f"{known[0]} or {known[1]} channels, found {found}"
 
 
 def learn_walking(
@@ -200,7 +191,7 @@ def learn_cyclic(motions: Sequence[Motion], q: int = 5, n_phases: int = 64) -> W
     """
     sequences, periods, rates = [], [], []
     for motion in motions:
-        channels = motion_channels(motion)
+        channels = _motion_channels(motion)
         channels[:, 0] *= SPEED_WEIGHT
         try:
             period = motion_period(motion, channels[:, 1:])

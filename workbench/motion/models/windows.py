@@ -7,11 +7,11 @@ knows the frame after it, which is what it is asked for.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -56,22 +56,6 @@ class Windows:
     sigmas: FloatArray
     coefficients: Float32Array
     explained: float
-
-    SHAPES: ClassVar[Mapping[str, str]] = {
-        "mean": "dm", "basis": "dmb", "sigmas": "b", "scales": "m", "rows": "Rm", "coefficients": "nb", "ends": "n",
-        "clips": "C", "activities": "C", "firsts": "C",
-    }  # fmt: skip
-
-    def flaw(self) -> str:
-        """Say which of windows, clips, channels and angles does not fit the others."""
-        if not (len(self) and (self.ends >= self.length - 1).all() and (self.ends < len(self.rows) - 1).all()):
-            return f"windows that end inside the {len(self.rows)} rows"
-        if (np.diff(self.firsts, append=len(self.rows)) <= 0).any():
-            return "clips with rows each, one after the other"
-        if len(self.scales) != 2 * len(self.angles) + len(ROOT_CHANNELS) * self.root:
-            return f"two channels of each of {len(self.angles)} angles, found {len(self.scales)}"
-        unknown = [name for name in self.angles if name not in POSE_NAMES[N_ROOT:]]
-        return f"names of joint angles, found {unknown[0]!r}" if unknown else ""
 
     def __len__(self) -> int:
         return len(self.ends)

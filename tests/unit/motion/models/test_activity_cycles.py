@@ -175,15 +175,6 @@ def test_angles_are_chosen_by_name_or_part():
         cycles.of_angles(["body", "tail"])
 
 
-def test_cycles_are_left_out():
-    cycles = activity_cycles(builtin_motions(2), n_phases=8)
-    kept = np.array([source == cycles.sources[0] for source in cycles.sources])
-    some = cycles.only(kept)
-    assert set(some.sources) == {cycles.sources[0]}
-    np.testing.assert_array_equal(some.curves, cycles.curves[kept])
-    assert len(some.activities) == len(some.durations_s) == len(some) == kept.sum()
-
-
 def test_any_skeleton_has_cycles_between_events_of_ones_own():
     skeleton = chain(TILTED)
     poses = np.vstack([swings(skeleton, 31, 0.3, np.random.default_rng(6))[:-1]] * 4)

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 
 from workbench.core.discrepancy import Discrepancy
-from workbench.motion.models.activities import ActivityModel
 from workbench.motion.models.model_discrepancy import (
     FIT_SIGMA_RAD,
     MOST_KEPT,
@@ -17,7 +15,6 @@ from workbench.motion.models.model_discrepancy import (
 )
 from workbench.motion.models.store import Provenance, load, save
 from workbench.motion.models.training import walking_model
-from workbench.utils.errors import InputError
 
 ANGLES = ("a", "b", "c", "d", "e")
 T = 32
@@ -110,28 +107,9 @@ def test_it_is_stored_with_the_model(tmp_path):
     assert again.discrepancy.n_people == 12
     np.testing.assert_array_equal(again.discrepancy.covariance, model.discrepancy.covariance)
     assert again.discrepancy.angles == model.discrepancy.angles
-    with h5py.File(path, "r+") as file:
-        file["discrepancy/keep"][0] = 1.0
-    with pytest.raises(InputError, match="keep from 0 to below 1"):
-        load(type(model), path)
 
 
 def test_a_model_of_which_nothing_is_known_is_stored_too(tmp_path):
-    one = np.ones
-    model = ActivityModel(
-        ("a", "b", "c"),
-        one((4, 3)),
-        one((1, 4, 3)),
-        one(1),
-        np.array([0.5, 1.0]),
-        one((2, 1)),
-        ("a",) * 2,
-        ("b",) * 2,
-        one(2),
-    )
+    model = replace(walking_model(cache=str(tmp_path)), discrepancy=None)
     save(tmp_path / "m.h5", model, Provenance({}, {}, ()))
-    assert load(ActivityModel, tmp_path / "m.h5").discrepancy is None
-    short = replace(model, discrepancy=Discrepancy(("a", "b", "c"), one((3, 1)), one(2), np.zeros(3), 2))
-    save(tmp_path / "m.h5", short, Provenance({}, {}, ()))
-    with pytest.raises(InputError, match=r"rest of shape \(3\), found \(2,\)"):
-        load(ActivityModel, tmp_path / "m.h5")
+    assert load(type(model), tmp_path / "m.h5").discrepancy is None

@@ -1,12 +1,9 @@
 """Slices, functional PCA with gaps and imputation against planted cycles and a plain SVD."""
 
-import logging
-
 import numpy as np
 import pytest
 from scipy.interpolate import KroghInterpolator
 
-from workbench.motion.models import functional_pca
 from workbench.motion.models.cycle_alignment import CycleAlignment
 from workbench.motion.models.functional_pca import (
     N_FOURIER,
@@ -129,14 +126,6 @@ def test_too_few_slices_and_unseen_phases_are_refused():
         cut([series], alignment([50.0], [0.0]))
 
 
-def test_not_converging_is_said(monkeypatch, caplog):
-    monkeypatch.setattr(functional_pca, "MOST_PASSES", 3)
-    _, slices = planted_slices(gaps=0.3, noise=0.1)
-    with caplog.at_level(logging.WARNING):
-        fpca_paper(slices, 2)
-    assert "not converged" in caplog.text
-
-
 def alignment(periods, offsets):
     return CycleAlignment(np.array(periods), np.array(offsets), np.zeros((1, 1)), np.zeros(1))
 
@@ -191,13 +180,6 @@ def test_every_method_fills_the_gaps_and_only_those():
     linear = np.concatenate([(f - t)[g] for f, t, g in zip(impute_linear(gappy), truths, missing, strict=True)])
     assert all(error < 0.3 * np.sqrt(np.mean(linear**2)) for error in errors.values())
     assert errors[impute] < errors[impute_paper]  # whose rank-5 model has no place for the sequences' levels
-
-
-def test_the_gappy_input_is_left_alone():
-    _, gappy, aligned = planted_sequences(gaps=0.2, n=4)
-    before = [series.copy() for series in gappy]
-    impute(gappy, aligned)
-    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(gappy, before, strict=True))
 
 
 def test_interpolation_of_single_gaps():

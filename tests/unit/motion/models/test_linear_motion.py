@@ -47,7 +47,6 @@ def test_a_models_own_motion_is_learned_back():
     model = learn_linear_motion([motion(poses)], 30.0)
     assert np.abs(model.gain - gain)[:, -N_POSE:].max() < 0.05  # of speeds; standard errors are about 0.005, ridge more
     assert np.allclose(np.sqrt(np.diag(model.covariance)), 0.3, rtol=0.03)
-    assert model.flaw() == ""
     assert np.all(np.diag(model.start_covariance) >= np.diag(model.covariance) * 0.99)
 
 

@@ -1,7 +1,6 @@
 """Training sets and databases by name: what is in them, what is left out, and that a cached model is the same one."""
 
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from workbench.motion.library import write_library
 from workbench.motion.models import training
 from workbench.motion.models.store import as_kept
 from workbench.motion.models.training import (
+    activity_model,
     cyclic_model,
     database_motions,
     gait_model,
@@ -92,17 +92,6 @@ def test_an_unknown_set_is_named(tmp_path, read):
         read("everything", data=None, cache=str(tmp_path), **options)
 
 
-def test_windows_from_the_cache_are_those_learned(library, tmp_path):
-    options = {"motions": library, "cache": str(tmp_path), "angles": ["left_arm"], "root": False}
-    learned, read = motion_windows(**options), motion_windows(**options)
-    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 1
-    np.testing.assert_array_equal(learned.coefficients, read.coefficients)
-    assert learned.clips == read.clips
-    fewer = motion_windows(**options, leave_out=["12"])
-    assert len(list((tmp_path / "models").glob("windows-*.h5"))) == 2
-    assert set(learned.clips) - set(fewer.clips) == {"12_03"}
-
-
 def arrays(model):
     """All arrays of a model, by name, those of models within it too."""
     found = {}
@@ -129,12 +118,10 @@ def test_a_model_just_learned_is_laid_out_as_the_one_that_is_found(library, tmp_
 def test_models_within_models_are_laid_out_too():
     @dataclass(frozen=True, eq=False)
     class Inner:
-        SHAPES: ClassVar = {"a": "xy"}
         a: np.ndarray
 
     @dataclass(frozen=True, eq=False)
     class Outer:
-        SHAPES: ClassVar = {"b": "xy", "c": ""}
         b: np.ndarray
         c: np.ndarray
         inner: Inner
@@ -158,3 +145,21 @@ def test_gaps_change_a_cyclic_model_a_little_and_its_file_altogether(tmp_path):
     assert 0.0 < apart < np.radians(2.0)
     again = cyclic_model(cache=str(tmp_path / "other"), q=2, missing=0.2)
     np.testing.assert_array_equal(gappy.mean, again.mean)
+
+
+def test_generated_walks_and_runs_need_no_download(tmp_path):
+    found = database_motions("builtin", data=None, cache=str(tmp_path))
+    assert [motion.activity for motion in found] == ["walk"] * 12 + ["run"] * 12
+    walks = training_motions("builtin", data=None, cache=str(tmp_path), subjects=None)
+    assert {motion.activity for motion in walks} == {"walk"}
+
+
+def test_clips_and_activities_are_left_out(tmp_path):
+    without = activity_model(cache=str(tmp_path), leave_out=["runner_03"], most_per_clip=1)
+    assert "runner_03_straight" not in without.sources
+    assert len(without.sources) == 23
+    runs = activity_model(cache=str(tmp_path), activities=["run"], most_per_clip=1)
+    assert set(runs.activities) == {"run"}
+    assert not np.array_equal(runs.mean, without.mean)
+    with pytest.raises(InputError, match="swim"):
+        activity_model(cache=str(tmp_path), activities=["swim"])

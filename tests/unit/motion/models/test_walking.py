@@ -5,8 +5,7 @@ import pytest
 
 from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
-from workbench.motion.models.store import Provenance, load, save
-from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, WalkingModel, learn_walking, walking_cycles
+from workbench.motion.models.walking import CHANNEL_NAMES, ROOT_CHANNELS, learn_walking, walking_cycles
 from workbench.motion.pose_sequence import Motion, gait_events
 from workbench.utils.errors import InputError
 
@@ -104,31 +103,6 @@ def test_wrong_options_are_refused(options):
         learn_walking(planted(4), **PAPER | options)
 
 
-def test_a_model_survives_the_disk(tmp_path):
-    model = learn_walking(planted(), **PAPER | {"n_components": 2})
-    provenance = Provenance({"a.amc": "12"}, {"variance": 0.95}, ("free",))
-    save(tmp_path / "deep" / "m.h5", model, provenance)
-    read = load(WalkingModel, tmp_path / "deep" / "m.h5")
-    for name in ("mean", "components", "scales"):
-        assert (getattr(read, name) == getattr(model, name)).all()
-    assert (read.cycle_rate_hz, read.explained, read.n_cycles) == (
-        model.cycle_rate_hz,
-        model.explained,
-        model.n_cycles,
-    )
-    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["m.h5"]
-    assert Provenance({"a.amc": "13"}, {"variance": 0.95}, ("free",)).key != provenance.key
-
-
-@pytest.mark.parametrize("content", [None, b"", b"not hdf5 at all"])
-def test_what_is_no_model_is_refused(tmp_path, content):
-    path = tmp_path / "m.h5"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(InputError, match=r"m\.h5"):
-        load(WalkingModel, path)
-
-
 def swaying(heading_rate=0.0, **options):
     """A walker whose root sways aside by 2 cm once a cycle, up and down by 1 cm twice, and turns by 0.1 rad once."""
     motion = walk(n_cycles=4.5, heading=0.0, **options)
@@ -152,12 +126,3 @@ def test_how_the_root_sways_is_recovered_whatever_way_it_goes(heading_rate):
     # an event off by 0.2 of 66 frames moves the steepest curve (0.1 × 2π a cycle) by 2 mrad; aside is integrated from
     # velocities that central differences flatten by 0.2 %
     assert sway == pytest.approx(np.broadcast_to(np.transpose(expected), sway.shape), abs=3e-3)
-
-
-def test_a_model_that_sways_is_written_and_read_back(tmp_path):
-    options = {"variance": 0.95, "n_components": 2, "scaling": "joints", "root": True}
-    model = learn_walking([walk(), swaying(), walk(first=0.1)], **options, n_phases=T)
-    save(tmp_path / "model.h5", model, Provenance({}, {}, ()))
-    found = load(WalkingModel, tmp_path / "model.h5")
-    assert found.mean.shape == (T, len(CHANNEL_NAMES) + len(ROOT_CHANNELS))
-    np.testing.assert_array_equal(found.components, model.components)

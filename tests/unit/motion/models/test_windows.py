@@ -2,20 +2,18 @@
 
 import logging
 
-import h5py
 import numpy as np
 import pytest
 
 from workbench.body.kinematics import axis_rotations
 from workbench.body.skeleton import N_ROOT, PARTS, POSE_NAMES
-from workbench.motion.models.store import Provenance, load, save
 from workbench.motion.models.windows import (
-    Windows,
     advance,
     learn_windows,
     pose_rows,
 )
 from workbench.motion.synthetic.gait import builtin_motions
+from workbench.priors.implicit import Implicit
 from workbench.utils.errors import InputError
 
 LENGTH = 10
@@ -134,34 +132,24 @@ def test_bad_input_is_refused(motions, change, message):
         learn_windows(motions, **change)
 
 
-PROVENANCE = Provenance({"a.amc": "0" * 64}, {"length": 10}, ("free",))
+def test_a_prior_of_some_windows_draws_those_only_with_their_odds(windows):
+    kept = windows.clip_of != 1
+    whole = Implicit(windows, beta=2.0, epsilon=1e-6)
+    some = whole.only(kept)
+    probes = np.repeat(windows.coefficients[[40]].astype(np.float64), 20000, axis=0)  # of the first clip
+    from_whole, from_some = (prior.draw(probes, np.random.default_rng(0)) for prior in (whole, some))
+    assert 1 not in some.windows.clip_of[from_some]
+    assert 1 in windows.clip_of[from_whole]
+    places = np.flatnonzero(kept)[from_some]
+    conditional = np.bincount(from_whole, minlength=len(windows))[kept] / kept[from_whole].sum()
+    seen = np.bincount(places, minlength=len(windows))[kept] / len(places)
+    assert np.abs(seen - conditional).max() < 5 * np.sqrt(2 * conditional.max() / kept[from_whole].sum())
 
 
-def test_what_is_written_is_read(windows, tmp_path):
-    save(tmp_path / "w.h5", windows, PROVENANCE)
-    again = load(Windows, tmp_path / "w.h5")
-    for name in ("rows", "ends", "scales", "mean", "basis", "sigmas", "coefficients"):
-        assert (getattr(again, name) == getattr(windows, name)).all()
-    assert (again.angles, again.root, again.rate_hz) == (windows.angles, windows.root, windows.rate_hz)
-    assert [file.name for file in tmp_path.iterdir()] == ["w.h5"]
-
-
-def test_damaged_files_are_refused(windows, tmp_path):
-    path = tmp_path / "w.h5"
-    with pytest.raises(InputError, match="found none"):
-        load(Windows, path)
-    path.write_bytes(b"not HDF5")
-    with pytest.raises(InputError, match="HDF5"):
-        load(Windows, path)
-    for name, value in (("ends", windows.ends + len(windows.rows)), ("sigmas", windows.sigmas[1:])):
-        save(path, windows, PROVENANCE)
-        with h5py.File(path, "r+") as file:
-            del file[name]
-            file[name] = value
-        with pytest.raises(InputError, match="expected"):
-            load(Windows, path)
-    save(path, windows, PROVENANCE)
-    with h5py.File(path, "r+") as file:
-        del file["rows"]
-    with pytest.raises(InputError, match="rows"):
-        load(Windows, path)
+def test_another_search_has_its_own_tree_and_leaves_the_first_alone(windows):
+    exact = Implicit(windows, beta=0.5)
+    tree = exact.searching("sign_tree", 0.1)
+    assert (tree.search, tree.beta, exact.search, exact.beta) == ("sign_tree", 0.1, "exact", 0.5)
+    own = Implicit(windows, search="sign_tree", beta=0.1)
+    probes = windows.coefficients[::7].astype(np.float64)
+    assert (tree.draw(probes, np.random.default_rng(0)) == own.draw(probes, np.random.default_rng(0))).all()
