@@ -13,7 +13,7 @@ from run_folders import leave
 from small_recordings import leave_recorded, record
 
 from workbench.cli.check import main as check
-from workbench.cli.diagnose import main as why
+from workbench.cli.diagnose import main as diagnose
 from workbench.cli.export import main as export
 from workbench.cli.report import main as report
 from workbench.cli.run import main as run_of
@@ -130,7 +130,7 @@ def started(arguments):
 
 COMMANDS = {
     "check": (check, ["{run}"]), "check of two": (check, ["{run}", "{other}"]), "report": (report, ["{run}"]),
-    "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "why": (why, ["{run}"]),
+    "view": (view, ["{run}"]), "export": (export, ["{run}", "{run}.csv"]), "diagnose": (diagnose, ["{run}"]),
     "runs": (runs, ["{run}", "--all"]), "runs, published": (runs, ["{folder}", "--all"]),
     "restore": (runs, ["--restore", "{folder}"]), "changes": (runs, ["--changes", "{folder}"]),
     "from": (started, ["from={run}"]), "from a folder": (started, ["from={folder}"]),
