@@ -89,6 +89,7 @@ FOREIGN = (
     {"_target_": ["os.system"]}, {"_target_": "workbench.priors"}, {"a": [{"_target_": "os.system"}]},
     {"_target_": "workbench.priors.smooth.Smooth", "_args_": ["/tmp/x"]}, {"_partial_": True}, {"a": "${oc.env:HOME}"},
     {"a": "${oc.create:{_target_:os.system}}"}, {"motions": "/etc/passwd.h5"}, {"motions": "../../motions.h5"},
+    {"motions": "~/.ssh/motions.h5"}, {"motion": "rtsp://example.org/x.bvh"}, {"motion": "C:\\x.bvh"},
 )  # fmt: skip
 
 

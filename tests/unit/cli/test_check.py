@@ -22,9 +22,3 @@ def test_of_two_recordings_the_keys_that_differ_are_told(capsys):
     head, *rows = capsys.readouterr().out.splitlines()
     assert head == "configured otherwise:"
     assert "  inference.problem.frames_per_style: None → not there" in rows
-
-
-def test_of_a_recording_and_itself_nothing_differs(capsys):
-    same = str(BASELINES / "walk_prior_only.rrd")
-    assert check.main([same, same]) == 0
-    assert "configured otherwise" not in capsys.readouterr().out

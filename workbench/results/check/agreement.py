@@ -49,7 +49,8 @@ class Demand:
         """Return the tolerance of a metric; None where the demand is stricter."""
         if self.agreement < Agreement.TOLERANCE:
             return None
-        return self.tolerances.get(name) or self.tolerances.get("default") or Tolerance()
+        names = (name, *["figures"] * name.startswith("figure "), "default")
+        return next((self.tolerances[each] for each in names if each in self.tolerances), Tolerance())
 
     def words(self, name: str) -> str:
         """Return the demand on a metric in words."""

@@ -1,6 +1,8 @@
 """Two recordings of one configuration compared number by number."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,6 @@ from workbench.utils.arrays import FloatArray, IntArray
 from workbench.utils.environment import differing
 
 _Timed = tuple[IntArray, FloatArray]  # frames (F,) and a value for each
-_Quantity = tuple[float | None, _Timed | None]  # the run's number and the values over frames
 
 
 def same_environment(was: Run, now: Run) -> bool:
@@ -44,67 +45,79 @@ def compare(was: Run, now: Run, demand: Demand) -> list[MetricChange]:
         return [broken]
     since = None if was.is_study else _since(was, now)
     place = "" if was.is_study else _first_pose(was, now)
-    before, after = _quantities(was, since), _quantities(now, since)
+    strict = demand.agreement < Agreement.TOLERANCE
+    before, after = _quantities(was, since, strict), _quantities(now, since, strict)
     names = sorted(before.keys() | after.keys())
-    none = (None, None)
-    changes = [_metric(name, before.get(name, none), after.get(name, none), demand, place) for name in names]
-    if was.is_study:
-        return [*changes, *_figures(was, now, demand)]
-    with_marginals = since is None and demand.agreement < Agreement.TOLERANCE
-    marginals = _marginals(was, now, demand) if with_marginals else ()
-    return [*changes, _frames(was, now, since or 0), _poses(was, now, place, demand), *marginals]
+    judged = [_judge(name, before.get(name), after.get(name), demand, place) for name in names]
+    return judged if was.is_study else [*judged, _frames(was, now, since or 0), _poses(was, now, place, demand)]
 
 
 def number_of(name: str, run: Run) -> float | None:
     """Return the run's number of this name, or the mean over frames of what is recorded of frames alone, or None."""
-    return _number(_quantities(run, None).get(name, (None, None)))
+    quantity = _quantities(run, None).get(name)
+    return None if quantity is None else quantity.number
 
 
-def _number(quantity: _Quantity) -> float | None:
-    value, curve = quantity
-    return value if value is not None or curve is None else float(curve[1].mean())
+@dataclass(frozen=True, eq=False)
+class _Quantity:
+    """A metric's value of the run and over frames, or the parts of a figure or of marginals by name."""
+
+    value: float | None = None
+    curve: _Timed | None = None
+    parts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def number(self) -> float | None:
+        return self.value if self.value is not None or self.curve is None else float(self.curve[1].mean())
 
 
-def _quantities(run: Run, since: int | None) -> dict[str, _Quantity]:
-    """Return the run's metrics by name; since: the first frame that counts, where the run's own numbers do not."""
+def _quantities(run: Run, since: int | None, strict: bool = False) -> dict[str, _Quantity]:
+    """Return what is compared by name; since: the first frame that counts, where no number of the whole run does."""
     results = {name: float(value) for name, value in run.result.items()} if since is None else {}
     curves = {name: run.metric(name) for name in run.metrics}
     if since is not None:
         late = {name: frames >= since for name, (frames, _) in curves.items()}
         curves = {name: (curves[name][0][kept], curves[name][1][kept]) for name, kept in late.items() if kept.any()}
-    return {name: (results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
+    found = {name: _Quantity(results.get(name), curves.get(name)) for name in results.keys() | curves.keys()}
+    if run.is_study:
+        return found | {f"figure {figure.name}": _Quantity(parts=numbers(figure)) for figure in run.figures}
+    if strict and since is None and (marginals := run.marginals) is not None:
+        keys = ("names", "low", "high", "log_mass")
+        found["marginals"] = _Quantity(parts={key: getattr(marginals, key) for key in keys})
+    return found
 
 
-def _metric(name: str, was: _Quantity, now: _Quantity, demand: Demand, place: str) -> MetricChange:
-    """Judge the run's number and, unless tolerances are demanded, those of every frame."""
-    before, after, tolerance = _number(was), _number(now), demand.of(name)
-    detail = ""
-    if now == (None, None):
-        detail, class_ = "missing", Agreement.CHANGED
-    elif was == (None, None):
-        return MetricChange(name, None, after, demand.words(name), True, "new")
-    elif [each is None for each in was] != [each is None for each in now]:
+def _judge(name: str, was: _Quantity | None, now: _Quantity | None, demand: Demand, place: str) -> MetricChange:
+    """Judge a quantity: the run's number, its parts, and unless tolerances are demanded the values of every frame."""
+    tolerance, detail, class_ = demand.of(name), "", Agreement.IDENTICAL
+    if was is None or now is None:
+        number = None if now is None else now.number
+        if was is None:
+            return MetricChange(name, None, number, demand.words(name), True, "new")
+        return MetricChange(name, was.number, None, demand.words(name), False, "missing", Agreement.CHANGED)
+    if (was.value is None, was.curve is None) != (now.value is None, now.curve is None):
         detail, class_ = "missing as the run's number or over frames", Agreement.CHANGED
-    elif before is not None and after is not None and np.isfinite([before, after]).all():
-        class_ = agreement(before, after, tolerance)
-    else:
-        class_ = Agreement.CHANGED
-    (_, first), (_, second) = was, now
-    if first is not None and second is not None:
+    elif was.number is not None and now.number is not None:
+        finite = bool(np.isfinite([was.number, now.number]).all())
+        class_ = agreement(was.number, now.number, tolerance) if finite else Agreement.CHANGED
+    for part in {**was.parts, **now.parts}:
+        if (other := agreement(was.parts.get(part), now.parts.get(part), tolerance)) > class_:
+            detail, class_ = f"{part} differs", other
+    if was.curve is not None and now.curve is not None and not detail:
         if demand.agreement < Agreement.TOLERANCE:
-            frames, old, new = _common(first, second)
-            class_ = max(class_, Agreement.CHANGED if len(frames) < len(first[0]) else agreement(old, new, tolerance))
-        if class_ > demand.agreement:
-            detail = detail or _first_odd(first, second, demand, tolerance)
-    return _change(name, before, after, demand, class_, detail or place)
+            frames, old, new = _common(was.curve, now.curve)
+            whole = len(frames) == len(was.curve[0])
+            class_ = max(class_, agreement(old, new, tolerance) if whole else Agreement.CHANGED)
+        detail = _first_odd(was.curve, now.curve, demand, tolerance) if class_ > demand.agreement else ""
+    return _change(name, was.number, now.number, demand, class_, detail or place)
 
 
 def _change(
-    name: str, was: float | None, now: float | None, demand: Demand, class_: Agreement, detail: str, key: str = ""
+    name: str, was: float | None, now: float | None, demand: Demand, class_: Agreement, detail: str
 ) -> MetricChange:
-    """Return a change of this class; detail: of one that fails; key: under which its tolerance is, if not its name."""
+    """Return a change of this class; detail: of one that fails."""
     passed = class_ <= demand.agreement
-    return MetricChange(name, was, now, demand.words(key or name), passed, "" if passed else detail, class_)
+    return MetricChange(name, was, now, demand.words(name), passed, "" if passed else detail, class_)
 
 
 def _failed(name: str, allowed: str, detail: str) -> MetricChange:
@@ -180,28 +193,3 @@ def _first_pose(was: Run, now: Run) -> str:
         far = np.nan_to_num(np.abs(after[row] - before[row]), nan=np.inf)
         moved = f"{was.properties['body']['pose'][int(np.argmax(far))]} by {far.max():.3g} (m or rad)"
     return f"poses first differ in frame {frame}: {moved}"
-
-
-def _marginals(was: Run, now: Run, demand: Demand) -> Iterator[MetricChange]:
-    before, after = was.marginals, now.marginals
-    if before is not None and after is not None and before.names == after.names:
-        class_ = max(agreement(getattr(before, key), getattr(after, key)) for key in ("low", "high", "log_mass"))
-        yield _change("marginals", None, None, demand, class_, "they differ")
-    elif before is not None:
-        yield _failed("marginals", demand.words("marginals"), "missing, or of other parameters")
-
-
-def _figures(was: Run, now: Run, demand: Demand) -> Iterator[MetricChange]:
-    """Compare a study's figures number by number."""
-    after = {figure.name: numbers(figure) for figure in now.figures}
-    for figure in was.figures:
-        name = f"figure {figure.name}"
-        key = name if name in demand.tolerances else "figures"
-        if figure.name not in after:
-            yield _failed(name, demand.words(key), "missing")
-            continue
-        old, new, tolerance = numbers(figure), after[figure.name], demand.of(key)
-        classes = {part: agreement(old.get(part), new.get(part), tolerance) for part in {**old, **new}}
-        class_ = max(classes.values(), default=Agreement.IDENTICAL)
-        odd = next((part for part, each in classes.items() if each is class_), "")
-        yield _change(name, None, None, demand, class_, f"{odd} differs", key)

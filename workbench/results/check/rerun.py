@@ -168,22 +168,22 @@ def renew(checks: Sequence[Check], reason: str | None) -> int:
     What came out the same and has no pictures stays byte for byte, as every version of a recording kept with the code
     takes room. reason: is kept in the file REASONS next to the recordings whose numbers moved.
     """
+    renewed = []
     for check in checks:
         if check.was is None or check.now is None:
             why = check.findings[0].detail if check.refused is None else check.refused
             print(f"{check.name}: stays as it is: {why}", file=sys.stderr)
-        elif not (check.unmoved and same_environment(check.was, check.now) and is_condensed(check.was)):
+            continue
+        if any(map(has_moved, check.findings)):
+            renewed.append(check.was.path)
+        if not (check.unmoved and same_environment(check.was, check.now) and is_condensed(check.was)):
             with whole_file(check.was.path) as part:
                 condense(check.now, part)
     if reason is not None:
-        _keep_reason([check.was.path for check in checks if check.was and check.now and _has_moved(check)], reason)
+        _keep_reason(renewed, reason)
     if any(check.refused is not None for check in checks):
         return 2
     return 1 if any(check.now is None for check in checks) else 0
-
-
-def _has_moved(check: Check) -> bool:
-    return any(map(has_moved, check.findings))
 
 
 def _keep_reason(renewed: Sequence[Path], reason: str) -> None:
