@@ -117,7 +117,7 @@ def fit_smooth(
     them frame by frame at 1 / PACE_HZ, at first with a loss that sees any distance. Standing feet keep their place, see
     `standing`. With one camera, limbs are turned over in depth, see `flips`, and standing feet brought to one floor, at
     their median height unless ground_m is known. Where the density of postures is known, it replaces each angle's usual
-    values at last. doubt (J, 3, G): by how much the skeleton's offsets may be off; the covariances contain it. """
+    values at last. doubt (J, 3, G): by how much the skeleton's offsets may be off; the covariances contain it."""
     stand = standing_feet(skeleton, seen, data.times_s)
     decoder, data = PoseDecoder(skeleton), replace(data, stand=stand)
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}

@@ -65,7 +65,7 @@ class Auxiliary(DensityMove):
     μ_i is the prior's mean. Exact for every flatten: 0 is the plain filter; 1 (Pitt & Shephard) has heavy-tailed
     weights where the likelihood is sharper than the prior's noise. The likelihood is evaluated twice for each particle.
     A prior's own proposal is used, and its correction enters the weights. Raises InputError for a prior without a
-    density and a flatten out of range. """
+    density and a flatten out of range."""
 
     flatten: float = 0.5
 

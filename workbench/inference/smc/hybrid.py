@@ -56,7 +56,7 @@ class Hybrid(Wrapper):
     start only, of which the first step warns.
 
     filter: for a prior with a motion. share: of the proposal. widen: factor of the fit's deviations, since its
-    covariance takes the points for independent. Raises InputError for numbers out of range and another prior. """
+    covariance takes the points for independent. Raises InputError for numbers out of range and another prior."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:

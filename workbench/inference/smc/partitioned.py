@@ -37,7 +37,7 @@ class Partitioned(DensityMove):
 
     parts: of parts of the body or parameters (`skeleton.PARTS`), in their order; velocities and offsets belong with
     their parameter, other columns to the first part. Raises InputError for a prior without a density, or whose columns
-    are dependent or all in one part, for unknown parts, and a flatten out of range. """
+    are dependent or all in one part, for unknown parts, and a flatten out of range."""
 
     traits: ClassVar[Traits] = offering(prior=(DENSITY, SEPARABLE, BODY_PARTS))
 

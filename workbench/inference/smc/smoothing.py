@@ -112,7 +112,7 @@ class BackwardSimulation(Wrapper):
 
     filter: of any move, for a prior with a density. n_paths: drawn, which become the equally weighted particles of the
     steps; a step's `map_pose` is that of the path with the highest density, the start's left out. Raises InputError for
-    a prior without a density and numbers out of range. """
+    a prior without a density and numbers out of range."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
