@@ -66,11 +66,11 @@ def declaring(traits: Declared) -> Callable[[Part], Part]:
 
 
 def needs_of_all(parts: Mapping[str, Traits]) -> dict[str, frozenset[str]]:
-    """Tell what several parts need together, by group."""
+    """Return what several parts need together, by group."""
     groups = {group for part in parts.values() for group in part.needs}
     return {group: frozenset().union(*(part.needs.get(group, ()) for part in parts.values())) for group in groups}
 
 
 def offers_of_all(parts: Mapping[str, Traits]) -> frozenset[str]:
-    """Tell what each of several parts offers."""
+    """Return what each of several parts offers."""
     return frozenset.intersection(*(part.offers for part in parts.values())) if parts else frozenset()

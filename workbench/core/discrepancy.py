@@ -33,7 +33,7 @@ class Discrepancy:
     SHAPES: ClassVar[Mapping[str, str]] = {"angles": "C", "loadings": "Cr", "rest": "C", "keep": "C"}
 
     def flaw(self) -> str:
-        """Say what was expected of deviations and of what is kept."""
+        """Return what was expected of deviations and of what is kept."""
         sound = (self.rest >= 0.0).all() and (self.keep >= 0.0).all() and (self.keep < 1.0).all()
         return "" if sound else "rest of at least 0 and keep from 0 to below 1"
 

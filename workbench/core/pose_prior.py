@@ -22,7 +22,7 @@ class Postures:
     SHAPES: ClassVar[Mapping[str, str]] = {"weights": "k", "means": "ka", "covariances": "kaa"}
 
     def flaw(self) -> str:
-        """Say what is wrong with the weights or the covariances."""
+        """Return what is wrong with the weights or the covariances."""
         if not ((self.weights > 0.0).all() and abs(self.weights.sum() - 1.0) < 1e-6):
             return "positive weights of postures that sum to 1"
         symmetric = np.allclose(self.covariances, np.swapaxes(self.covariances, 1, 2))
@@ -38,11 +38,11 @@ class Postures:
         return np.asarray(heights + np.log(self.weights) + volumes - 0.5 * a * np.log(2.0 * np.pi))
 
     def shares(self, postures: FloatArray) -> FloatArray:
-        """Tell how likely postures (n, A) are of each part, (n, K)."""
+        """Return how likely postures (n, A) are of each part, (n, K)."""
         return _normalised(self.log_parts(postures))
 
     def shares_of(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Tell how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
+        """Return how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
         roots = np.linalg.cholesky(self.covariances + covariance)
         white = np.linalg.solve(roots, (mean - self.means)[:, :, None])[:, :, 0]
         volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)

@@ -194,11 +194,10 @@ class Smoother:
 class FootContact:
     """Shifts the root of one motion, frame by frame, so that the planted ankle rests on the ground.
 
-    The lower of the ankles that move slower than PLANTED_SPEED, in the motion as it came, is planted. From then on the
-    root is shifted so that this ankle stays at the place where it came down, and within a few frames at the ground's
-    height, until it moves faster again. The shift then stays: the motion goes on from where it is, so that neither
-    taking off nor landing makes a jump. One ankle is held at a time; of two feet on the ground the other may slide.
-    Angles are left alone, so that a foot's roll, which the body has no joint for, is lost in the planted ankle's place.
+    The lower of the ankles that move slower than PLANTED_SPEED, in the motion as it came, is planted: the root is
+    shifted so that it stays where it came down, and within a few frames at the ground's height, until it moves faster
+    again. The shift then stays, so that the motion does not jump. One ankle is held at a time. Angles are left alone,
+    so that a foot's roll is lost.
 
     ground_m: height of a standing person's ankles, m. planted: which of ANKLES is held, None in the air.
     """

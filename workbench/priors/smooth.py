@@ -229,7 +229,7 @@ def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArr
 
 
 def _keys(parameter: str) -> tuple[str, str, str]:
-    """Tell what a parameter's deviation may be listed under, the most specific first."""
+    """Return what a parameter's deviation may be listed under, the most specific first."""
     either_side = parameter.removeprefix("left_").removeprefix("right_")
     part = either_side.partition("_")[0]
     if part == "root":

@@ -142,9 +142,9 @@ def fit_from(
     `fit_problem`.
 
     missed: (P, k), times k standard normal numbers what the motion model misses of a person in every frame. Poses are
-    then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
-    that the model does not have. shared: what observations are off by together, and poses with them (`motion.misled`).
-    """
+    then unsure by that, less what the fit makes of it (`all_frames.absorbed`): a root and a style that are off for
+    angles that the model does not have. shared: what observations are off by together, and poses with them
+    (`all_frames.misled`)."""
     started = working_s()
     problem = fit_problem(decoder, data.weighing(share), frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)

@@ -20,7 +20,7 @@ from workbench.utils.errors import InputError
 @dataclass(frozen=True, eq=False)
 class FitData:
     """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change.
-    stand: (T, 2) which ankles stand, see `standing_feet`; None where nobody looked."""
+    stand: (T, 2) which ankles stand, see `standing_feet`; None where it is not known."""
 
     residuals: Sequence[ResidualFunction]
     times_s: FloatArray

@@ -243,13 +243,9 @@ def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses:
 
 
 def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[FloatArray]:
-    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth: forearms and
-    calves that point away from a camera where they might point towards it (Sminchisescu & Triggs, Kinematic Jump
-    Processes for Monocular 3D Human Tracking, CVPR 2003).
-
-    It is turned over in all frames, or in those between two times at which it lies across the view, where nobody can
-    tell in which direction it goes on.
-    """
+    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth (Sminchisescu
+    & Triggs, Kinematic Jump Processes for Monocular 3D Human Tracking, CVPR 2003): in all frames, or between two times
+    at which it lies across the view."""
     places = joints(skeleton, poses)
     for names in LIMBS:
         if not set(names) <= set(skeleton.names):

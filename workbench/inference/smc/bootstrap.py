@@ -39,7 +39,7 @@ class Bootstrap:
         """Accept every prior."""
 
     def first(self, n_particles: int) -> First:
-        """Say nothing of the first step."""
+        """Return no diagnostics and warnings of the first step."""
         return {}, ()
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:

@@ -37,7 +37,7 @@ class _Driven(Prior, Protocol):
 
 
 class _Fitter(Protocol):
-    """What fits all frames at once; `fit.least_squares.LeastSquares` is one."""
+    """What fits all frames at once; such as `LeastSquares`."""
 
     def fit_frames(self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator) -> Any:
         """Return the fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of
@@ -79,7 +79,7 @@ class Hybrid(Wrapper):
 
     @property
     def finds_start(self) -> bool:
-        """Return the fit does."""
+        """Return True: the fit finds it."""
         return True
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:

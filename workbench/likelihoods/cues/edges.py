@@ -60,7 +60,7 @@ class EdgeModel:
     SHAPES: ClassVar[Mapping[str, str]] = {"parts": "G", "on": "kGB", "off": "kGB"}
 
     def flaw(self) -> str:
-        """Say which counts were expected where there are others."""
+        """Return which counts were expected where there are others."""
         wanted = (2, len(self.parts), BINS)
         return "" if self.on.shape == wanted else f"counts of shape {wanted}, found {self.on.shape}"
 
