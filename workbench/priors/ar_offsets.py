@@ -89,7 +89,8 @@ class Jitter(Appended):
         return poses
 
     def transition(self, dt_s: float) -> tuple[FloatArray, float, FloatArray]:
-        """Return what is left (k,) of offsets after `dt_s` seconds, zero, and the deviations (k,) of the noise since."""
+        """Return what is left (k,) of offsets after `dt_s` seconds, zero, and the deviations (k,) of the noise
+        since."""
         kept = self.keep ** (dt_s * REFERENCE_RATE_HZ)
         return kept, 0.0, self.sigma * np.sqrt((1.0 - kept**2) / (1.0 - self.keep**2))
 

@@ -157,7 +157,8 @@ def fit_motion(
 
 
 def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatArray:
-    """Return how far the states of a fit go, (T, D, k), with k errors of the model `missed` (P, k) that all frames share.
+    """Return how far the states of a fit go, (T, D, k), with k errors of the model `missed` (P, k) that all frames
+    share.
 
     Of a person whose poses are the model's plus one of these, least squares finds, to first order, states that are off
     by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t (∂r_t/∂pose) missed, H being the Gauss–Newton matrix.

@@ -64,8 +64,9 @@ class Lengths:
     doubt: FloatArray
 
     def shifts(self, t: int, slopes: FloatArray, pose: FloatArray) -> FloatArray:
-        """Return by how much one deviation of each cause changes the residuals of frame t at a pose (P,), (K, G). slopes:
-        (K, P), of the residuals, of which keypoints come first; a joint that moves is a root that moves for it alone.
+        """Return by how much one deviation of each cause changes the residuals of frame t at a pose (P,), (K, G).
+        slopes: (K, P), of the residuals, of which keypoints come first; a joint that moves is a root that moves for it
+        alone.
 
         Deviation: balance and the height of the floor shift, too, which is left out: the feet tell the floor.
         """
@@ -119,8 +120,8 @@ def error_correlation(
 
 
 def effective_share(rho: float) -> float:
-    """Return what part of the frames counts, (1 − ρ) / (1 + ρ): as many independent ones determine a mean as well as many
-    whose errors are a first-order autoregression with correlation ρ."""
+    """Return what part of the frames counts, (1 − ρ) / (1 + ρ): as many independent ones determine a mean as well as
+    many whose errors are a first-order autoregression with correlation ρ."""
     return (1.0 - rho) / (1.0 + rho)
 
 
