@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, offering
@@ -90,7 +91,7 @@ class Cyclic(AllFree):
         self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), _motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
-        self._table = np.ascontiguousarray(sampled(curves, TABLE_PHASES).transpose(1, 0, 2))
+        self._table = np.ascontiguousarray(scipy.signal.resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
 
     @property
@@ -248,14 +249,3 @@ def _decode(first: int, last: int, table: Any, coefficients: Any, phase: Any, ch
             a, b = (1.0 - part) * coefficients[n, k - 1], part * coefficients[n, k - 1]
             for c in range(n_channels):
                 channels[n, c] += a * low[k, c] + b * high[k, c]
-
-
-def sampled(curves: FloatArray, n: int) -> FloatArray:
-    """Return curves (K, n, C) at n evenly spaced phases of those (K, m, C) at m, by their Fourier series: to the bit as
-    `scipy.signal.resample`, whose import takes as long as tracking fifty frames."""
-    m = curves.shape[1]
-    known = min(m, n)
-    spectrum = np.fft.rfft(curves, axis=1)[:, : known // 2 + 1]
-    if known % 2 == 0 and m != n:  # the last one stands for two
-        spectrum[:, -1] *= 0.5 if m < n else 2.0
-    return np.asarray(np.fft.irfft(spectrum / (m / n), n, axis=1))

@@ -148,14 +148,14 @@ STYLE_HELD = 0.4
 
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
-    """A GaussianPrior over states: whitening (m, D) times (state − mean) is m standard normal numbers. mean: (D,)."""
+    """A Gaussian over states: whitening (m, D) times (state − mean) is m standard normal numbers. mean: (D,)."""
 
     mean: FloatArray
     whitening: FloatArray
 
     @staticmethod
     def independent(mean: FloatArray, deviations: FloatArray) -> "GaussianPrior":
-        """Return the GaussianPrior with these standard deviations (D,); infinite ones leave a number free."""
+        """Return the Gaussian with these standard deviations (D,); infinite ones leave a number free."""
         return GaussianPrior(mean, np.diag(1.0 / deviations))
 
 
