@@ -21,8 +21,8 @@ BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"
 SHOWN = ("error_abs_mm", "error_rel_mm", "error_px", "knee_deg", "coverage_90", "held")
 UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
-    "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s", "start_phase": "cycles",
-    "start_position": "m", "start_rotation": "rad", "start_angles": "rad", "sigma_angles": "rad", "damping": "1/s",
+    "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s",
+    "start_position": "m", "start_rotation": "rad", "sigma_angles": "rad", "damping": "1/s",
     "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame",
 }  # fmt: skip
 """Units of keys, by the name or how it ends; where a note says one, that stands."""
