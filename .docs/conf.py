@@ -15,7 +15,6 @@ project = "workbench"
 release = workbench.__version__
 copyright = ""
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
-exclude_patterns = ["_generated/glossary.md"]  # included where it belongs
 root_doc = "index"
 myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings say shapes and units

@@ -1,4 +1,4 @@
-"""The pages that follow from the code: every option with its keys, what every experiment is made of, and the glossary.
+"""The pages that follow from the code: every option with its keys, and what every experiment is made of.
 
 `conf.py` calls `write` before every build, so that none of it is written by hand or kept in git.
 """
@@ -12,7 +12,6 @@ from typing import Any
 import yaml
 from pictures import of_experiment
 
-import workbench.core
 from workbench.experiment.config.instantiate import keys_of, resolved
 from workbench.experiment.config.options import GROUPS, Option, options
 from workbench.experiment.config.schema import LITERAL, WHEN
@@ -22,8 +21,8 @@ BASELINES = Path(__file__).parents[1] / "recordings" / "baselines"
 SHOWN = ("error_abs_mm", "error_rel_mm", "error_px", "knee_deg", "coverage_90", "held")
 UNITS = {
     "_mm": "mm", "_m": "m", "_px": "px", "_deg": "°", "_hz": "Hz", "_s": "s", "_m_s2": "m/s²", "sigma_position": "m",
-    "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s", "start_phase": "cycles",
-    "start_position": "m", "start_rotation": "rad", "start_angles": "rad", "sigma_angles": "rad", "damping": "1/s",
+    "sigma_rotation": "rad", "sigma_phase": "cycles", "sigma_phase_speed": "cycles/s",
+    "start_position": "m", "start_rotation": "rad", "sigma_angles": "rad", "damping": "1/s",
     "width": "px", "height": "px", "n_frames": "frames", "lag": "frames", "first_frame": "frame",
 }  # fmt: skip
 """Units of keys, by the name or how it ends; where a note says one, that stands."""
@@ -34,7 +33,7 @@ def write(folder: Path) -> None:
     """Write all pages into a folder."""
     (folder / "pictures").mkdir(parents=True, exist_ok=True)
     draw_baselines(folder / "pictures")
-    pages = {"options": options_page(), "parts_of_experiments": experiments_page(), "glossary": glossary()}
+    pages = {"options": options_page(), "parts_of_experiments": experiments_page()}
     for name, text in pages.items():
         path = folder / f"{name}.md"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:  # else it would be built again
@@ -115,13 +114,6 @@ def _experiment(name: str, option: Option) -> Iterator[str]:
         yield f"- baseline: {', '.join(shown)}"
         what = "its first figures" if "body" not in read(baseline).properties else _SEEN
         yield from ("", f"![The baseline of {name}: {what}](pictures/{name}.png)")
-
-
-def glossary() -> str:
-    """The glossary of `workbench.core`, as a list of definitions."""
-    text = str(workbench.core.__doc__).partition("here:\n\n")[2]
-    found = re.findall(r"^(\S+) {2,}(.+)$", text, re.MULTILINE)
-    return "\n\n".join(f"**{word}**: {meaning}." for word, meaning in found) + "\n"
 
 
 def _about(option: Option) -> str:

@@ -23,17 +23,6 @@ def composed(*overrides):
     return compose("config", overrides=[*overrides, "paths.data=somewhere"])
 
 
-@pytest.mark.parametrize(("k", "experiment"), list(enumerate(TRACKING)))
-def test_components_can_be_chosen_in_every_experiment(k, experiment):
-    """The k-th experiment composes with the k-th prior, likelihood and inference, each counted modulo its list."""
-    names = {group: sorted(options(group)) for group in ("prior", "likelihood", "inference")}
-    chosen = {group: each[k % len(each)] for group, each in names.items()}
-    config = composed(f"experiment={experiment}", *(f"{group}={name}" for group, name in chosen.items()))
-    plain = OmegaConf.to_container(config, resolve=True)
-    for group, name in chosen.items():
-        assert plain[group]["_target_"] == options(group)[name].target
-
-
 WHEN = [
     (experiment, place, keys)
     for experiment, option in sorted(options("experiment").items())
@@ -100,10 +89,3 @@ def test_nobody_whose_numbers_are_reported_is_one_to_choose_parameters_by():
     assert None not in chosen | reported
     assert (len(chosen), len(reported)) == (len(clips.choose), len(clips.report))
     assert not chosen & reported
-
-
-@pytest.mark.parametrize("experiment", ["ablation_cues", "ablation_inference", "coverage", "walk_best"])
-def test_sweeps_go_through_the_people_to_report(experiment):
-    swept = compose("config", ["paths.data=somewhere", f"experiment={experiment}"], return_hydra_config=True)
-    expected = ",".join(f"'{name}'" for name in swept.clips.report)
-    assert swept.hydra.sweeper.params["dataset.motion"] == expected

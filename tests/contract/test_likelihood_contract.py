@@ -237,17 +237,25 @@ def test_a_previous_pose_that_is_not_finite_matters_to_image_motion(bad):
     assert found.notes == ("image motion: 2 of 40 poses were not finite",)
 
 
-@pytest.mark.parametrize(
-    ("constant", "value"),
-    [
-        ("sigma", 0.0), ("sigma", float("nan")), ("epsilon", -0.1), ("epsilon", 1.0),
-        ("n_samples", 0), ("exponent", "max"), ("k", 0.0), ("occlusion", "yes"),
-        ("background", "moving"), ("blur_px", -1.0),
-    ],
-)  # fmt: skip
-def test_constants_out_of_range_are_named(constant, value):
-    with pytest.raises(InputError, match=rf"image motion: {constant} must be .* found"):
-        ImageMotion(BODY, **{constant: value})
+WRONG = {
+    ImageMotion: "sigma=0 sigma=nan epsilon=-1 epsilon=1 n_samples=0 exponent=max k=0 occlusion=yes background=moving",
+    Background: "k=0 epsilon=0 n_frames=2 n_samples=0",
+    Appearance: "k=0 sigma=0 epsilon=1 rate=1.5 n_samples=0",
+    Silhouette: "k=0 epsilon=1 n_frames=2 rim_px=-1",
+    KeypointLikelihood: "sigma_px=0 temper=1.5 loss=cauchy scale=0",
+    SurfacePoints: "sigma=0 epsilon=0 epsilon=1 temper=1.5 loss=cauchy scale=0 kind=depth",
+    DenseAlignment: "sigma=0 count=-1 n_frames=2",
+}
+"""Values out of range, by class."""
+
+
+@pytest.mark.parametrize(("make", "wrong"), [(make, wrong) for make, all_ in WRONG.items() for wrong in all_.split()])
+def test_constants_out_of_range_are_named(make, wrong):
+    constant, text = wrong.split("=")
+    value = text if text.isalpha() and text != "nan" else float(text)
+    arguments = (BODY, walls()) if make in (Background, Silhouette, DenseAlignment) else (BODY,)
+    with pytest.raises(InputError, match=rf": {constant} must be .*found"):
+        make(*arguments, **{constant: value})
 
 
 def test_frames_without_a_common_camera():

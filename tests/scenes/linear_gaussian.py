@@ -49,6 +49,12 @@ class LinearPrior(IsDensity):
         return state.copy()
 
 
+class TwoJoints(LinearPrior):
+    """The columns called after joints, so that they are of two parts of the body."""
+
+    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
+
+
 class DrawnOnly(LinearPrior):
     """The linear model without a density."""
 

@@ -53,7 +53,7 @@ class Dataset(Protocol):
 
     @property
     def known(self) -> Known:
-        """Tell what is known beforehand."""
+        """Return what is known beforehand."""
 
     def frames(self) -> Iterator[Frame]:
         """Return the frames in order. A run opens them once (see `FrameCache`), as decoding is dear."""

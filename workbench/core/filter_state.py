@@ -59,7 +59,7 @@ class Past:
 
 
 def streams_now(rng_streams: Mapping[str, np.random.Generator]) -> dict[str, Mapping[str, Any]]:
-    """Tell where every stream stands."""
+    """Return where every stream stands."""
     return {name: rng.bit_generator.state for name, rng in rng_streams.items()}
 
 

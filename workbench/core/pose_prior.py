@@ -27,11 +27,11 @@ class Postures:
         return np.asarray(heights + np.log(self.weights) + volumes - 0.5 * a * np.log(2.0 * np.pi))
 
     def shares(self, postures: FloatArray) -> FloatArray:
-        """Tell how likely postures (n, A) are of each part, (n, K)."""
+        """Return how likely postures (n, A) are of each part, (n, K)."""
         return _normalised(self.log_parts(postures))
 
     def shares_of(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Tell how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
+        """Return how likely what is believed of a posture, N(mean (A,), covariance (A, A)), is of each part, (K,)."""
         roots = np.linalg.cholesky(self.covariances + covariance)
         white = np.linalg.solve(roots, (mean - self.means)[:, :, None])[:, :, 0]
         volumes = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)

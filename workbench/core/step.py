@@ -87,5 +87,5 @@ class Continuing(Protocol):
 
 
 def continues(inference: Inference) -> TypeGuard[Continuing]:
-    """Tell whether the inference can go on from a frame."""
+    """Return whether the inference can go on from a frame."""
     return isinstance(inference, Continuing) and inference.continues

@@ -66,20 +66,17 @@ class Synthesis:
     """Draws one motion from a prior, a frame at a time: an inference that looks at no image.
 
     known: has the lead-in, poses (F, P) up to the start. An implicit prior takes its first window from the last d + 1
-    of them at the library's rate, as no pose tells the velocities; without them, or where they are too few, it searches
-    windows that end near the pose, as for tracking, and the first step says so. Other priors start from the pose alone.
+    of them at the library's rate; where they are too few, it searches windows that end near the pose, and the first
+    step warns. Other priors start from the pose alone.
 
     smoothing_s: time, s, in which what is left of a jump falls to 1/e; 0 leaves jumps as they are. The part of a
-    frame's change of an angle beyond LIMIT_DEG counts as a jump, is held back as an offset and let go bit by
-    bit. An angle then never changes by more than LIMIT_DEG and the part of its offset let go. The prior goes on from
-    its own pose, not from the smoothed one.
+    frame's change of an angle beyond LIMIT_DEG counts as a jump, is held back as an offset and let go bit by bit. The
+    prior goes on from its own pose, not from the smoothed one.
 
     look_ahead: frames, of an implicit prior only; 0: none. Windows that fewer recorded frames follow are never drawn.
     Of CANDIDATES draws, each followed for so many frames, one is chosen with odds exp(−|c_i − c_t|² / 2β), the square
-    being the mean over the frames ahead: a path that leads away from all that was recorded, a dead end, is not taken.
-
-    foot_contact: hold a planted foot where it is, see `FootContact`; the ground is where the lead-in's lowest
-    ankle was, or without one the starting pose's.
+    being the mean over the frames ahead: a dead end is not taken. foot_contact: hold a planted foot in place, see
+    `FootContact`; the ground is where the lead-in's lowest ankle was, or without one the starting pose's.
 
     Raises InputError for numbers out of range and a look-ahead with a prior that has none.
     """
@@ -197,11 +194,10 @@ class Smoother:
 class FootContact:
     """Shifts the root of one motion, frame by frame, so that the planted ankle rests on the ground.
 
-    The lower of the ankles that move slower than PLANTED_SPEED, in the motion as it came, is planted. From then on the
-    root is shifted so that this ankle stays at the place where it came down, and within a few frames at the ground's
-    height, until it moves faster again. The shift then stays: the motion goes on from where it is, so that neither
-    taking off nor landing makes a jump. One ankle is held at a time; of two feet on the ground the other may slide.
-    Angles are left alone, so that a foot's roll, which the body has no joint for, is lost in the planted ankle's place.
+    The lower of the ankles that move slower than PLANTED_SPEED, in the motion as it came, is planted: the root is
+    shifted so that it stays where it came down, and within a few frames at the ground's height, until it moves faster
+    again. The shift then stays, so that the motion does not jump. One ankle is held at a time. Angles are left alone,
+    so that a foot's roll is lost.
 
     ground_m: height of a standing person's ankles, m. planted: which of ANKLES is held, None in the air.
     """

@@ -49,7 +49,7 @@ class Remembering(Generic[Memory]):
 
 
 def finite_rows(poses: FloatArray) -> BoolArray:
-    """Tell which (N,) of poses (N, P) are finite."""
+    """Return which (N,) of poses (N, P) are finite."""
     finite = np.isfinite(poses)
     return np.ones(len(poses), dtype=np.bool_) if finite.all() else np.asarray(finite.all(axis=1))
 

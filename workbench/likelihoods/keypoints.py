@@ -1,4 +1,4 @@
-"""How well a pose explains the 2-D joints that a detector found, or somebody marked, in every view."""
+"""How well a pose explains the 2-D joints detected or annotated in every view."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

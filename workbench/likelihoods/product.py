@@ -23,18 +23,15 @@ class Product:
 
         log p = Σ_k w_k log p_k
 
-    Cues that look at the same pixels err together, so the plain product (w = 1) is too sure of itself; and a cue that
-    is much sharper than the others decides alone. Weights below 1 temper both.
+    Cues of the same pixels err together, so that w = 1 is too sure of itself, and the sharpest cue decides alone;
+    weights below 1 temper both.
 
-    terms, weights: by name. A term of weight 0 is never evaluated; without any other, every pose is equally likely.
-    Of every frame are told, as "share_<name>", the parts of the terms in what tells the particles apart,
+    terms, weights: by name. A term of weight 0 is never evaluated. The diagnostics "share_<name>" are
 
         share_k = Cov(w_k log p_k, log p) / Var(log p),
 
-    over the particles whose likelihood is not zero. They sum to one; a cue that contradicts the others is below zero.
-    In a run's first frame, which is given, all are 0.
-
-    Least squares minimises the residuals of all terms together, where all have some.
+    over the particles whose likelihood is not zero, and sum to one; all are 0 in a run's first frame. Least squares
+    minimises the residuals of all terms together, where all have some.
     Raises InputError when there is no term, or the weights are not those of the terms or negative.
     """
 

@@ -27,15 +27,12 @@ class SurfacePoints:
         log p = temper · Σ_k log((1 − ε) N(r_k; 0, σ²) + ε / RANGE_M)
 
     with r_k the distance of point k to the nearest part of the body's implicit surface. sigma: σ, m. epsilon: ε, the
-    share of outliers. temper: below 1 flattens the posterior, since points
-    of one stereo pair err together and N particles cannot follow a posterior that is much narrower than their spread.
+    share of outliers. temper: below 1 flattens the posterior, since points of one stereo pair err together.
 
     Least squares minimises the residuals over sigma instead, of this kind, "distance" (m) or the paper's "field", under
     a loss, "squared", "huber" or "geman_mcclure", which bends at `scale`; sigma and scale are then in the kind's unit.
-    It is unsure, too, of what points share, however many there are: those of one part of the body, and all, are off by
-    N(0, shared_m²) along each axis, m, see `fit.shared`. Chosen by the log score of people of clips.choose.
-    The previous pose and frame do not matter. Raises InputError when a constant is out of range.
-    """
+    shared_m: m, deviation along each axis of what points of one part of the body, and all, are off together, see
+    `systematic_errors.Shared`. Raises InputError when a constant is out of range."""
 
     traits: ClassVar[Traits] = offering(RESIDUALS, dataset=POINTS)
 

@@ -22,25 +22,20 @@ SIGMA, KEEP = 0.02, 0.9
 
 @keeps_keys
 class Jitter(Appended):
-    """The pose of another prior plus an offset δ for each of k joint angles, which returns to zero:
+    """The pose of another prior plus an offset δ for each of k joint angles, a first-order autoregression (AR):
 
         δ_t = keep^n δ_t−1 + N(0, σ² (1 − keep^2n) / (1 − keep²)),  n = Δt · 30 Hz
 
-    A first-order autoregression (AR), whose deviation in the long run is σ / √(1 − keep²). A linear model of walking
-    knows no other swing of the arms than it was shown, so that without the offsets its posterior is too sure of itself.
+    whose deviation in the long run is σ / √(1 − keep²). Without the offsets a linear model of walking knows no other
+    swing of the arms than its training data's. A state is the base prior's and then the k offsets,
+    "<parameter>_jitter".
 
-    A state is the base prior's and then the k offsets, "<parameter>_jitter".
-
-    base: the other prior. sigma: rad per frame at 30 Hz; None: so that every offset's deviation in the long run is what
-    the base's model misses of people left out (`learning.discrepancy`: in the mean 5.2° over eight walkers of CMU, 11°
-    of the neck's nod, 6–7° of the shoulders' twist, 4–8° of the elbows, 4–5° of the knees and the hips' flexion) times
-    `strangers.widening`, or SIGMA where it has not learned that. keep: what is left of an offset after such a frame;
-    None: as learned, which is near 1 for most angles, since people differ by a bearing of their own. Particles do
-    better with less: 5000 of them on keypoints of six of those walkers, each left out, without the widening, had 88 %
-    of the truth in their 90 % bands and a mean error of 34 mm, and 85 % and 37 mm with what is learned.
-    parameters: names of joint angles or of body parts (`skeleton.PARTS`); None: all that the base moves but the root.
-    Raises InputError for numbers out of range, and for parameters of the root.
-    """
+    base: the other prior. sigma: rad per frame at 30 Hz; None: so that each offset's deviation in the long run is what
+    the base's model misses of people left out (`motion.models.model_discrepancy`) times `core.discrepancy.widening`, or
+    SIGMA where that is not learned. keep: what is left of an offset after a frame; None: as learned, near 1 for most
+    angles, since people differ by a bearing of their own; particles do better with less. parameters: names of joint
+    angles or of body parts (`skeleton.PARTS`); None: all that the base moves but the root. Raises InputError for
+    numbers out of range, and for parameters of the root."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -94,7 +89,8 @@ class Jitter(Appended):
         return poses
 
     def transition(self, dt_s: float) -> tuple[FloatArray, float, FloatArray]:
-        """Tell what is left (k,) of offsets after `dt_s` seconds, zero, and the deviations (k,) of the noise since."""
+        """Return what is left (k,) of offsets after `dt_s` seconds, zero, and the deviations (k,) of the noise
+        since."""
         kept = self.keep ** (dt_s * REFERENCE_RATE_HZ)
         return kept, 0.0, self.sigma * np.sqrt((1.0 - kept**2) / (1.0 - self.keep**2))
 

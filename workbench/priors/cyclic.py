@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 
 from workbench.body.skeleton import N_ROOT, POSE_NAMES
 from workbench.core.capabilities import DENSITY, MOTION, SEPARABLE, Traits, offering
@@ -34,30 +35,24 @@ _ROWS = 256  # states that are worth a thread
 class Cyclic(AllFree):
     """The cyclic prior over states {c, ψ, ρ, τ, θ}, D = d + 8, of a learned WalkingModel.
 
-    Noise is given per frame at 30 Hz and grows with the square root of the time between frames:
-
-    sigma_coefficients: fraction of λ_k (A eq. 14). sigma_phase: cycles (A eq. 15). sigma_phase_speed: cycles/s (B).
-    sigma_position: m, along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17). start_*:
-    standard deviations of the first states around the starting pose, in the same units. The speed of the phase starts
-    from its learned distribution. penalty: what a fit lets change between frames at 14 Hz, by the fields of
-    `Smoothness`.
+    Noise is given per frame at 30 Hz and grows with the square root of the time between frames. sigma_coefficients:
+    fraction of λ_k (A eq. 14). sigma_phase: cycles (A eq. 15). sigma_phase_speed: cycles/s (B). sigma_position: m,
+    along world x, y, z (A eq. 16). sigma_rotation: rad, heading, pitch and roll (A eq. 17). start_*: standard
+    deviations of the first states around the starting pose, in the same units; the speed of the phase starts from its
+    learned distribution. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
     transition: "stationary", or what a paper writes, with the noise above:
 
         "A" (eq. 14–17)  c_t ~ N(c_t−1, (ελ)²)   μ_t ~ N(μ_t−1 + ρ, σ_μ²)   τ_t ~ N(T_t−1 [v Δt, 0, 0, 1]ᵀ, σ_τ²)
         "B" (section 3)  c, ρ, τ and θ random walks, no more   ψ_t = ψ_t−1 + ρ_t−1 + noise
 
-    and θ_t ~ N(θ_t−1, σ_θ²). Under A ρ is no part of the state, D = d + 7; B has learned no torso speed v.
-    Raises InputError for another.
+    and θ_t ~ N(θ_t−1, σ_θ²). Under A ρ is the mean of the training cycles and no part of the state, D = d + 7 (eq. 15
+    has no drift); B has learned no torso speed v. Raises InputError for another.
 
-    Deviations. A's eq. 15 has no drift, under which a walk would stand still: under "A" ρ is the mean of the training
-    cycles, else the speed of the phase is part of the state, as in B.
-    Coefficients shrink towards zero so that their stationary distribution is N(0, λ²): a pure random walk (A eq. 14)
-    leaves the learned range in long clips. The root moves along its heading over the ground rather than along the
-    torso's own axis (A eq. 16), so that a torso that leans does not sink. Neither holds under "A" and "B". Where the
-    model has learned how the root sways and turns in a cycle (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and
-    the sway is added to it.
-    """
+    Deviations of "stationary". Coefficients shrink towards zero so that they stay N(0, λ²): a pure random walk leaves
+    the learned range in long clips. The root moves along its heading over the ground rather than along the torso's own
+    axis, so that a torso that leans does not sink. Where the model has learned the root's sway
+    (`walking.ROOT_CHANNELS`), {τ, θ} are of its even way, and the sway is added to it."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -96,7 +91,7 @@ class Cyclic(AllFree):
         self._sigma_coefficients = sigma_coefficients
         self._smoothness, self._motion = smoothness(penalty), _motion_model(model)
         curves = np.concatenate([model.mean[None], model.components * model.scales[:, None, None]])
-        self._table = np.ascontiguousarray(sampled(curves, TABLE_PHASES).transpose(1, 0, 2))
+        self._table = np.ascontiguousarray(scipy.signal.resample(curves, TABLE_PHASES, axis=1).transpose(1, 0, 2))
         self._speed = np.ascontiguousarray(self._table[:, :, :1])
 
     @property
@@ -254,14 +249,3 @@ def _decode(first: int, last: int, table: Any, coefficients: Any, phase: Any, ch
             a, b = (1.0 - part) * coefficients[n, k - 1], part * coefficients[n, k - 1]
             for c in range(n_channels):
                 channels[n, c] += a * low[k, c] + b * high[k, c]
-
-
-def sampled(curves: FloatArray, n: int) -> FloatArray:
-    """Return curves (K, n, C) at n evenly spaced phases of those (K, m, C) at m, by their Fourier series: to the bit as
-    `scipy.signal.resample`, whose import takes as long as tracking fifty frames."""
-    m = curves.shape[1]
-    known = min(m, n)
-    spectrum = np.fft.rfft(curves, axis=1)[:, : known // 2 + 1]
-    if known % 2 == 0 and m != n:  # the last one stands for two
-        spectrum[:, -1] *= 0.5 if m < n else 2.0
-    return np.asarray(np.fft.irfft(spectrum / (m / n), n, axis=1))

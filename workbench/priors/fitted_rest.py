@@ -26,11 +26,10 @@ class Trajectory:
 
 @keeps_keys
 class Following(Appended):
-    """Another prior's parameters, with all others as a known trajectory has them: an arm of somebody who balances.
+    """Another prior's parameters, with all others as a known trajectory has them: an arm of a balancing person.
 
-    A state is the base prior's and then `time`, s since the trajectory's first pose, so that a state alone stands for a
-    pose; between poses parameters are linear, after the last they stay. What follows is no random quantity: it has no
-    spread, and `parameters` are the base's alone.
+    A state is the base prior's and then `time`, s since the trajectory's first pose; between its poses parameters are
+    linear, after the last they stay. The trajectory has no spread, and `parameters` are the base's alone.
 
     base: moves the part that is tracked. trajectory: gives the whole body's motion, when first asked.
     """

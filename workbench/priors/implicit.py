@@ -37,28 +37,24 @@ class Implicit:
     """The implicit prior over states {pose, c, what the last d − 1 rows add to the next coefficients} (C, section 4).
 
     The state's first 25 columns are the pose; then come the whitened coefficients c_t of the particle's own last d
-    frames and the rest of `Windows.memory`, so that every particle carries its window. A step projects nothing: it
-    searches an entry i with probability p(Ψ_i | Φ_t), predicts by what follows it, and slides the window on by that.
+    frames and the rest of `Windows.memory`. A step searches an entry i with probability p(Ψ_i | Φ_t), predicts by what
+    follows it, and slides the window on by that.
 
-    search: "exact" draws from p(c_i | c_t) but for the part `epsilon` of its mass, and looks once for all particles
-    with the same coefficients, such as a resampled parent's children; "sign_tree" is the paper's tree, "median_tree"
-    the balanced one; `leaf`, "gaussian" or "uniform", is how those draw in a leaf. beta: temperature. reweight:
-    `propose` weighs a tree's draws by p(c_i | c_t) over the tree's odds (C, footnote 3), at a scan per parent.
+    search: "exact" draws from p(c_i | c_t) but for the part `epsilon` of its mass, once for all particles with the same
+    coefficients; "sign_tree" is the paper's tree, "median_tree" the balanced one; `leaf`, "gaussian" or "uniform", is
+    how those draw in a leaf. beta: temperature. reweight: `propose` weighs a tree's draws by p(c_i | c_t) over the
+    tree's odds (C, footnote 3), at a scan per parent.
 
-    prediction: "copy" takes the angles of the pose after the window (the paper's φ_{t+1} = ψ_{i+1} + noise);
-    "increment" adds the database's change to the particle's own angles; "blend" does that and draws the angles towards
-    the database's by the part `pull` of their difference a frame: over the first 1/pull frames the change counts, over
-    longer ones the absolute pose. Copy is a pull of 1, increment one of 0. The root's place and heading always move by
-    the database's increments in the body's own heading frame; its pitch and roll are treated as angles.
+    prediction: "copy" takes the angles of the pose after the window (φ_{t+1} = ψ_{i+1} + noise); "increment" adds the
+    database's change to the particle's own angles; "blend" does that and draws the angles towards the database's by the
+    part `pull` of their difference a frame. The root's place and heading always move by the database's increments in
+    the body's own heading frame; its pitch and roll are treated as angles.
 
     sigma_position: m, forward, sideways, up. sigma_rotation: rad, heading, pitch, roll. sigma_angles: rad, one for all
     modelled angles or one for each. All per frame at 30 Hz; they grow with the square root of the time between rows.
-    Angles that are not modelled, and the root where it is not, stay as they start.
-
-    inertia: part of the noise that enters the velocities in the particle's window too, as motion of its own, so that
-    the next search looks for what goes on from there: with 0 the onset of a motion is followed late.
-    Deviation: nothing keeps the angles inside the skeleton's limits but the database.
-    """
+    Angles that are not modelled, and the root where it is not, stay as they start. inertia: part of the noise that
+    enters the velocities in the particle's window too: with 0 the onset of a motion is followed late. Deviation:
+    nothing keeps the angles inside the skeleton's limits but the database."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:

@@ -64,13 +64,10 @@ class WindowWays:
 class ImplicitDensity:
     """p(pose_t | s_t−1) = Σ_i p(i | c_t−1) N(pose_t; m_i(s_t−1), Σ), m_i being where window i leads without noise.
 
-    The windows i are those that the exact search finds, with the probabilities that it draws them with, so that this is
-    the density of what `Implicit.step` draws; all others together have the part `epsilon` of the mass of eq. 6 at most.
-    Free are the pose's columns, of which those that are not modelled have no noise. The memory follows from which
-    window it was: `complete` draws that from p(i | pose_t, c_t−1) and slides the memory on by the noise it implies.
-
-    States must be one library frame apart: over several, the windows in between would have to be summed over.
-    """
+    The windows i are those that the exact search finds, with the probabilities that it draws them with: this is the
+    density of `Implicit.step`'s draws; all other windows have the part `epsilon` of the mass of eq. 6 at most. Free are
+    the pose's columns, of which those that are not modelled have no noise. `complete` draws the window from p(i |
+    pose_t, c_t−1) and slides the memory on by the noise it implies. States must be one library frame apart."""
 
     prediction: WindowPrediction
     tree: KdTree

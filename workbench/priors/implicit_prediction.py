@@ -67,7 +67,7 @@ class WindowPrediction:
         return self._remembered(state, pose, self._rows(entries)[1], noise)
 
     def way(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Tell what of the way between poses (N, P) a window must account for, (N, K), in the order of `moved`.
+        """Return what of the way between poses (N, P) a window must account for, (N, K), in the order of `moved`.
 
         It is how far the root went, as it headed, and the angles without the part (1 − pull) of the ones before; noise
         comes on top, so that given the window `way − ways` is N(0, deviations²).
@@ -82,7 +82,7 @@ class WindowPrediction:
         return np.column_stack([ahead, aside, step[:, 2:], angles])
 
     def ways(self, entries: IntArray) -> FloatArray:
-        """Tell what entries (N,) account for of a way, (N, K)."""
+        """Return what entries (N,) account for of a way, (N, K)."""
         before, after = self._rows(entries)
         theirs = self.absolute[1]
         angles = after[:, theirs] - (1.0 - self.pull) * before[:, theirs]

@@ -152,7 +152,7 @@ def _descend(starts: Any, splits: Any, probes: Any, beta: float, uniforms: Any, 
 
 @kernel(error_model="numpy")
 def _is_below(uniform: float, x: float) -> Any:
-    """Tell whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
+    """Return whether uniform < Φ(x): a table tells nearly always, and the function itself where that might be wrong."""
     cell = (min(max(x, -TABLE_END), TABLE_END) + TABLE_END) * (TABLE.shape[0] - 1) / (2.0 * TABLE_END)
     k = min(int(cell), TABLE.shape[0] - 2)
     above = TABLE[k] + (cell - k) * (TABLE[k + 1] - TABLE[k]) - uniform

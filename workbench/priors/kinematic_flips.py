@@ -38,22 +38,19 @@ LIMBS = (
 
 @keeps_keys
 class Flipping:
-    """Another prior, under which forearms and calves may turn over from towards the camera to away from it:
+    """Another prior, under which forearms and calves may flip in depth:
 
         p(s_t | s_t−1) = (1 − π) p(s_t | s_t−1) + π / 4 Σ_l p(s_t | F_l s_t−1),  π = 1 − (1 − probability)^(Δt · 30 Hz)
 
     F_l mirrors limb l in the plane through its upper end that faces the camera, by a new twist above and a new bend, so
-    that its lower end is seen about where it was. Where the body's limits forbid that, F_l changes nothing.
-
-    `step` draws exactly. `propose` lets a share of the particles flip, more than are believed to, and corrects their
-    weights by π / share, those of the others by (1 − π) / (1 − share).
-
-    Left out: whole arms and legs, whose flip also turns the next limb; velocities, which a flip leaves as they are.
+    that its lower end is seen about where it was. Where the body's limits forbid that, F_l changes nothing. Left out:
+    whole arms and legs, whose flip also turns the next limb; velocities, which stay. `step` draws exactly. `propose`
+    lets a share of the particles flip and corrects their weights by π / share, those of the others by (1 − π) / (1 −
+    share).
 
     base: a prior with columns of its own for the joints' angles, such as `Smooth` (without limits on the limb's
     parameters that are narrower than the body's), or for offsets to them, such as `Jitter`. camera: gives the camera,
-    when first asked. Raises InputError for a base without such columns and for numbers out of range.
-    """
+    when first asked. Raises InputError for a base without such columns and for numbers out of range."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:

@@ -20,15 +20,13 @@ _SPEEDS = ("ahead", "aside", "up", "turn")
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """States {pose, velocity} that a linear-Gaussian model leads on, see `LinearMotion`:
+    """States {pose, velocity} of a linear-Gaussian model, see `LinearMotion`:
 
         v_t = gain [posture_t−1, v_t−1] + offset + N(0, noise² covariance),   pose_t = pose_t−1 led on by v_t
 
-    A pose says which velocity led to it, so that the pose's columns are free and velocities follow.
-
-    noise: how much wider the noise is than what recorded motions leave: it is Gaussian, and people are not.
-    Deviation: nothing keeps the angles inside
-    the skeleton's limits but what was learned. Raises InputError for numbers that are not positive.
+    The pose determines the velocity that led to it: the pose's columns are free and velocities follow. noise: factor of
+    the deviations that recorded motions leave. Deviation: nothing keeps the angles inside the skeleton's limits but the
+    data. Raises InputError for a noise that is not positive.
     """
 
     traits = offering(DENSITY, GAUSSIAN)

@@ -45,25 +45,20 @@ class Smooth(AllFree):
         φ_i,t ~ N(φ_i,t−1 + V_i,t−1 Δt, (σ_i^φ)²) given φ_i,t ∈ [φ_i,min, φ_i,max]
         V_i,t ~ N(e^(−damping Δt) V_i,t−1, (σ_i^V)²)
 
-    A state holds the k moving parameters, their k velocities (m/s, rad/s) and, last, the P − k held ones, which keep
-    the values of the starting pose, so that a prior has no memory of its own and a state alone stands for a pose.
+    A state holds the k moving parameters, their k velocities (m/s, rad/s) and, last, the P − k held ones.
 
     parameters: names of the moving ones or of body parts (`skeleton.BODY_PARTS`), None for all of POSE_NAMES. sigma,
     sigma_velocity: deviations per frame at 30 Hz, growing with the square root of the time between frames, by parameter
     ("left_shoulder_twist"), by parameter of either side ("shoulder_twist") or by joint ("shoulder", "root_position"),
-    the first that is there; what is not given comes from SIGMA and SIGMA_VELOCITY. damping: the rate at which
-    velocities decay, 1/s; 0 as in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like
-    sigma. start_pose: deviation of the first poses around the starting pose, in multiples of sigma. start_uniform:
-    parameters that start anywhere within their limits. penalty: what a fit lets change between frames at 14 Hz, by the
-    fields of `Smoothness`.
+    the first that is there; SIGMA and SIGMA_VELOCITY by default. damping: the rate at which velocities decay, 1/s; 0 as
+    in the paper. lowest, highest: limits in place of the skeleton's, m or rad, listed like sigma. start_pose: deviation
+    of the first poses around the starting pose, in multiples of sigma. start_uniform: parameters that start anywhere
+    within their limits. penalty: what a fit lets change between frames at 14 Hz, by the fields of `Smoothness`.
 
-    Limits. The paper's density is a Gaussian inside the limits and 0 outside, and so integrates to less than one near
-    them. We draw from it normalised, the truncated normal: the same as redrawing until a draw falls inside, and not as
-    clipping, which would pile draws up on the limit. A mean beyond a limit is no special case: draws then lie just
-    inside, about σ²/distance from it. A limit leaves the velocity alone, as in the paper, where the V_i are independent
-    of φ: it goes on pressing against the limit until its own walk, the damping or the likelihood turns it round.
-    Raises InputError for an unknown name, a negative deviation, or limits that are none.
-    """
+    Limits. The paper's density is a Gaussian inside the limits and 0 outside, which integrates to less than one near
+    them. Draws here are of the normalised density, the truncated normal. Where the mean is beyond a limit, they lie
+    just inside, about σ²/distance from it. A limit leaves the velocity alone, as in the paper. Raises InputError for an
+    unknown name, a negative deviation, or limits that are none."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -234,7 +229,7 @@ def _open_uniforms(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArr
 
 
 def _keys(parameter: str) -> tuple[str, str, str]:
-    """Tell what a parameter's deviation may be listed under, the most specific first."""
+    """Return what a parameter's deviation may be listed under, the most specific first."""
     either_side = parameter.removeprefix("left_").removeprefix("right_")
     part = either_side.partition("_")[0]
     if part == "root":

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_gaussian import MEAN0, LinearPrior, LookOf, Memoryless, Position, frames, simulate, streams
+from linear_gaussian import MEAN0, LookOf, Memoryless, Position, TwoJoints, frames, simulate, streams
 
 from workbench.core.filter_state import Past
-from workbench.core.state_space import StateSpace
 from workbench.core.step import Continuing
 from workbench.inference.smc.bootstrap import Auxiliary, Bootstrap
 from workbench.inference.smc.gauss_newton import GaussNewton
@@ -33,12 +32,6 @@ WRAPPERS = {
     "fixed_lag": lambda plain: FixedLag(plain, lag=3, least_ancestors=10),
     "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
 }
-
-
-class TwoJoints(LinearPrior):
-    """The columns called after joints, so that they are of two parts of the body."""
-
-    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
 
 
 class Drifting(Memoryless):

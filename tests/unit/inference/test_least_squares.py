@@ -144,16 +144,6 @@ def test_the_band_covers_the_truth_as_often_as_it_says():
     assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
 
 
-def test_the_same_seed_gives_the_same_bits():
-    (fit, _, times), (again, _, _) = sequence(outliers=0.1), sequence(outliers=0.1)
-    np.testing.assert_array_equal(fit.poses, again.poses)
-    np.testing.assert_array_equal(fit.covariance, again.covariance)
-    first, second = (list(steps(one, frames(times), 7, np.random.default_rng(3))) for one in (fit, again))
-    for one, other in zip(first, second, strict=True):
-        np.testing.assert_array_equal(one.particles, other.particles)
-        np.testing.assert_array_equal(one.poses, other.poses)
-
-
 @pytest.mark.parametrize("prior", [None, decoder()], ids=["alone", "under the model's poses"])
 def test_without_a_model_the_state_is_the_pose(prior):
     times, states = walk(6)

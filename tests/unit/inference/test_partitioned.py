@@ -9,6 +9,7 @@ from linear_gaussian import (
     LinearPrior,
     Memoryless,
     Position,
+    TwoJoints,
     assert_agree,
     exact,
     frames,
@@ -25,12 +26,6 @@ from workbench.utils.errors import InputError
 
 T, SEEDS, N = 8, 25, 200
 LEGS_FIRST = ("lower_body", "upper_body")
-
-
-class TwoJoints(LinearPrior):
-    """The columns called after joints, so that they are of two parts of the body."""
-
-    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
 
 
 def runs(make, measured, n_seeds=SEEDS, **model):

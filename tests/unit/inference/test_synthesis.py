@@ -83,15 +83,6 @@ def test_the_lead_in_may_have_another_rate(windows, motions):
     assert step.particles == pytest.approx(expected.particles, abs=0.03)
 
 
-def test_a_step_is_one_particle_of_weight_one(windows, motions):
-    steps = run(Implicit(windows), motions[0])
-    for index, step in enumerate(steps):
-        assert (step.frame.index, step.ess) == (index, 1.0)
-        assert step.particles.shape == (1, len(step.space))
-        assert np.exp(step.log_weights).sum() == 1.0
-        assert (step.poses[0] == step.expected_pose).all()
-
-
 def test_other_priors_take_their_own_steps(motions):
     prior = Smooth()
     steps = run(prior, motions[0], n=5)
@@ -121,15 +112,6 @@ def test_the_implicit_prior_without_look_ahead_takes_its_own_steps(windows, moti
     for step in run(prior, motions[0], n=10):
         assert (step.particles == state).all()
         state = prior.step(state, 1 / 30, own)
-
-
-def test_the_seed_decides(windows, motions):
-    runs = [
-        np.array([step.expected_pose for step in run(Implicit(windows), motions[0], seed=seed, look_ahead=2)])
-        for seed in (1, 1, 2)
-    ]
-    assert (runs[0] == runs[1]).all()
-    assert not (runs[0] == runs[2]).all()
 
 
 def test_a_start_from_the_pose_alone_is_told(windows, motions, monkeypatch):

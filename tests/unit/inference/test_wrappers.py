@@ -11,6 +11,7 @@ from linear_gaussian import (
     LinearPrior,
     Memoryless,
     Position,
+    TwoJoints,
     assert_agree,
     exact,
     frames,
@@ -47,12 +48,6 @@ WRAPPERS = {
     "backward_simulation": lambda plain: BackwardSimulation(plain, n_paths=N, least_ancestors=1),
     "fixed_lag of restarting": lambda plain: FixedLag(Restarting(plain), lag=2, least_ancestors=1),
 }
-
-
-class TwoJoints(LinearPrior):
-    """The columns called after joints, so that they are of two parts of the body."""
-
-    space = StateSpace.of({"legs": (("left_knee_flexion",), "rad"), "arms": (("left_elbow_flexion",), "rad")})
 
 
 def around(wrapper, move, measured):

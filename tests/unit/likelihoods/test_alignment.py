@@ -339,19 +339,6 @@ def test_a_clip_that_was_tracked_teaches_more_of_the_scene(walker, tracked):
     assert not likelihood.look(None, frames[0]).judges
 
 
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        ({"sigma": 0.0}, "sigma must be positive"),
-        ({"count": -1.0}, "count must be positive"),
-        ({"n_frames": 2}, "n_frames must be at least 3"),
-    ],
-)
-def test_constants_out_of_range_are_refused(walker, wrong, sentence):
-    with pytest.raises(InputError, match=sentence):
-        DenseAlignment(walker.body, FrameCache(walker), **wrong)
-
-
 def test_a_camera_that_was_not_in_the_clip_is_refused(walker, tracked):
     other = replace(CAMERA, name="another")
     frame = Frame(0, 0.0, (View(other, np.zeros(SHAPE, np.uint8)),))

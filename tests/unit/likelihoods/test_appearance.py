@@ -17,7 +17,6 @@ from workbench.likelihoods.cues.appearance import (
 from workbench.likelihoods.cues.image_levels import bilinear
 from workbench.likelihoods.cues.limb_points import limb_points
 from workbench.likelihoods.image_motion import patch_samples
-from workbench.utils.errors import InputError
 
 ROD = scenes.rods(((0.0, 0.0, -0.3), (0.0, 0.0, 0.3), 0.1))
 SIGMA, EPSILON = 12.0, 0.1
@@ -140,12 +139,3 @@ def test_a_pose_that_is_not_finite_teaches_nothing_and_the_next_frame_says_so_on
     look = twice.look(view(150, 1), view(150, 2))
     assert look.notes == ("appearance: frame 1 has no finite expected pose to learn from",)
     assert look.remember(scenes.root()[0]).look(view(150, 2), view(150, 3)).notes == ()
-
-
-@pytest.mark.parametrize(
-    ("constant", "value"),
-    [("k", 0.0), ("sigma", 0.0), ("epsilon", 1.0), ("rate", 1.5), ("n_samples", 0)],
-)
-def test_constants_out_of_range_are_named(constant, value):
-    with pytest.raises(InputError, match=rf"appearance: {constant} must be .* found"):
-        Appearance(ROD, **{constant: value})

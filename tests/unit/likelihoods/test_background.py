@@ -106,15 +106,6 @@ def test_a_camera_that_the_clip_does_not_have_is_an_error(walk):
         Background(walk.body, walk.clip).look(frame, frame)
 
 
-@pytest.mark.parametrize(
-    ("constant", "value"),
-    [("k", 0.0), ("epsilon", 0.0), ("n_frames", 2), ("n_samples", 0)],
-)
-def test_constants_out_of_range_are_named(constant, value):
-    with pytest.raises(InputError, match=rf"background: {constant} must be .* found"):
-        Background(ROD, clip(scenes.flat(1))[0], **{constant: value})
-
-
 def test_the_frames_it_is_learned_from_are_spread_over_the_clip():
     """Of seven frames the first, the middle and the last, whose median is the middle one's level."""
     still, _ = clip(*[scenes.flat(level) for level in (10, 0, 0, 20, 0, 0, 90)])

@@ -9,7 +9,6 @@ from view_scenes import CAMERAS, frames, swinging
 from workbench.body.kinematics import joints
 from workbench.core.frame import Frame, View
 from workbench.likelihoods.keypoints import KeypointLikelihood
-from workbench.utils.errors import InputError
 
 SKELETON = BODY.skeleton
 
@@ -56,9 +55,3 @@ def test_what_cannot_be_is_impossible_and_what_is_not_there_is_told():
     blind = Frame(7, 0.1, ())
     assert log_prob(likelihood, frame, blind, poses, poses).tolist() == [0.0]
     assert likelihood.look(frame, blind).notes == ("frame 7: there are no keypoints",)
-
-
-@pytest.mark.parametrize("given", [{"sigma_px": 0.0}, {"temper": 1.5}])
-def test_constants_out_of_range_are_refused(given):
-    with pytest.raises(InputError, match=f"keypoints: {next(iter(given))} must be"):
-        KeypointLikelihood(BODY, **given)

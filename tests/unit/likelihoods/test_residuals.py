@@ -124,12 +124,3 @@ def test_a_term_without_residuals_is_named():
     with pytest.raises(InputError, match="least squares needs residuals of every term of a product, colour has none"):
         _ = Product(terms, {**EVEN, "colour": 0.5}).residual_terms
     assert set(Product(terms, {**EVEN, "colour": 0.0}).residual_terms) == {"points", "keypoints"}
-
-
-@pytest.mark.parametrize(("name", "value"), [("loss", "cauchy"), ("scale", 0.0), ("kind", "depth")])
-def test_constants_out_of_range_are_named(name, value):
-    with pytest.raises(InputError, match=f"surface points: {name} must be"):
-        SurfacePoints(BODY, **{name: value})
-    if name != "kind":
-        with pytest.raises(InputError, match=f"keypoints: {name} must be"):
-            KeypointLikelihood(BODY, **{name: value})

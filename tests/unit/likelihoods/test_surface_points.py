@@ -10,7 +10,6 @@ from workbench.body.shape import from_height
 from workbench.body.surface import attach, person_surface, residuals
 from workbench.core.frame import Frame
 from workbench.likelihoods.surface_points import SurfacePoints
-from workbench.utils.errors import InputError
 
 BODY = person(from_height(1.75))
 
@@ -76,9 +75,3 @@ def test_a_frame_without_points_says_nothing(points):
     likelihood = SurfacePoints(BODY)
     assert (log_prob(likelihood, frame(None), frame(points), poses(3), poses(3)) == 0.0).all()
     assert likelihood.look(None, frame(points)).notes == ("frame 1: there are no points",)
-
-
-@pytest.mark.parametrize(("name", "value"), [("sigma", 0.0), ("epsilon", 0.0), ("epsilon", 1.0), ("temper", 1.5)])
-def test_constants_out_of_range_are_named(name, value):
-    with pytest.raises(InputError, match=f"surface points: {name}"):
-        SurfacePoints(BODY, **{name: value})

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy
 
 from tests.oracles import cyclic as oracle
 from workbench.body.camera import plain_camera
@@ -11,7 +10,7 @@ from workbench.body.shape import from_height
 from workbench.body.skeleton import N_ROOT, person_skeleton
 from workbench.core.residual import projection_jacobian
 from workbench.motion.models.walking import WalkingModel
-from workbench.priors.cyclic import Cyclic, decode, sampled
+from workbench.priors.cyclic import Cyclic, decode
 from workbench.utils.errors import InputError
 
 T, D = 32, 3
@@ -33,12 +32,6 @@ def states(prior, n, seed=1):
     state = np.random.default_rng(seed).normal(size=(n, len(prior.space)))
     state[:, prior.space.slices["phase"]] %= 1.0
     return state
-
-
-@pytest.mark.parametrize(("m", "n"), [(64, 256), (63, 256), (256, 256), (300, 256), (301, 256), (7, 5), (8, 5)])
-def test_curves_are_sampled_as_scipy_does_it_to_the_last_bit(m, n):
-    curves = np.random.default_rng(m).normal(size=(3, m, 4))
-    assert np.array_equal(sampled(curves, n), scipy.signal.resample(curves, n, axis=1))
 
 
 def test_the_kernel_agrees_with_numpy():

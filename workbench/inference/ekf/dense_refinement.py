@@ -22,14 +22,12 @@ ENOUGH = 0.5
 def settle(
     look: LayeredLook, prior: Tails, pose: FloatArray, slope: Slope, limits: FloatArray, joints: BoolArray
 ) -> tuple[FloatArray, Slope, int]:
-    """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the peak of the first two, within limits
-    (P, 2), by Newton steps; return the pose, the slope of the points there, and how often the layers were asked. slope:
-    of the points at the pose it begins with. joints: (J,), all true.
+    """Climb log prior + log p(points) + log p(layers) from a pose (P,) near the mode of the first two.
 
-    The layers have no derivatives: these are differences along the axes that the prior's precision and the points'
-    curvature share, over the deviations of both there, and only along those which the points see (LEAST_SEEN).
-    Curvature that is not downwards counts as none, and off the diagonal none is looked at.
-    """
+    limits: (P, 2). slope: of the points at the pose it begins with. joints: (J,), all true. Returns the pose, the slope
+    of the points there, and the number of evaluations of the layers. The layers' derivatives are differences along the
+    axes that the prior's precision and the points' curvature share, over the deviations of both there, where the points
+    see them (LEAST_SEEN). Curvature is taken to be diagonal and not negative."""
     last, count = look.levels - 1, 0
     for _ in range(STEPS):
         precision = prior.precision(pose)

@@ -89,17 +89,13 @@ OWN_M = 0.045
 def shares(
     look: LayeredLook, skeleton: Skeleton, limbs: Sequence[IntArray], pose: FloatArray, other: FloatArray
 ) -> FloatArray:
-    """Tell how much each number (P,) of the pose that an earlier look found, `other` (P,), counts beside this look's
-    `pose` (P,), 0 to 1: as much where they agree, and less the farther they are apart, with odds of OWN_M² to
-    OWN_M² + d², d being the mean distance of their joints; of each limb, columns (k,) of the pose, with these odds
-    times how likely the frame's pixels are with it to how likely with this look's, to the power PIXELS_SAY.
+    """Return the weights (P,) of a first pass's pose `other` (P,) beside the second pass's `pose` (P,), 0 to 1.
 
-    These are the weights of two estimates by their variances, where both err by OWN_M and the earlier one by what they
-    differ by, too: that look does not know what is behind the person, so that it keeps the error of the start. A limb
-    of each look is tried on the body of either, and the mean counts: a body that is a little off suits the limbs that
-    were found with it. Deviation: pixels do not weigh what limbs hang on, as they do not say how far away the whole
-    body is: weighing that too, it was told worse.
-    """
+    The odds are OWN_M² to OWN_M² + d², d being the mean distance of their joints: inverse variances, where both passes
+    err by OWN_M and the first one, which lacked the scene behind the person, by their difference too. Of each limb,
+    columns (k,) of the pose, these odds are multiplied by the ratio of the frame's likelihoods with either limb to the
+    power PIXELS_SAY, averaged over the bodies of both passes. Deviation: the root is not weighed by the likelihood, as
+    pixels do not say how far away the whole body is."""
     n, joints = len(limbs), np.ones(len(skeleton.names), dtype=np.bool_)
     theirs = nearest_turn(other, pose)
     tried = np.repeat(np.stack([pose, theirs]), n + 1, axis=0)  # each body, then with each of the other's limbs
@@ -118,15 +114,14 @@ def shares(
 def of_both(
     first: FloatArray, second: FloatArray, covariance: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean (D,) and covariance (D, D) of a state of which two looks found estimates (D,), the second with a
-    covariance (D, D) that knows nothing of the first. weights: (P,), see `shares`, of the pose's numbers in the first,
-    with which the state begins; of the others both count as much.
+    """Fuse the estimates (D,) of two passes; return mean (D,) and covariance (D, D).
 
-    They are two samples of what a look may find: told is their mean, x̄ = w x₁ + (1 − w) x₂, and beside the covariance
-    twice their weighted one, 2 Σ w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂: the unbiased estimate d dᵀ / 2 where
-    both count as much, and nothing where one is not believed, by which postures would draw the other one to it. Angles
-    are compared on the nearest turn.
-    """
+    covariance: (D, D), of the second pass. weights: (P,) of the pose's numbers in the first pass, see `shares`; of the
+    other columns both count alike.
+
+    The passes are taken as two samples: x̄ = w x₁ + (1 − w) x₂, and the covariance gains twice their weighted one, 2 Σ
+    w (x − x̄)² = 2 w (1 − w) d dᵀ with d = x₁ − x₂, the unbiased estimate d dᵀ / 2 where both count alike. Angles are
+    compared on the nearest turn."""
     n = len(POSE_NAMES)
     apart = np.concatenate([nearest_turn(first[:n], second[:n]), first[n:]]) - second
     every = np.concatenate([weights, np.full(len(second) - n, 0.5)])

@@ -154,7 +154,7 @@ class Kalman:
                 before = self.prior.pose(belief.mean[None])
                 predicted = belief if previous is None else predict(model, belief, frame.time_s - previous.time_s)
                 clock.lap("prior")
-                leaps = previous is not None  # nobody leaps from where a start is given
+                leaps = previous is not None  # not from a given start
                 belief, peak = self._updated(predicted, look, before, leaps, rng_streams["resampling"])
                 if frame.index in found and isinstance(look, LayeredLook):
                     weighed = shares(look, self.body.skeleton, self._leaping, peak.pose, found[frame.index])
@@ -245,7 +245,7 @@ class Kalman:
     def _step(
         self, frame: Frame, beliefs: Sequence[GaussianState], rng: np.random.Generator, extra: Mapping[str, Any]
     ) -> Step:
-        """Tell what one look at the clip, or two, made of a frame."""
+        """Return what one look at the clip, or two, made of a frame."""
         belief = beliefs[-1]
         widths = self.widen * np.append(belief.doubt, np.ones(len(belief.mean) - len(belief.doubt)))
         mean, covariance = belief.mean, widths[:, None] * belief.covariance * widths

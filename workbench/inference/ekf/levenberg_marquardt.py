@@ -13,7 +13,7 @@ ENOUGH, ENOUGH_YET = 0.05, 0.5
 """A step that gains less ends the climb at the last smoothing, and at one before it, nats."""
 _LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
 FARTHER = 3.0
-"""How many times as far a limb goes that moves as nobody foresaw."""
+"""Factor of the deviations of a limb that moves suddenly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,11 @@ class Peak:
 
 @dataclass(frozen=True, eq=False)
 class Tails:
-    """A Gaussian about a mean (P,), but that each limb may move as nobody foresaw: its numbers, given those before
-    them, are (1 − ε) N(0, I) + ε N(0, FARTHER² I) in the Gaussian's own deviations. People begin and stop to move more
-    suddenly than a Gaussian has it, and when an arm does, all of it does, while the legs go on.
+    """A Gaussian about a mean (P,) with heavier tails, limb by limb: sudden moves are of whole limbs.
 
-    white: (P, P), lower triangular, from a difference to deviations. limbs: (P,), which limb each number moves. sudden:
-    ε.
-    """
+    A limb's numbers, given those before them, are (1 − ε) N(0, I) + ε N(0, FARTHER² I) in the Gaussian's own
+    deviations. white: (P, P), lower triangular, from a difference to deviations. limbs: (P,), of each number. sudden:
+    ε."""
 
     mean: FloatArray
     white: FloatArray
@@ -78,12 +76,12 @@ def climb(
     look: SlopedLook, mean: FloatArray, covariance: FloatArray, limits: FloatArray, *,
     start: FloatArray, limbs: IntArray, sudden: float, flatten: float,
 ) -> Peak:  # fmt: skip
-    """Climb from a pose `start` (P,), within limits (P, 2), by damped Gauss–Newton steps (Levenberg 1944, Marquardt
-    1963), at one smoothing of the image after the other. mean: (P,), what was predicted.
+    """Climb from a pose `start` (P,) by damped Gauss–Newton steps (Levenberg 1944, Marquardt 1963), smoothing by
+    smoothing.
 
-    limbs: (P,), which limb each number moves; sudden: how likely one moves as nobody foresaw, see `Tails`. flatten:
-    power of the likelihood that narrows the covariance (P, P): cues err together, from pixel to pixel and frame to
-    frame. Where a limb is far from what was predicted, the covariance is wider by as much as that was unlikely.
+    mean, covariance: (P,), (P, P), predicted. limits: (P, 2). limbs: (P,), which limb each number moves. sudden: see
+    `Tails`. flatten: power of the likelihood that narrows the covariance: cues err together, from pixel to pixel and
+    frame to frame. Where a limb is far from the prediction, the covariance is wider by as much as that was unlikely.
     """
     prior, pose, count = tails(mean, covariance, limbs, sudden), start, 0
     for level in range(look.levels):

@@ -65,15 +65,15 @@ def cost(places: FloatArray, before: FloatArray) -> FloatArray:
 def is_better(
     look: LayeredLook, n_joints: int, pose: FloatArray, leapt: FloatArray, limb: IntArray, before: FloatArray
 ) -> bool:
-    """Tell whether a frame is likelier in the pose (P,) that was climbed to after a leap: by all its pixels alone, as a
-    limb that hides behind others costs the points nothing, and one that is seen costs them something anywhere."""
+    """Return whether a frame is likelier in the pose (P,) that was climbed to after a leap: by all its pixels alone, as
+    a limb that hides behind others costs the points nothing, and one that is seen costs them something anywhere."""
     everything = np.ones(n_joints, dtype=np.bool_)
     ratios = look.compare(np.stack([pose, leapt]), everything)
     return bool(ratios[1] - ratios[0] - cost(leapt[limb], before[limb]) > LEAST_GAIN)
 
 
 def _moved(skeleton: Skeleton, limb: IntArray) -> BoolArray:
-    """Tell which joints (J,) carry what a limb's angles move."""
+    """Return which joints (J,) carry what a limb's angles move."""
     own = np.unique(skeleton.dof_joints[limb])
     below = descendants(skeleton)[own].any(axis=0)
     return np.asarray(below | np.isin(np.arange(len(skeleton.names)), own))

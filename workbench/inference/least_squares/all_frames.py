@@ -112,10 +112,9 @@ def fit_problem(decoder: MotionDecoder, data: FitData, frames_per_style: int, pl
 
     One for all frames is D's steady style (eq. 12), one for each its varying style (eq. 15).
 
-    Regularisation. α of the first style is N(0, 1) in units of the model's scales, and from one frame to the next α is
-    a stationary autoregression whose new part has the deviation smoothness.style, so that every α is N(0, 1) and a
-    style that may not change is the steady one. Second differences of μ and of the root are normal. D has none of
-    this ("regularization constraints that we presently do not need", section 5), nor has the problem that is `plain`.
+    Regularisation. α of the first style is N(0, 1) in units of the model's scales, then a stationary autoregression
+    whose new part has the deviation smoothness.style, so that a style that may not change is the steady one. Second
+    differences of μ and of the root are normal. D has none of this (section 5), nor has a problem that is `plain`.
 
     Raises InputError for times that do not increase.
     """
@@ -158,7 +157,8 @@ def fit_motion(
 
 
 def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatArray:
-    """Tell how far the states of a fit go, (T, D, k), with k errors of the model `missed` (P, k) that all frames share.
+    """Return how far the states of a fit go, (T, D, k), with k errors of the model `missed` (P, k) that all frames
+    share.
 
     Of a person whose poses are the model's plus one of these, least squares finds, to first order, states that are off
     by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t (∂r_t/∂pose) missed, H being the Gauss–Newton matrix.
@@ -167,7 +167,7 @@ def absorbed(problem: FitProblem, search: Minimum, missed: FloatArray) -> FloatA
 
 
 def misled(problem: FitProblem, search: Minimum, shared: Shared | Lengths) -> FloatArray:
-    """Tell how far the states of a fit are off, (T, D, k), for one deviation of each of k displacements of what is
+    """Return how far the states of a fit are off, (T, D, k), for one deviation of each of k displacements of what is
     seen, or causes of it: by H⁻¹ Σ_t (∂r_t/∂x)ᵀ W_t shifts_t, as in `absorbed`; up to the sign."""
     return _led(problem, search, lambda t, slopes, pose: shared.shifts(t, slopes, pose))
 

@@ -32,7 +32,7 @@ DRIFT_LOSS = Loss("huber", 2.0)
 
 
 def standing_feet(skeleton: Skeleton, seen: Sequence[Observed], times_s: FloatArray) -> BoolArray:
-    """Tell which of ANKLES (T, 2) stand in each of T frames at times (T,), s, by all views that show them; none where
+    """Return which of ANKLES (T, 2) stand in each of T frames at times (T,), s, by all views that show them; none where
     there are no keypoints, or the skeleton has no such joints."""
     stand, shown = np.ones((len(seen), len(ANKLES)), dtype=bool), np.zeros((len(seen), len(ANKLES)), dtype=bool)
     for name in dict.fromkeys(view.camera.name for frame in seen for view in frame.keypoints):

@@ -30,11 +30,11 @@ PRIOR_RAD = 0.05
 @dataclass(frozen=True)
 class FrameByFrame:
     """Fit the pose of every frame from that of the frame before, without a motion model. pose_prior: under the
-    GaussianPrior of the poses that the prior's motion model makes, see `pose_prior`."""
+    Gaussian of the poses that the prior's motion model makes, see `pose_prior`."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
-        """Declare the need of a motion model for the GaussianPrior of its poses, where that is asked for."""
+        """Declare the need of a motion model for the Gaussian of its poses, where that is asked for."""
         return offering(prior=MOTION) if keys.get("pose_prior") else offering()
 
     pose_prior: bool = False
@@ -55,7 +55,7 @@ class FrameByFrame:
 
 def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: GaussianPrior | None = None) -> Fit:
     """Fit each frame from the pose of the frame before (paper D, section 4.1), the first from a pose `start` (P,), with
-    a GaussianPrior prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither
+    a Gaussian prior over poses or without. A covariance is the inverse of the Gauss–Newton matrix; what neither
     points nor prior tell has the deviation FLAT. A joint's angles come out within half a turn of the middle of their
     limits: a straight arm's twist, which no point tells, may have gone round."""
     clock, poses, covariances, searches = working_s(), [start], [], list[Minimum]()
@@ -71,7 +71,7 @@ def fit_poses(decoder: PoseDecoder, data: FitData, start: FloatArray, prior: Gau
 
 
 def pose_prior(decoder: MotionDecoder) -> GaussianPrior:
-    """Return the GaussianPrior of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root
+    """Return the Gaussian of the poses a motion model makes: over all phases, and coefficients N(0, 1); the root
     is free. Angles the model does not speak of rest where they are, with its smallest deviation, PRIOR_RAD."""
     phases = np.arange(PRIOR_PHASES) / PRIOR_PHASES
     states = decoder.states(np.zeros(decoder.n_style), phases, np.zeros(N_ROOT))

@@ -38,17 +38,15 @@ class LeastSquares:
     """Fit a person to all frames: an inference that yields its steps after solving.
 
     likelihood: whose residuals are minimised, under its loss: points on the surface, 2-D keypoints, or their product.
-    prior: its motion model, its smoothness and its density of postures are what holds the poses; None: `Smoothness()`
-    alone. phase_ends: of a cyclic motion, cycles, in the first and the last frame, where the dataset knows them.
-    problem: `MotionFit`, `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the
-    second. most_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
-    n_particles: per step.
+    prior: its motion model, its smoothness and its density of postures regularise; None: `Smoothness()` alone.
+    phase_ends: of a cyclic motion, cycles, in the first and the last frame, where the dataset knows them. problem:
+    `MotionFit`, `SmoothFit` or `FrameByFrame`; None: the first where the prior has a motion model, else the second.
+    most_points: a frame's points beyond are thinned at random. max_iterations: of the search over all frames.
+    n_particles: per step. Raises InputError for numbers out of range, a likelihood without residuals, and a problem
+    without its motion model.
 
-    Raises InputError for numbers out of range, a likelihood without residuals, and a problem that lacks its motion
-    model.
-
-    Deviation. D minimises the plain sum of squares of f − C, which is kind "field" and loss "squared" of the surface
-    points; by default residuals are distances in metres under a loss that redescends, and the start's always are.
+    Deviation. D minimises the plain sum of squares of f − C, kind "field" and loss "squared" of the surface points; by
+    default residuals are distances in metres under a redescending loss, and the start's always are.
     """
 
     @staticmethod

@@ -33,16 +33,14 @@ class MotionFit:
     One for all frames is D's steady style (section 4.2), one for each its varying style (section 4.3). phases: of the
     first and the last frame, (μ₁, μ_T), cycles; None takes those that the task knows, or finds them. plain: minimise F
     alone, as D does, without regularisation. discrepancy: add to the poses' covariance what the model misses of people
-    it was not learned from, where that is known (`strangers.widening`), and what points share (`fit.shared`). rho: the
-    correlation of keypoints' errors from frame to frame, by which fewer frames count
-    (`correlation.effective_share`); None estimates it at a first fit.
-    Raises InputError when frames_per_style is not positive, and for rho out of range.
+    it was not learned from, where that is known (`core.discrepancy.widening`), and what points share
+    (`systematic_errors.Shared`). rho: correlation of keypoints' errors from frame to frame, by which fewer frames count
+    (`systematic_errors.effective_share`); None estimates it at a first fit. Raises InputError when frames_per_style is
+    not positive, and for rho out of range.
 
-    Deviations. D sets the first pose and the phases' ends by hand. D has no regularisation, see `fit_problem`, which
-    `plain` does without. The global motion is found by distances, whatever the fit minimises: our field says nothing
-    beyond a fraction of a limb's radius, and D does not say how wide its own is. A frame's root may start where the two
-    frames before lead, see `global_motion`.
-    """
+    Deviations. D sets the first pose and the phases' ends by hand, and has no regularisation, see `fit_problem`. The
+    global motion is found by distances, whatever the fit minimises: the field says nothing beyond a fraction of a
+    limb's radius. A frame's root may start where the two frames before lead, see `global_motion`."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -144,9 +142,9 @@ def fit_from(
     `fit_problem`.
 
     missed: (P, k), times k standard normal numbers what the motion model misses of a person in every frame. Poses are
-    then unsure by that, less what the fit makes of it (`motion.absorbed`): a root and a style that are off for angles
-    that the model does not have. shared: what observations are off by together, and poses with them (`motion.misled`).
-    """
+    then unsure by that, less what the fit makes of it (`all_frames.absorbed`): a root and a style that are off for
+    angles that the model does not have. shared: what observations are off by together, and poses with them
+    (`all_frames.misled`)."""
     started = working_s()
     problem = fit_problem(decoder, data.weighing(share), frames_per_style, plain)
     states, covariances, search = fit_motion(problem, states, max_iterations=max_iterations)

@@ -20,7 +20,7 @@ from workbench.utils.errors import InputError
 @dataclass(frozen=True, eq=False)
 class FitData:
     """T frames to fit: the residuals of each, under a loss, at times (T,), s, rising, and how smoothly poses change.
-    stand: (T, 2) which ankles stand, see `standing_feet`; None where nobody looked."""
+    stand: (T, 2) which ankles stand, see `standing_feet`; None where it is not known."""
 
     residuals: Sequence[ResidualFunction]
     times_s: FloatArray
@@ -148,14 +148,14 @@ STYLE_HELD = 0.4
 
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
-    """A GaussianPrior over states: whitening (m, D) times (state − mean) is m standard normal numbers. mean: (D,)."""
+    """A Gaussian over states: whitening (m, D) times (state − mean) is m standard normal numbers. mean: (D,)."""
 
     mean: FloatArray
     whitening: FloatArray
 
     @staticmethod
     def independent(mean: FloatArray, deviations: FloatArray) -> "GaussianPrior":
-        """Return the GaussianPrior with these standard deviations (D,); infinite ones leave a number free."""
+        """Return the Gaussian with these standard deviations (D,); infinite ones leave a number free."""
         return GaussianPrior(mean, np.diag(1.0 / deviations))
 
 

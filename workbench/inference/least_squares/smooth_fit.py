@@ -112,17 +112,12 @@ def fit_smooth(
 ) -> tuple[FloatArray, FloatArray, Minimum]:  # fmt: skip
     """Fit poses (T, P) to what is seen of T frames; returns them, their marginal covariances (T, P, P), and the search.
 
-    Minimises Σ_t Σ_k ρ(r_tk) + limits + what is usual, see `bounded`, + the smoothness's second differences, which is
-    the smooth prior of paper A (section 6.1) over all frames at once. It starts from poses (n, P) in the first
-    frame, of which the one wins that all frames together like best, and what is then found frame by frame, at first
-    with a loss that sees any distance: an arm that one which redescends has lost in one frame would be an outlier in
-    all that follow. That search looks at frames 1 / PACE_HZ apart. Feet that stand keep their place, see `standing`.
-    Where all is seen by one camera, which cannot tell which way limbs point, they are turned over, see `flips`, and the
-    feet that stand are brought to one floor, at their median height, unless ground_m is known, see `bounded`. Where it
-    is known which postures people take, poses are at last drawn to these instead of to each angle's usual values.
-    Covariances have in them by how much the skeleton's offsets may be off, `doubt` (J, 3, G): limbs that are all a
-    twentieth too long put the person a twentieth too far away, in however many frames.
-    """
+    Minimises Σ_t Σ_k ρ(r_tk) + limits + what is usual, see `bounded`, + the smoothness's second differences (paper A,
+    section 6.1). It starts from poses (n, P) in the first frame, of which the best over all frames wins, and follows
+    them frame by frame at 1 / PACE_HZ, at first with a loss that sees any distance. Standing feet keep their place, see
+    `standing`. With one camera, limbs are turned over in depth, see `flips`, and standing feet brought to one floor, at
+    their median height unless ground_m is known. Where the density of postures is known, it replaces each angle's usual
+    values at last. doubt (J, 3, G): by how much the skeleton's offsets may be off; the covariances contain it."""
     stand = standing_feet(skeleton, seen, data.times_s)
     decoder, data = PoseDecoder(skeleton), replace(data, stand=stand)
     cameras = {keypoints.camera.name: keypoints.camera for frame in seen for keypoints in frame.keypoints}
@@ -248,13 +243,9 @@ def _turned_over(problem: FitProblem, skeleton: Skeleton, camera: Camera, poses:
 
 
 def flips(skeleton: Skeleton, camera: Camera, poses: FloatArray) -> Iterator[FloatArray]:
-    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth: forearms and
-    calves that point away from a camera where they might point towards it (Sminchisescu & Triggs, Kinematic Jump
-    Processes for Monocular 3D Human Tracking, CVPR 2003).
-
-    It is turned over in all frames, or in those between two times at which it lies across the view, where nobody can
-    tell in which direction it goes on.
-    """
+    """Yield motions (T, P) that differ from `poses` (T, P) in one limb's lower part, turned over in depth (Sminchisescu
+    & Triggs, Kinematic Jump Processes for Monocular 3D Human Tracking, CVPR 2003): in all frames, or between two times
+    at which it lies across the view."""
     places = joints(skeleton, poses)
     for names in LIMBS:
         if not set(names) <= set(skeleton.names):

@@ -40,7 +40,7 @@ class Shared:
         return Shared(sigma_m, [parts_of(frame.points) for frame in seen], len(surface.part_names))
 
     def shifts(self, t: int, slopes: FloatArray, pose: FloatArray) -> FloatArray:
-        """Tell by how much one deviation of each displacement changes the residuals of frame t at a pose (P,), (K, 3
+        """Return by how much one deviation of each displacement changes the residuals of frame t at a pose (P,), (K, 3
         parts + 3). slopes: (K, P), of the residuals; points that move are a root that moves the other way."""
         parts = self.part[t](pose)
         moved = -self.sigma_m * slopes[: len(parts), :N_POSITION]  # points come first
@@ -51,7 +51,7 @@ class Shared:
 
 
 TOLD_SIGMA = 0.02
-"""Of a bone over its length, where nobody says how well it is known: what a measuring tape leaves."""
+"""Of a bone over its length, where its accuracy is not given: what a measuring tape leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +64,9 @@ class Lengths:
     doubt: FloatArray
 
     def shifts(self, t: int, slopes: FloatArray, pose: FloatArray) -> FloatArray:
-        """Tell by how much one deviation of each cause changes the residuals of frame t at a pose (P,), (K, G). slopes:
-        (K, P), of the residuals, of which keypoints come first; a joint that moves is a root that moves for it alone.
+        """Return by how much one deviation of each cause changes the residuals of frame t at a pose (P,), (K, G).
+        slopes: (K, P), of the residuals, of which keypoints come first; a joint that moves is a root that moves for it
+        alone.
 
         Deviation: balance and the height of the floor shift, too, which is left out: the feet tell the floor.
         """
@@ -119,8 +120,8 @@ def error_correlation(
 
 
 def effective_share(rho: float) -> float:
-    """Tell what part of the frames counts, (1 − ρ) / (1 + ρ): as many independent ones determine a mean as well as many
-    whose errors are a first-order autoregression with correlation ρ."""
+    """Return what part of the frames counts, (1 − ρ) / (1 + ρ): as many independent ones determine a mean as well as
+    many whose errors are a first-order autoregression with correlation ρ."""
     return (1.0 - rho) / (1.0 + rho)
 
 

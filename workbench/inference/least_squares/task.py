@@ -104,7 +104,7 @@ def fit_of(
     decoder: Decoder, data: FitData, states: FloatArray, covariances: FloatArray, iterations: float,
     costs: tuple[float, ...],
 ) -> Fit:  # fmt: skip
-    """Say what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
+    """Return what states (T, D) with marginal covariances (T, D, D) mean for the poses."""
     poses, jacobian = decoder.poses(states), decoder.jacobian(states)
     near = [np.abs(residual(pose)[0]) < data.loss.scale for residual, pose in zip(data.residuals, poses, strict=True)]
     return Fit(

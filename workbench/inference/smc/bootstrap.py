@@ -39,7 +39,7 @@ class Bootstrap:
         """Accept every prior."""
 
     def first(self, n_particles: int) -> First:
-        """Say nothing of the first step."""
+        """Return no diagnostics and warnings of the first step."""
         return {}, ()
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
@@ -62,11 +62,10 @@ class Auxiliary(DensityMove):
         λ_i ∝ w_i p(frame_t | μ_i)^flatten,  a ~ λ,  s_t ~ p(s_t | s_t−1^a),
         w ∝ p(frame_t | s_t) / p(frame_t | μ_a)^flatten
 
-    μ_i is the prior's mean. Exact for every flatten: 0 is the plain filter; 1 (Pitt & Shephard) trusts the look ahead
-    fully, which makes weights heavy-tailed where the likelihood is sharper than the prior's noise. The likelihood is
-    evaluated twice for each particle. A prior's own proposal is drawn from, and its correction enters the weights.
-    Raises InputError for a prior without a density and a flatten out of range.
-    """
+    μ_i is the prior's mean. Exact for every flatten: 0 is the plain filter; 1 (Pitt & Shephard) has heavy-tailed
+    weights where the likelihood is sharper than the prior's noise. The likelihood is evaluated twice for each particle.
+    A prior's own proposal is used, and its correction enters the weights. Raises InputError for a prior without a
+    density and a flatten out of range."""
 
     flatten: float = 0.5
 

@@ -21,30 +21,24 @@ FARTHEST = 2.0
 
 @dataclass(frozen=True)
 class GaussNewton(DensityMove):
-    """Draw from the product of the prior and a quadratic approximation of the log likelihood near its peak.
+    """Draw from the product of the prior and a quadratic approximation of the log likelihood near its mode.
 
     A share of the particles have parents a and states s_t from
 
         q(a, s_t) ∝ w_a N(s_t; μ_a, Σ) exp(gᵀ(s_t − x) − ½ (s_t − x)ᵀ H (s_t − x))^flatten,
 
-    μ_a being the prior's mean and Σ its noise: a Gaussian for each parent, and the parents chosen by what it integrates
-    to (fully adapted, Pitt & Shephard 1999). The others come from the prior. Weights are w_a p(s_t | s_t−1^a)
-    p(frame_t | s_t) over the density of this mixture, so that the posterior is exact and the evidence unbiased whatever
-    x, g and H are; the prior's part bounds the weights.
+    μ_a being the prior's mean and Σ its noise; the parents are chosen by its integral (fully adapted, Pitt & Shephard
+    1999). The others come from the prior. Weights are w_a p(s_t | s_t−1^a) p(frame_t | s_t) over the density of this
+    mixture, so that the posterior is exact and the evidence unbiased for any x, g and H.
 
     x is found by Newton steps on the log posterior from the prediction's mean. g and the diagonal of H are central
-    differences over one deviation of the prediction, the rest of H forward ones; its negative eigenvalues are set to
-    zero. All but the last step take H to be diagonal.
-    Columns that no pose depends on, such as velocities, have no curvature and cost nothing; d others cost 2 d + 1
-    evaluations in a step and d (d − 1) / 2 more in the last, beside one for each particle.
+    differences over one deviation of the prediction, the rest of H forward ones, of which all but the last step use
+    none; negative eigenvalues are set to zero. A step costs 2 d + 1 evaluations for the d columns that a pose depends
+    on, the last d (d − 1) / 2 more. The quadratic is that of one parent: where the likelihood depends on the previous
+    pose, weights vary more. Robust image likelihoods are flatter at their mode than a quadratic; flatten < 1 allows for
+    that.
 
-    The quadratic is that of one parent. A likelihood that looks at the previous pose, as image motion does, differs
-    from parent to parent: weights are right all the same, but vary more.
-
-    It is worth most for a sharp likelihood of a few numbers, such as points or marks. Robust image likelihoods of many
-    numbers are flatter than a quadratic at their peak, and little is won; flatten then keeps it from being too sure.
-
-    share: of the particles drawn about the peak. steps: of Newton. Raises InputError for a prior without a density, a
+    share: of the particles drawn about the mode. steps: of Newton. Raises InputError for a prior without a density, a
     single particle, and numbers out of range.
     """
 

@@ -37,7 +37,7 @@ class _Driven(Prior, Protocol):
 
 
 class _Fitter(Protocol):
-    """What fits all frames at once; `fit.least_squares.LeastSquares` is one."""
+    """What fits all frames at once; such as `LeastSquares`."""
 
     def fit_frames(self, frames: Sequence[Frame], start: FloatArray | None, rng: np.random.Generator) -> Any:
         """Return the fit (states (T, D'), state_covariance (T, D', D'), poses (T, P), iterations), what was used of
@@ -51,14 +51,12 @@ class Hybrid(Wrapper):
 
         s_t ~ share · c N(s_t; fit_t, widen² Σ_t) p(s_t | s_t−1) + (1 − share) · p(s_t | s_t−1)
 
-    weighted by p(s_t | s_t−1) over that density, s_t being {α, μ, root} and c what makes the product a density. The
-    posterior is the filter's, with the likelihood and the prior as they are; the fit says only where to look. As it has
-    seen all frames, this is no filter for a camera that is still running. The prior's speeds are drawn from the prior.
-    Moves that draw from no proposal are given the start only, which the first step says.
+    weighted by p(s_t | s_t−1) over that density, s_t being {α, μ, root} and c the normalising constant. The posterior
+    is the filter's; the fit, which has seen all frames, is only a proposal. Moves that draw from no proposal get the
+    start only, of which the first step warns.
 
-    filter: for a prior with a motion. share: of the proposal. widen: the fit's deviations times this, since its
-    covariance takes the points for independent. Raises InputError for numbers out of range and another prior.
-    """
+    filter: for a prior with a motion. share: of the proposal. widen: factor of the fit's deviations, since its
+    covariance takes the points for independent. Raises InputError for numbers out of range and another prior."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
@@ -81,7 +79,7 @@ class Hybrid(Wrapper):
 
     @property
     def finds_start(self) -> bool:
-        """Return the fit does."""
+        """Return True: the fit finds it."""
         return True
 
     def run(self, frames: Iterable[Frame], start: FloatArray | None, rng_streams: Streams) -> Iterator[Step]:

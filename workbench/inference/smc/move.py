@@ -27,17 +27,17 @@ class Move(Protocol):
 
     @property
     def proposes(self) -> bool:
-        """Tell whether it draws from the prior's own proposal, where there is one."""
+        """Return whether it draws from the prior's own proposal, where there is one."""
 
     @property
     def gathers(self) -> bool:
-        """Tell whether of the parents' states it looks at those alone that have offspring."""
+        """Return whether of the parents' states it looks at those alone that have offspring."""
 
     def check(self, prior: Prior, n_particles: int) -> None:
         """Raise InputError for a prior without what it needs, and too few particles."""
 
     def first(self, n_particles: int) -> First:
-        """Tell what to say of a run's first step, for which nothing moves."""
+        """Return what to say of a run's first step, for which nothing moves."""
 
     def __call__(self, target: Target, rng_streams: Streams) -> Moved:
         """Make N weighted particles of the target's parents."""
@@ -75,11 +75,11 @@ class Surrounded:
     around: Callable[[Move, Target, Streams], Moved]
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
-    gathers: ClassVar[bool] = False  # as nobody knows what is done around it
+    gathers: ClassVar[bool] = False  # as `around` may look at any
 
     @property
     def proposes(self) -> bool:
-        """Tell as the move does."""
+        """Return as the move does."""
         return self.move.proposes
 
     def check(self, prior: Prior, n_particles: int) -> None:
@@ -166,12 +166,12 @@ class Wrapper:
 
     @property
     def finds_start(self) -> bool:
-        """Tell whether the filter finds the first pose itself."""
+        """Return whether the filter finds the first pose itself."""
         return self.filter.finds_start
 
     @property
     def continues(self) -> bool:
-        """Tell whether the filter can go on from a past; what has to see all frames first cannot."""
+        """Return whether the filter can go on from a past; what has to see all frames first cannot."""
         return self.filter.continues
 
     def rebuilt(self, **parts: Any) -> Self:

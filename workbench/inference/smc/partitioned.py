@@ -28,22 +28,16 @@ class Partitioned(DensityMove):
 
         s^k ~ p(s^k_t | s_t−1),  resample by g_k / g_k−1,  g_k = p(frame_t | s^1 … s^k, μ^k+1 … μ^K)^flatten,  g_0 = 1
 
-    where μ^k is where the prior's mean takes part k. After the last part w ∝ p(frame_t | s_t) / g_K−1, so that the
-    posterior is exact and the evidence unbiased for any g. A particle that has the torso right is kept before its arms
-    are drawn, so that one need not be lucky in all of them at once.
+    where μ^k is the prior's mean of part k. After the last part w ∝ p(frame_t | s_t) / g_K−1, so that the posterior is
+    exact and the evidence unbiased for any g. The likelihood is evaluated for each part of each particle. The columns
+    must be independent of each other given the previous state (`core.prior.Density.free`).
 
-    Deviation: MacCormick & Isard judge a part by its own image alone. Here the whole body is shown, what is not drawn
-    yet at its mean; that works with every likelihood and knows what hides what. flatten < 1, since the mean of the rest
-    is not the rest.
-
-    The columns must be independent of each other given the previous state, which those are not of which some follow
-    from others (`core.prior.Density.free`). The likelihood is evaluated for each part of each particle.
+    Deviation: MacCormick & Isard judge a part by its own image alone. Here the whole body is shown, with what is not
+    drawn yet at its mean, so that every likelihood can be used and occlusion is known.
 
     parts: of parts of the body or parameters (`skeleton.PARTS`), in their order; velocities and offsets belong with
-    their parameter, and what belongs to none, such as coefficients and a phase, to the first. Raises InputError for a
-    prior without a density, or whose columns are dependent or all in one part, for unknown parts, and a flatten out of
-    range.
-    """
+    their parameter, other columns to the first part. Raises InputError for a prior without a density, or whose columns
+    are dependent or all in one part, for unknown parts, and a flatten out of range."""
 
     traits: ClassVar[Traits] = offering(prior=(DENSITY, SEPARABLE, BODY_PARTS))
 

@@ -32,28 +32,23 @@ of a walk, which takes about a second."""
 
 @dataclass(frozen=True, eq=False)
 class Restarting(Wrapper):
-    """A filter for a person who may get lost.
+    """Replace some of the particles where the person is lost.
 
-    Lost is who has been explained badly for PATIENCE frames: each one's log p(frame | frames before) lies more than
-    DROP robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them.
-    Then a share of the previous frame's particles is replaced by draws from the prior's start distribution: around the
-    poses that joints detected in that frame allow (`start_from_keypoints`), wherever they are, or without joints half
-    of them around the expected pose and half around its mirror image, since one camera easily takes left for right.
-    The filter's move goes on from there. The diagnostic restarted is 1 in such a frame.
+    The person counts as lost where each of the last PATIENCE frames' log p(frame | frames before) lies more than DROP
+    robust deviations (1.4826 times the median absolute deviation) below the median of the frames before them. Then a
+    share of the previous frame's particles is drawn from the prior's start distribution: around the poses that detected
+    joints allow in that frame (`start_from_keypoints`), or else half of them around the expected pose and half around
+    its mirror image. The diagnostic restarted is 1 in such a frame; it can recur every PATIENCE frames.
 
-    While they are explained no better, particles start anew every PATIENCE frames.
-
-    It sees only what the likelihood can tell. Bare image motion cannot: a body that has come to rest on a still
-    background predicts the next image better than the person did, and the evidence rises when the person is lost. With
-    a move that knows no evidence, such as the annealed one, nobody is ever lost.
+    Bare image motion does not show a loss: a body at rest on a still background predicts the next image well. Neither
+    does a move that estimates no evidence, such as the annealed one.
 
     As only the past decides, this is a filter for the prior (1 − share) p(s_t | s_t−1) + share p(s_t | start) in those
-    frames, whose posterior and evidence need no correction. (A likelihood that weighs detected joints is refused, so
-    that no evidence is used twice.) The ancestor of a particle that started anew is one of those it replaced, which it
-    does not come from.
+    frames, whose posterior and evidence need no correction; a likelihood that weighs detected joints is refused. The
+    ancestor of a replaced particle is the one it replaced.
 
-    filter: of any move. body: whose joints are detected; None: they are not looked at. Raises InputError for other
-    numbers.
+    filter: of any move. body: whose joints are detected; None: they are not used. Raises InputError for a share out of
+    range.
     """
 
     @staticmethod

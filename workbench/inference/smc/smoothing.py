@@ -28,14 +28,13 @@ BLOCK = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class FixedLag(Wrapper):
-    """A particle filter, told `lag` frames late: p(state_t | frames up to t + lag) by ancestry.
+    """A particle filter reported `lag` frames late: p(state_t | frames up to t + lag) by ancestry (Kitagawa 1996).
 
-    A particle of frame t + lag stands for its ancestor in frame t (Kitagawa 1996). It costs nothing, works with every
-    prior, and streams; but every resampling leaves fewer distinct ancestors, whose spread is too narrow: even n
-    independent draws from the true posterior span a 5–95 % band that holds the truth in (n − 1) / (n + 1) of all cases
-    only, as long as n < 20. So a frame is told what the latest frame says, up to t + lag, whose particles have at least
-    `least_ancestors` in it, the effective number being 1 / Σ_a (Σ_i w_i)², i over the particles of ancestor a; at worst
-    its own. The diagnostic `lag` tells how many frames later that is. As N grows it becomes `lag` everywhere.
+    It costs nothing, works with every prior, and streams; but every resampling leaves fewer distinct ancestors. So a
+    frame is reported given the latest frame, up to t + lag, whose particles have at least `least_ancestors` in it,
+    effectively: 1 / Σ_a (Σ_i w_i)², i over the particles of ancestor a; at worst its own. (Even n independent draws
+    from the posterior span a 5–95 % band that holds the truth in (n − 1) / (n + 1) of all cases only, as long as n <
+    20.) The diagnostic `lag` is how many frames later that is.
 
     filter: of any move, restarting or not. lag: frames, at least 1. Raises InputError for numbers out of range.
     """
@@ -100,25 +99,20 @@ class BackwardSimulation(Wrapper):
 
         w_t^i p(state_t+1 | state_t^i) p(frame_t+1 | pose_t+1, pose_t^i, frame_t, …)
 
-    (Godsill, Doucet & West 2004, algorithm 1), the state of frame t + 1 being the one just drawn. Image motion depends
-    on the previous pose as well, hence the last factor, whose evaluation for all particles and paths nobody can pay:
-    `moves` Metropolis–Hastings moves propose particles by the first two factors and accept them by the third, starting
-    from the ancestor (Bunch & Godsill 2013, section 3). Where the likelihood does not look at the previous pose every
-    proposal is accepted, and one move is the algorithm itself.
+    (Godsill, Doucet & West 2004, algorithm 1), the state of frame t + 1 being the one just drawn. The last factor is
+    there for likelihoods of the previous pose: instead of evaluating it for all particles and paths, `moves`
+    Metropolis–Hastings moves propose particles by the first two factors and accept them by the third, starting from the
+    ancestor (Bunch & Godsill 2013, section 3). Without it every proposal is accepted, and one move is the algorithm
+    itself. Each frame's look, memory included, is kept until the paths are drawn.
 
-    Each frame judges the paths by its look as the filter had it, memory included. So the looks of all frames are kept
-    until the paths are drawn, and with them what the likelihood has prepared of the images.
-
-    Where a state has many columns with noise, hardly any particle but the ancestor leads to a given state, and the
-    paths run together as in fixed-lag smoothing, however exact the method is in the limit. So a frame in which they go
-    through fewer than `least_ancestors` particles, effectively, is told as the filter tells it, and the paths start
-    anew from there: what comes after them is then not used. The diagnostic `lag` tells how many later frames were; as N
-    and n_paths grow, all. (There, `ancestors` leads from one path to another that does not go on from it.)
+    Where a state has many columns with noise, hardly any particle but the ancestor leads to a given state. So a frame
+    in which the paths go through fewer than `least_ancestors` particles, effectively, is reported as by the filter, and
+    the paths start anew from there. The diagnostic `lag` is the number of later frames that were used. (There,
+    `ancestors` leads from one path to another that does not go on from it.)
 
     filter: of any move, for a prior with a density. n_paths: drawn, which become the equally weighted particles of the
     steps; a step's `map_pose` is that of the path with the highest density, the start's left out. Raises InputError for
-    a prior without a density and numbers out of range.
-    """
+    a prior without a density and numbers out of range."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:

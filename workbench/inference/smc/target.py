@@ -58,13 +58,13 @@ class Particles:
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Return the weights (N,), for whoever sums the particles up and whoever resamples them next."""
+        """Return the weights (N,)."""
         weights: FloatArray = np.exp(self.log_weights)
         return weights
 
     @cached_property
     def ess(self) -> float:
-        """Return the effective sample size, likewise."""
+        """Return the effective sample size."""
         return effective_sample_size(self.log_weights)
 
 

@@ -22,19 +22,14 @@ BISECTIONS = 50
 
 @dataclass(frozen=True)
 class TemperedSMC(DensityMove):
-    """Take each frame's likelihood in by degrees, and leave a valid posterior.
+    """Raise the likelihood's power φ from 0 to 1 by steps, and leave a valid posterior.
 
-    Between the prior's prediction and the posterior lie the densities p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ. φ rises
-    from 0 to 1 by steps so small that the effective sample size falls to ess_threshold · N at most; after each, the
-    particles are resampled and then moved by `moves` Metropolis steps that leave the density of this φ as it is. So
-    particles that share a parent come apart again, and a sharp likelihood needs no lucky particle. Steps are in turn
-    draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on how many columns
-    there are, and random walks with the particles' covariance (`_random_walk`), which are better where the likelihood
-    is sharp.
-
-    The posterior and the evidence are consistent as N grows. The temperatures, the random walk's covariance and the
-    scales of the steps come from the particles themselves, so that the evidence is not strictly unbiased (Beskos,
-    Jasra, Kantas & Thiery 2016). Particles end with equal weights.
+    φ rises so that the effective sample size falls to ess_threshold · N at most; after each step the particles are
+    resampled and moved by `moves` Metropolis steps that leave p(s_t | s_t−1) p(frame_t | s_t, s_t−1)^φ invariant: in
+    turn draws from the prior mixed with the state (`_mix_with_prior`), whose length does not depend on the number of
+    columns, and random walks with the particles' covariance (`_random_walk`), for sharp likelihoods. The posterior and
+    the evidence are consistent as N grows; since temperatures and scales come from the particles, the evidence is not
+    strictly unbiased (Beskos, Jasra, Kantas & Thiery 2016). Particles end with equal weights.
 
     Diagnostics: temperatures, how many there were; acceptance, of the moves; distinct, how many particles of the frame
     before have offspring. Raises InputError for a prior without a density, a single particle, numbers out of range.
@@ -168,15 +163,12 @@ class Annealed(DensityMove):
     """Search for the best pose in layers, each with a sharper likelihood and smaller noise: an optimiser.
 
     In layer l of L the particles are weighted by likelihood^(l / L)^_POWER and resampled; in the next one they scatter
-    with the deviation of the prior's noise, column by column, times _SHRINK^l. Layer 1 is drawn by the prior; the last
-    one is weighted by the likelihood itself and not resampled.
-
-    The scatter is not corrected for, so that nothing but the first layer keeps to the prior: the weighted particles
-    stand for no posterior. The first step says so, and every step's diagnostic is_posterior is 0; its log_evidence
-    stays 0. Tempered SMC makes this idea exact.
+    with the deviation of the prior's noise, column by column, times _SHRINK^l. The last layer is weighted by the
+    likelihood itself. The scatter is not corrected for, so that the particles stand for no posterior: the first step
+    warns, every step's diagnostic is_posterior is 0 and its log_evidence NaN.
 
     Deviations. Deutscher & Reid choose the exponents by the survival rate and scatter by the particles' covariance;
-    here both are schedules that are given. What scatters beyond the prior's limits stays where it was.
+    here both are fixed schedules. Particles that scatter beyond the prior's limits stay in place.
 
     layers: L, of N particles each. Raises InputError for a prior without a density and numbers out of range.
     """

@@ -61,18 +61,15 @@ class Appearance:
 
         log p = k/n Σ_j Σ_i log( ε + (1−ε) 256 N(I(x_j,i); T_j(x_j,i), σ² (1 + 1/n_T)) )
 
-    x_j,i: n points of limb j's planar patch, which lie on the limb where its section, taken as round, is seen from the
-    camera: at the azimuth of the patch's side less arccos v. Cells go around the limb, so that each learns when its
-    side is seen. The ratio is to a person of any grey level, the foreground of `Background`; points that are hidden,
-    out of the image or in a cell not yet seen add nothing. n_T: how many frames the cell's mean T stands for. Each
-    limb counts as k independent pixels.
+    x_j,i: n points of limb j's planar patch, on the limb, its section taken as round, at the azimuth of the patch's
+    side less arccos v; cells go around the limb, so that each learns when its side is seen. The ratio is to a person of
+    any grey level; points that are hidden, out of the image or in a cell not yet seen add nothing. n_T: how many frames
+    the cell's mean T stands for. Each limb counts as k independent pixels.
 
     After every frame the template learns from the expected pose: T += g (I − T), g = w max(1/(n_T + 1), rate), w being
-    the probability that the point is no outlier. So the first 1/rate frames are averaged, and later ones slowly
-    replace them. A template learned from wrong poses is wrong: what drifts into it stays for about 1/rate frames.
+    the probability that the point is no outlier. A template learned from wrong poses is wrong for about 1/rate frames.
 
-    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n.
-    Raises InputError when a constant is out of range.
+    sigma: σ, grey levels. epsilon: ε. rate: as above. n_samples: n. Raises InputError when a constant is out of range.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)

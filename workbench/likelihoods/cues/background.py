@@ -29,18 +29,16 @@ class Background:
     """Likelihood ratio of foreground to background at the pixels in and about the limbs, for cameras that stand still.
 
     The background of a pixel is Gaussian about its median over the clip with a robust deviation, or an outlier; the
-    person can have any level. With r the logarithm of their ratio,
+    person can have any level:
 
         r(x) = −log( ε + (1−ε) Π_c [256 N(I_c(x); median_c(x), σ_c(x)²)]^(1/C) )
         log p = k/n Σ_j ( Σ_i r(x_j,i) − Σ_i r(y_j,i) )
 
     C: 1 for grey images, 3 for colour, whose channels err together and count as one. x_j,i: n points of limb j, of
-    which those that another limb hides or that are not in the image add nothing. y_j,i: as many about the limb, beside
-    it and beyond its end, of which those that some limb covers add nothing; they hold a limb in the middle of the
-    person's, which the points inside alone do not. Each limb counts as k independent pixels.
-
-    The clip is read once, before it is tracked. A person who stays in one place for more than half of it becomes part
-    of the background; there this likelihood says nothing or, where the person leaves in the end, the wrong thing.
+    which those that are hidden or out of the image add nothing. y_j,i: as many beside the limb and beyond its end, of
+    which those that some limb covers add nothing; they centre a limb on the person's. Each limb counts as k independent
+    pixels. The clip is read once; a person who stays in one place for more than half of it becomes part of the
+    background.
 
     n_frames: as many of the clip's frames, evenly spread, are used. epsilon: ε. n_samples: n.
     Raises InputError when a constant is out of range or a camera was not in the clip.

@@ -129,19 +129,18 @@ def _part(limb: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """How much likelier the filters' responses are on a limb than where there is none:
+    """Likelihood ratio of the filters' responses on a limb and elsewhere:
 
         log p = k/n Σ_j Σ_i log p_on(f_j,i) / p_off(f_j,i)
 
     f_j,i: the edge filters' responses at points on limb j's two sides, and the ridge filter's on its axis, n in all;
-    points that are hidden or out of the image add nothing. The distributions are histograms, per limb and filter,
-    of people rendered in known poses. Each limb counts as k independent responses.
+    points that are hidden or out of the image add nothing. The distributions are histograms, per limb and filter, of
+    rendered people in known poses. Each limb counts as k independent responses.
 
     Deviations from Sidenbladh & Black: learned from rendered people, not from photographs; contrast is normalised by
     the local standard deviation; the ridge has the one scale that fits the limb's width; no temporal differences.
 
-    cache: a folder where the learned model is kept. Raises InputError when k is not positive, and for bodies with limbs
-    that the model does not have.
+    cache: folder of the learned model. Raises InputError for k ≤ 0 and for limbs that the model does not have.
     """
 
     traits: ClassVar[Traits] = offering(dataset=IMAGES)

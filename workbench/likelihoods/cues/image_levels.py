@@ -110,7 +110,7 @@ class Uncovered:
 def uncovered_scene(images: Sequence[Float32Array], inside: BoolArray, near: BoolArray) -> Uncovered:
     """Find what is behind a person who may stay where they are for most of F images (height, width, C).
 
-    inside: (height, width), what they cover in the first image; near: what they may, as nobody knows so exactly.
+    inside: (height, width), what they cover in the first image; near: what they may cover.
     Elsewhere, and near them where nothing ever changes, the first image shows the scene, and later ones that agree with
     it make it more exact. Else it is what later images agree on that differ from the first; where none differ, or they
     do not agree, it stays unknown.

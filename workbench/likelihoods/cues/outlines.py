@@ -41,7 +41,8 @@ def outline_sums(reached: FloatArray, corners: Float32Array, spheres: BoolArray,
 
 
 def covered(corners: Float32Array, spheres: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Tell which pixels of an image of this shape (height, width) are within the union of L outlines (L, 4, 2), px."""
+    """Return which pixels of an image of this shape (height, width) are within the union of L outlines (L, 4, 2),
+    px."""
     image = np.zeros(shape, dtype=np.uint8)
     for outline, sphere in zip(corners, spheres, strict=True):
         if sphere:

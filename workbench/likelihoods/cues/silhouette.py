@@ -48,17 +48,15 @@ class Silhouette:
 
         log p = k/A Σ_x∈S(φ) r(x)
 
-    r: the pixel's log ratio, see `Background`, which samples it limb by limb. S(φ): the union of the limbs' outlines,
-    as the planar patches of paper A have them, spheres as discs. Pixels of the person that a pose leaves out and those
-    of the background that it covers cost alike, so that how large the person is seen, and with it how far away, is
-    told without bias. A pixel that the person covers in part differs from the background too, so that outlines are
-    wider by rim_px on all sides. A: area of the outline of the pose expected one frame earlier, px². Neighbouring
-    pixels err together: the whole person counts as k independent ones.
+    r: the pixel's log ratio, see `Background`. S(φ): the union of the limbs' outlines, planar patches as in paper A and
+    discs of spheres, wider by rim_px on all sides, since pixels covered in part differ from the background too. Pixels
+    of the person that a pose leaves out and those of the background that it covers cost alike, so that the person's
+    size, and with it the depth, is found without bias. A: area of the outline of the pose expected one frame earlier,
+    px². The whole person counts as k independent pixels.
 
-    Who stays where they are for half of the clip is learned as background. standing: what is behind the person is told
-    by where they are in the first frame instead (`image_levels.uncovered_scene`): beside them it is seen there, and
-    behind them once they are gone. What they never leave is the person as long as it looks as it did (−r counts for
-    r, where that is above zero), and where nobody knows r is zero.
+    standing: the background behind the person is found from the first frame's pose instead of the median
+    (`image_levels.uncovered_scene`), for people who stay where they are. Pixels that they never leave are the person as
+    long as they look as they did (−r counts for r, where that is above zero); where nothing is known r is zero.
 
     epsilon, n_frames: of r, see `Background`; images are not smoothed.
     Raises InputError when a constant is out of range or a camera was not in the clip.

@@ -55,10 +55,8 @@ class BackgroundModel:
 def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> BackgroundModel:
     """Find the scene about a person who covers some pixels (height, width) in the first of F images.
 
-    Away from them it is the first image's level, or the median of all where the first one's is hardly seen again:
-    something else passed there. Behind them it is what later images agree on that differ from the first; else nothing
-    is known of it until they leave.
-    """
+    Away from them it is the first image's level, or the median of all where that is hardly seen again. Behind them it
+    is the level on which later images agree that differ from the first; else it is unknown."""
     stack = np.stack(images)
     noise = _noise(stack)
     apart = _apart(noise)
@@ -72,10 +70,9 @@ def first_scene(images: Sequence[Float32Array], covered: BoolArray) -> Backgroun
 def tracked_scene(images: Sequence[Float32Array], covered: Sequence[BoolArray]) -> BackgroundModel:
     """Find the scene about a person who is known to cover some pixels (height, width) of each of F images.
 
-    About where they are in the first image it is the median of what they leave free, and nothing is known of what they
-    always cover. Away from there it is as `first_scene` has it: who was lost later left an arm or a leg free, which is
-    no scene. It counts as many frames as it is seen in.
-    """
+    About the person's place in the first image it is the median of what they leave free, unknown where they always are.
+    Elsewhere it is as in `first_scene`, since a lost track leaves limbs free. It counts as many frames as it is seen
+    in."""
     stack = np.stack(images)
     noise = _noise(stack)
     free = ~np.stack([grown(mask, BESIDE_PX) for mask in covered])

@@ -60,20 +60,18 @@ class DenseAlignment:
         log p = − λ Σ_i ρ_2( (I_b(x_i) − T_b,i) / (σ √(1 + 1/n_i)) ) − λ Σ_j ρ_10( (F_b(x_j) − M_b(x_j)) / s )
 
     x_i: pixels of the visible cells of the limbs' surfaces. I_b: the image smoothed by b px. T_b,i: the level that the
-    cell showed before, in n_i frames. x_j: the same pixels, and others beside the limbs (`beside`). F: how likely the
-    image shows no scene there; M: the pose's outline; both smoothed by b. ρ_c = ½ c² r² / (c² + r²), Geman & McClure's
-    loss. λ: as how many independent pixels one of them counts. A pose is judged at the last b.
+    cell showed before, in n_i frames. x_j: the same pixels, and others beside the limbs (`surface_elements.beside`). F:
+    how likely the image shows no scene there; M: the pose's outline; both smoothed by b. ρ_c = ½ c² r² / (c² + r²),
+    Geman & McClure's loss. λ: as how many independent pixels one of them counts. A pose is judged at the last b.
 
-    Derivatives are Gauss's and Newton's; that of the outline is the mean of F's and M's (Malis 2004), so that what is
-    seen beside a limb pulls it. After a frame, cells learn from the expected pose: T += g (I − T), g = w max(1/(n + 1),
-    rate), w being the loss's weight. The scene is learned where the person is not (`scene`); what passes in front of
-    the person is followed and left out (`passing`). Poses far apart are compared by all pixels of every THIN-th row and
-    column (`layers`).
+    Derivatives are Gauss–Newton; that of the outline is the mean of F's and M's (Malis 2004). After a frame, cells
+    learn from the expected pose: T += g (I − T), g = w max(1/(n + 1), rate), w being the loss's weight; scene and
+    occluders are followed in `background_model`. Poses far apart are compared by all pixels of every THIN-th row and
+    column (`layer_rendering`).
 
-    sigma: σ, grey levels. count: λ. rate: as above. epsilon: share of outliers in the scene. n_frames: of the
-    clip, evenly spread, that what is behind the person is learned from. Raises InputError when a constant is out of
-    range and for a camera that was not in the clip.
-    """
+    sigma: σ, grey levels. count: λ. rate: as above. epsilon: share of outliers in the scene. n_frames: of the clip,
+    evenly spread, from which the scene behind the person is learned. Raises InputError when a constant is out of range
+    and for a camera that was not in the clip."""
 
     traits: ClassVar[Traits] = offering(DERIVATIVES, dataset=IMAGES, given=STILL_BACKGROUND)
 

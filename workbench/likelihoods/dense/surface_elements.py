@@ -79,7 +79,7 @@ def placed(cells: Cells, frames: JointFrames, camera: Camera) -> Placed:
 
 
 def inside(pixels: FloatArray, shape: tuple[int, int]) -> BoolArray:
-    """Tell which (K,) of pixels (K, 2) lie in an image of this shape, MARGIN_PX from its edges."""
+    """Return which (K,) of pixels (K, 2) lie in an image of this shape, MARGIN_PX from its edges."""
     x, y = pixels.T
     with np.errstate(invalid="ignore"):
         found = (x > MARGIN_PX) & (y > MARGIN_PX) & (x < shape[1] - 1 - MARGIN_PX) & (y < shape[0] - 1 - MARGIN_PX)
@@ -112,7 +112,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def moved_by(skeleton: Skeleton) -> FloatArray:
-    """Tell which numbers of the pose move what hangs on each joint, (J, P), 1 or 0."""
+    """Return which numbers of the pose move what hangs on each joint, (J, P), 1 or 0."""
     joint = skeleton.dof_joints
     return (np.eye(len(skeleton.names), dtype=np.bool_) | descendants(skeleton))[joint].T.astype(np.float64)
 

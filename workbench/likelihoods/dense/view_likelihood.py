@@ -161,7 +161,8 @@ class Sight:
 
 
 def person_mask(body: Body, camera: Camera, frames: JointFrames, shape: tuple[int, int]) -> BoolArray:
-    """Tell which pixels (height, width) the person covers in the first of some poses, by the limbs' planar patches."""
+    """Return which pixels (height, width) the person covers in the first of some poses, by the limbs' planar
+    patches."""
     corners = limb_points(body, CORNERS, camera, frames).pixels[0]
     return covered(corners, body.limbs.spheres, shape)
 

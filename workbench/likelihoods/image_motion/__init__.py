@@ -38,27 +38,20 @@ class ImageMotion:
         p_image,j = ε/256 + (1−ε) / (√(2π) σ) · exp(−k m / 2σ²),  m the mean (or sum) of the squared differences
         p_j = q p_image,j + (1−q) p_occluded,  q = cos α · (fraction of the points compared);  log p = Σ_j log p_j
 
-    sigma: σ_I, grey levels; it covers what a planar patch and a rigid limb get wrong, not just the sensor.
-    exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k multiplies either, and is 1
-    in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other limbs'
-    patches; "limb" is A's rule, which silences every limb that a nearer one covers in part: in a side view the near
-    arm silences the torso; "none" does without.
+    sigma: σ_I, grey levels. exponent: "mean" (B eq. 5) or "sum" (A eq. 10, under which limbs saturate at ε/256); k
+    multiplies either, and is 1 in both papers, as ε is 0 in B. occlusion: "sample" tests every point against the other
+    limbs' patches; "limb" is A's rule, which silences every limb that a nearer one covers in part; "none" does without.
+    background: "none" as in the paper, under which a limb at rest on a still background explains the images as well as
+    the true limb that moves. "still", for cameras that stand still: with b the share of the points compared, and m_0
+    the mean (or sum) of their squared changes at the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)),
+    p_still being p_image at α = 0, the ratio of foreground to background. points: "spread" evenly over the patch but
+    for its rim, where background shows; "drawn" from the whole patch, as in A. taper: patches taper with the limb;
+    without, limbs are A's cylinders, of their mean radii.
 
-    background: "none" as in the paper, under which a limb at rest on a still background explains the images as well
-    as the true limb that moves. "still" explains what no limb covers by a background that does not move, for cameras
-    that stand still: with b the share of the points compared, and m_0 the mean (or sum) of their squared changes at
-    the same pixel, log p gains Σ_j b (log p_still(0) − log p_still(m_0)), p_still being p_image at α = 0. It is the
-    ratio of foreground to background of the pixels covered, so that only changed pixels that a limb explains count.
-
-    points: "spread" evenly over the patch but for its rim, where background shows; "drawn" from the whole patch, each
-    for itself, as in A. taper: patches taper with the limb; without, limbs are A's cylinders, of their mean radii.
-
-    Deviations from A, section 5: all particles and limbs share the n points, in every frame, so that likelihoods
-    differ by pose and not by luck; they are drawn from the patch, not from its pixels. α of a sphere is 0. Points
-    outside an image are left out and count against q, as hidden points do. Occlusion is judged in frame t only, as in
-    A. By default points are spread and patches taper. Several views: log
-    likelihoods add up over the cameras present in both frames. Raises InputError when a constant is out of range.
-    """
+    Deviations from A, section 5: all particles and limbs share the n points, in every frame, so that likelihoods differ
+    by pose and not by luck; they are drawn from the patch, not from its pixels. α of a sphere is 0. Points outside an
+    image are left out and count against q, as hidden points do. Occlusion is judged in frame t only. Log likelihoods of
+    the cameras present in both frames add up. Raises InputError when a constant is out of range."""
 
     @staticmethod
     def traits(keys: Mapping[str, Any]) -> Traits:
