@@ -23,7 +23,7 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 
 Files = Mapping[str, str]
-NO_FILES: Files = MappingProxyType({})
+_NO_FILES: Files = MappingProxyType({})
 
 
 @keeps_keys
@@ -51,7 +51,7 @@ class MultiView:
 
     def __init__(
         self, sources: Files, camera: str, which: Sequence[str] | None = None, first_frame: int = 0,
-        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = NO_FILES,
+        n_frames: int | None = None, scale: float = 1.0, rate_hz: float | None = None, keypoints: Files = _NO_FILES,
         person: int | Mapping[str, int] | None = None, truth: str | None = None, truth_first: int = 0,
         joint_markers: MarkersOf = NO_MARKERS,
     ) -> None:  # fmt: skip

@@ -13,7 +13,7 @@ from workbench.core.step import Step
 from workbench.evaluation.posterior_calibration import covered, crps, log_score, moments, ranks, share_below
 from workbench.utils.arrays import BoolArray, FloatArray, IntArray
 
-LEVELS = (0.5, 0.9)
+_LEVELS = (0.5, 0.9)
 """Of the central bands whose coverage is counted."""
 _GIVEN = 1e-9
 """m or rad: a number that all particles share and that is as near as this to the truth was given."""
@@ -98,9 +98,9 @@ def _compared(step: Step) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray
 
 def _coverages(shares: FloatArray, names: Sequence[str], suffix: str) -> dict[str, float]:
     """Of what lies below the truth and equals it, (2, D) of the numbers called `names`: shares of them within the bands
-    of LEVELS, and within the widest by group."""
-    inside = covered(shares, LEVELS)
-    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(LEVELS, inside, strict=True)}
+    of _LEVELS, and within the widest by group."""
+    inside = covered(shares, _LEVELS)
+    rates = {f"coverage_{100.0 * level:.0f}{suffix}": row.mean() for level, row in zip(_LEVELS, inside, strict=True)}
     for group, words in GROUPS.items():
         belongs = np.array([any(word in name for word in words) for name in names])
         if belongs.any():

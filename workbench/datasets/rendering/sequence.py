@@ -24,9 +24,9 @@ from workbench.utils.arrays import FloatArray
 from workbench.utils.errors import InputError
 from workbench.utils.rng import stream
 
-STARTS = ("auto", "given")
-SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
-START_SIGMA_M, START_SIGMA_RAD = 0.03, 0.05
+_STARTS = ("auto", "given")
+_SKELETONS = ("person", "full")  # the person of 25 numbers, or the motion file's own skeleton with every joint
+START_SIGMA_M, _START_SIGMA_RAD = 0.03, 0.05
 """How far off the pose is that is given to start from: a person sets a figure by hand, roughly."""
 _MARGIN = 0.05  # fraction of the image's width and height that the automatic camera keeps free on every side
 _FINE = 4  # clips are spliced, and their cycles found, at this multiple of the dataset's rate
@@ -123,7 +123,7 @@ class Take:
 
 
 def rough_pose(
-    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = START_SIGMA_M, sigma_rad: float = START_SIGMA_RAD
+    skeleton: Skeleton, pose: FloatArray, seed: int, sigma_m: float = START_SIGMA_M, sigma_rad: float = _START_SIGMA_RAD
 ) -> FloatArray:
     """Return a pose (P,) with Gaussian errors in place and in every angle, within the limits."""
     sigma = np.full(len(pose), sigma_rad)
@@ -139,10 +139,10 @@ def start_error(told: FloatArray | None, pose: FloatArray) -> dict[str, FloatArr
 
 def find_take(scene: Scene, skeleton: str = "person") -> Take:
     """Find the frames of a scene's motion, or of several spliced. Every frame's truth has pose, joints and, where the
-    clip says so, the activity. skeleton: one of SKELETONS; "full" takes one motion only, which has a file. Raises
+    clip says so, the activity. skeleton: one of _SKELETONS; "full" takes one motion only, which has a file. Raises
     InputError for a motion that cannot be found or is too short, and another skeleton."""
-    if skeleton not in SKELETONS:
-        raise InputError(f"dataset: skeleton must be one of {', '.join(SKELETONS)}, found {skeleton!r}")
+    if skeleton not in _SKELETONS:
+        raise InputError(f"dataset: skeleton must be one of {', '.join(_SKELETONS)}, found {skeleton!r}")
     names, first = motion_names(scene.motion), _FINE * scene.first_frame
     clips = [find_motion(name, **scene.source(_FINE * scene.rate_hz)) for name in names]
     fine = splice(clips, _FINE * (scene.n_frames - 1) + 1, first)
@@ -181,8 +181,8 @@ def given_start(
 ) -> tuple[FloatArray | None, tuple[float, float] | None]:
     """Offer with start="given" the rough first pose (P,) and the phase's ends, else nothing; raises InputError, naming
     the dataset, where `start` is unknown or asks for a truth that is not there."""
-    if start not in STARTS:
-        raise InputError(f"{dataset}: start must be one of {', '.join(STARTS)}, found {start!r}")
+    if start not in _STARTS:
+        raise InputError(f"{dataset}: start must be one of {', '.join(_STARTS)}, found {start!r}")
     if start == "auto":
         return None, None
     if take is None:
