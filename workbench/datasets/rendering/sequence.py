@@ -40,7 +40,7 @@ _RANGES = {
 class Scene:
     """A person's motion in n_frames frames at rate_hz, and a camera that sees it.
 
-    motion: a name as `mocap.sources.find_motion` knows them, or a list of names that take even turns (`splice.splice`).
+    motion: a name as `find_motion` knows them, or a list of names that take even turns (`splice`).
     data: the folder that holds cmu/ and bandai/. path: "straight" or "circle", of the builtin walker. first_frame: of
     the (first) motion, counted at rate_hz. A level camera of width × height pixels and focal length focal_px looks at
     view_deg (degrees) to the motion's direction: 90 from the side, 180 from ahead. seed: of all that is drawn, and of
@@ -51,8 +51,8 @@ class Scene:
     `radii`; limbs that bulge by `profile`, 1 being a person, with a neck and feet; clothes that swing and slide by a
     standard deviation of `clothes_m` (`subject`); a camera told whose focal length, principal point (of the image's
     width) and place (of its distance) are off by `camera` and whose direction by `camera_deg` degrees, in random
-    directions (`miscalibration`); and a start off by Gaussian errors of `start_m` and `start_rad`. departures: other
-    sizes of these, by name; the rest are `departures.USUAL`. exact: the rest are zero; with no departures the person
+    directions (`perturbations`); and a start off by Gaussian errors of `start_m` and `start_rad`. departures: other
+    sizes of these, by name; the rest are `perturbations.USUAL`. exact: the rest are zero; with no departures the person
     is the tracker's own body, and what is told is the truth. That is an inverse crime, for tests of a tracker's sums.
     """
 
