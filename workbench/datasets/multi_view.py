@@ -69,7 +69,7 @@ class MultiView:
 
     @cached_property
     def known(self) -> Known:
-        """Tell what is known of all the videos; the shortest ends it for all."""
+        """Metadata of all the videos; the shortest ends it for all."""
         known = [video.known for video in self._videos]
         rates_hz = [video.true_rate_hz for video in self._videos]
         if len(set(rates_hz)) > 1:

@@ -106,7 +106,7 @@ class Points(Scene):
 
     @cached_property
     def take(self) -> Take:
-        """Tell what the person does."""
+        """What the person does."""
         return find_take(self, self.skeleton)
 
     @cached_property

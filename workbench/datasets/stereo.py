@@ -99,7 +99,7 @@ class Stereo(Scene):
 
     @cached_property
     def take(self) -> Take:
-        """Tell what the person does."""
+        """What the person does."""
         return find_take(self)
 
     @cached_property
@@ -164,7 +164,8 @@ class Stereo(Scene):
 
 
 def disparities(left: ByteArray, right: ByteArray, n_disparities: int) -> FloatArray:
-    """Tell how much further left, px, what the left image (height, width) shows is in the right one; NaN where unknown.
+    """Return the disparities (height, width), px, of the left image in the right one; NaN where unknown.
+
     n_disparities: a multiple of 16; larger ones are not searched. The smoothness penalties are those that OpenCV's
     documentation recommends, 8 and 32 times the block's area; patches of less than 100 px are taken for speckle."""
     matcher = cv2.StereoSGBM.create(

@@ -113,7 +113,7 @@ class Synthetic(Scene):
             yield Frame(index, index / self.rate_hz, views, truth)
 
     def _keypoints(self, i: int, places: FloatArray) -> FloatArray | None:
-        """Tell what the detector finds (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
+        """Return the detections (J, 3) of joints at places (J, 3), m, in frame i; only what is in the image."""
         if self.keypoint_sigma_px is None:
             return None
         rng, camera = stream(self.seed, "keypoints", i), self.view_camera
@@ -228,6 +228,6 @@ class Synthetic(Scene):
 
 
 def _inside(camera: Camera, pixels: FloatArray) -> BoolArray:
-    """Tell which of pixels (..., 2) lie between the centres of the image's outermost ones."""
+    """Return whether pixels (..., 2) lie between the centres of the image's outermost ones."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=-1))

@@ -39,7 +39,7 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
     Those in which all particles equal the truth are not counted: they are given. Those in which all particles are equal
     and wrong are missed; they have no z2, the mean of (truth − mean)² / variance, and no log_score. crps_mm is of the
     root's position, crps_deg of all angles, which are compared on the turn of the expected pose. coverage_90 is also
-    told by group of GROUPS. Only coverage_90 is there, NaN, where nothing is counted.
+    reported by group of GROUPS. Only coverage_90 is there, NaN, where nothing is counted.
     """
     values, weights, true, counted = _compared(step)
     shares = share_below(values, weights, true)
@@ -61,10 +61,7 @@ def pose_calibration(step: Step, skeleton: Skeleton) -> dict[str, float]:
 
 
 def pose_ranks(step: Step) -> FloatArray:
-    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown.
-
-    Found once a step, whoever asks.
-    """
+    """Return the ranks, in 0..1, of the true pose's numbers that `pose_calibration` counts; none if unknown."""
     if step not in _RANKS:
         truth = step.frame.truth
         if truth is None or truth.pose is None:

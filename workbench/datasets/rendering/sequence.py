@@ -77,7 +77,7 @@ class Scene:
 
     @property
     def kind(self) -> str:
-        """Tell what messages call the dataset, which is its class in lower case."""
+        """The dataset's name in messages: its class in lower case."""
         return type(self).__name__.lower()
 
     def source(self, rate_hz: float) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def rough_pose(
 
 
 def start_error(told: FloatArray | None, pose: FloatArray) -> dict[str, FloatArray]:
-    """Tell how far the start told is off, by name, for the recording: (P,), m and rad; {} for none."""
+    """Return the error of the given start by name, for the recording: (P,), m and rad; {} for none."""
     return {} if told is None or np.array_equal(told, pose) else {"start": told - pose}
 
 
@@ -172,7 +172,7 @@ def motion_names(motion: str | Sequence[str]) -> list[str]:
 
 
 def offered_start(keys: Mapping[str, Any]) -> tuple[str, ...]:
-    """Tell what a dataset with these keys gives of the start, see `given_start`."""
+    """Return the start's side information that a dataset with these keys provides, see `given_start`."""
     return (START_POSE, PHASE_ENDS) if keys.get("start") == "given" else ()
 
 
@@ -231,13 +231,13 @@ def take_camera(scene: Scene, take: Take, distance_m: float, name: str = "automa
 
 
 def told_camera(scene: Scene, take: Take, camera: Camera) -> Camera:
-    """Tell what a tracker is told of the camera of a take, see `calibrated`."""
+    """Return the camera of a take as calibrated, which a tracker uses, see `calibrated`."""
     off, middle = scene.departure, take.motion.poses[len(take.motion) // 2, :3]
     return calibrated(camera, middle, off["camera"], off["camera_deg"], scene.seed)
 
 
 def standing_height(motion: Motion, places: FloatArray) -> float:
-    """Tell how tall the person is, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
+    """Return the person's height, m, half-way through a motion whose joints are at `places` (F, J, 3)."""
     standing = places[len(motion) // 2, :, 2]
     return float(np.ptp(standing) + motion.shape.head_radius + motion.shape.calf_radii[1])
 

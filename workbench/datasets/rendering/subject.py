@@ -125,7 +125,7 @@ def subject_of(body: Body, departure: Mapping[str, float], seed: int) -> SceneSu
 
 
 def height_of(shape: Shape) -> float:
-    """Tell how tall a person stands, m, from the soles to the top of the head."""
+    """Return how tall a person stands, m, from the soles to the top of the head."""
     return float((1.0 + ANKLE_HEIGHT) * shape.calf + shape.thigh + shape.neck[2] + shape.head[2] + shape.head_radius)
 
 

@@ -89,7 +89,7 @@ def first_depth(body: Body, pose: FloatArray, camera: Camera, points: FloatArray
 
 
 def inside(camera: Camera, points: FloatArray) -> BoolArray:
-    """Tell which of points (K, 3) lie in the camera's image (K,)."""
+    """Return whether points (K, 3) lie in the camera's image (K,)."""
     pixels = camera.project(points)
     with np.errstate(invalid="ignore"):
         found = (pixels >= -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])
